@@ -1,0 +1,49 @@
+"""One root error. Each message says the fact, where it is, and what to do next."""
+
+from __future__ import annotations
+
+
+class EtudeError(Exception):
+    """Root of every error that Étude raises on purpose.
+
+    Args:
+        fact: what is wrong, one sentence without the final full stop.
+        where: file and column, joint, limit; empty if there is no such place.
+        next_step: what the reader should do now.
+    """
+
+    exit_code = 1
+
+    def __init__(self, fact: str, *, where: str = "", next_step: str = "") -> None:
+        self.fact, self.where, self.next_step = fact, where, next_step
+        place = f" [{where}]" if where else ""
+        advice = f" {next_step}" if next_step else ""
+        super().__init__(f"{fact}{place}.{advice}")
+
+
+class UsageError(EtudeError):
+    """A wrong option, robot description or campaign file."""
+
+    exit_code = 2
+
+
+class DataError(EtudeError):
+    """A log that cannot be used."""
+
+    exit_code = 3
+
+
+class UnsafeTrajectoryError(EtudeError):
+    """A trajectory outside its limits, or limits that no trajectory meets; no file is written."""
+
+    exit_code = 4
+
+
+class StopRuleReached(EtudeError):
+    """The campaign's stop rule fired: another trajectory is not worth its robot time."""
+
+    exit_code = 5
+
+
+class NumericalError(EtudeError):
+    """A computation that could not be finished to the promised accuracy."""
