@@ -1,0 +1,64 @@
+"""The code in README and docs is code that runs; the commands they show exist."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [code for name, code in FENCE.findall(page.read_text(encoding="utf-8")) if name == language]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_python_blocks_run(page: Path, tmp_path: Path) -> None:
+    """All Python blocks of a page run as one program, in an empty folder, without a warning."""
+    code = "\n".join(blocks(page, "python"))
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def shell_commands() -> list[tuple[str, str]]:
+    """Every `etude ...` line in a shell block, with its page."""
+    found = []
+    for page in PAGES:
+        for block in blocks(page, "sh") + blocks(page, "bash"):
+            for line in block.replace("\\\n", " ").splitlines():
+                for part in line.split("&&"):
+                    words = part.split("#")[0].strip()
+                    if words.startswith("etude "):
+                        found.append((page.name, words))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("page", "line"), sorted({(p, " ".join(c.split()[:2])) for p, c in shell_commands()})
+)
+def test_commands_named_in_the_docs_exist(page: str, line: str) -> None:
+    words = shlex.split(line)[1:]
+    command = [sys.executable, "-m", "etude.cli", *words, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{page}: {line}: {done.stderr}"
+
+
+def test_the_first_screen_holds_the_two_commands() -> None:
+    first_screen = "\n".join((ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:40])
+    assert "pip install . && etude demo" in first_screen
+    assert "pip install '.[test]' && pytest" in first_screen
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name} links to {target}"
