@@ -1,0 +1,169 @@
+"""Files that survive a crash: whole or absent, never half-written.
+
+Every byte a campaign keeps goes through this module, so a test can stop the process at each of its system
+calls and look at what is left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from etude.errors import EtudeError, UsageError
+
+TEMPORARY_PREFIX = ".partial-"
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Writes `data` to `path` so that a reader sees the old file or the whole new one, even after power loss.
+
+    Temporary file in the same folder, fsync, rename, fsync of the folder. The folder is made if missing.
+
+    Raises:
+        EtudeError: the disk is full or refuses; the old file, if any, is untouched.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{path.name}"
+        try:
+            _write_new(temporary, data)
+            os.replace(temporary, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def append_line(path: Path, line: str) -> None:
+    """Appends one line and waits until it is on the disk; first removes a torn line left by a crash.
+
+    Raises:
+        ValueError: the line contains a line break.
+        EtudeError: the disk is full or refuses; the file is then as it was before.
+    """
+    if "\n" in line:
+        raise ValueError("a journal line must not contain a line break")
+    path = Path(path)
+    try:
+        new = not path.exists()
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            end = _whole_lines_end(handle)
+            os.ftruncate(handle, end)
+            try:
+                os.lseek(handle, end, os.SEEK_SET)
+                _write_all(handle, line.encode() + b"\n")
+                os.fsync(handle)
+            except OSError:
+                with contextlib.suppress(OSError):
+                    os.ftruncate(handle, end)
+                raise
+        finally:
+            os.close(handle)
+        if new:
+            _sync_folder(path.parent)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def read_lines(path: Path) -> list[str]:
+    """The whole lines of a file that `append_line` wrote; a torn last line is left out."""
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        return []
+    return data.decode(errors="replace").split("\n")[:-1]
+
+
+def sha256_of(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextlib.contextmanager
+def writer_lock(folder: Path, wait_s: float = 10.0) -> Iterator[None]:
+    """Holds the one writer's place in `folder`; a process that ends, however, gives it back.
+
+    Raises:
+        UsageError: another process still holds it after `wait_s` seconds.
+    """
+    import fcntl
+
+    handle = os.open(Path(folder) / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        deadline = time.monotonic() + wait_s
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() >= deadline:
+                    raise UsageError(
+                        "another process is writing to this campaign",
+                        where=str(folder),
+                        next_step=f"Waited {wait_s:g} s; let it finish, then run the command again.",
+                    ) from None
+                time.sleep(0.05)
+        remove_leftovers(folder)
+        yield
+    finally:
+        os.close(handle)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Deletes temporary files that a killed writer left; only the holder of the lock may call this."""
+    for path in Path(folder).rglob(f"{TEMPORARY_PREFIX}*"):
+        path.unlink(missing_ok=True)
+
+
+def _write_new(path: Path, data: bytes) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    try:
+        _write_all(handle, data)
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _write_all(handle: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(handle, view) :]
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _whole_lines_end(handle: int) -> int:
+    """Offset just after the last line break, found from the end so that a long journal costs nothing."""
+    end = os.lseek(handle, 0, os.SEEK_END)
+    while end > 0:
+        start = max(0, end - 65536)
+        os.lseek(handle, start, os.SEEK_SET)
+        found = os.read(handle, end - start).rfind(b"\n")
+        if found >= 0:
+            return start + found + 1
+        end = start
+    return 0
+
+
+def _refused(path: Path, error: OSError) -> EtudeError:
+    return EtudeError(
+        f"could not write: {error.strerror or error}",
+        where=str(path),
+        next_step="Nothing committed was lost; make room or fix the permissions, and run the command again.",
+    )

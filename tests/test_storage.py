@@ -1,0 +1,145 @@
+"""What is promised of `storage`: after a stop at any system call, the old file or the whole new one."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etude import storage
+from etude.errors import EtudeError, UsageError
+
+CALLS = ("open", "write", "fsync", "replace", "ftruncate")
+
+
+class Stop(BaseException):
+    """Stands for the process being killed: nothing may catch it and go on."""
+
+
+def fail_at(patch: pytest.MonkeyPatch, step: int, error: Callable[[], BaseException]) -> list[int]:
+    """Makes the `step`-th system call of storage raise; returns a one-element counter of calls seen."""
+    seen = [0]
+
+    def wrap(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            seen[0] += 1
+            if seen[0] == step:
+                raise error()
+            return real(*args, **kwargs)
+
+        return call
+
+    for name in CALLS:
+        patch.setattr(storage.os, name, wrap(getattr(os, name)))
+    return seen
+
+
+def full() -> BaseException:
+    return OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "file"
+    storage.write_atomic(path, b"old")
+    steps = 0
+    for step in range(1, 20):
+        with pytest.MonkeyPatch.context() as patch:
+            seen = fail_at(patch, step, full)
+            with contextlib.suppress(EtudeError):
+                storage.write_atomic(path, b"new" * 1000)
+            steps = seen[0]
+        assert path.read_bytes() in (b"old", b"new" * 1000)
+        assert [p.name for p in path.parent.iterdir()] == ["file"]
+        if steps < step:
+            break
+        if path.read_bytes() != b"old":
+            storage.write_atomic(path, b"old")
+    assert steps >= 5
+
+
+@pytest.mark.parametrize("error", [full, Stop], ids=["disk full", "killed"])
+def test_a_failed_append_loses_no_earlier_line(tmp_path: Path, error: Callable[[], BaseException]) -> None:
+    path = tmp_path / "journal"
+    storage.append_line(path, "one")
+    for step in range(1, 8):
+        before = storage.read_lines(path)
+        with pytest.MonkeyPatch.context() as patch:
+            fail_at(patch, step, error)
+            try:
+                storage.append_line(path, f"step {step}")
+            except (EtudeError, Stop):
+                assert storage.read_lines(path) in (before, [*before, f"step {step}"])
+            else:
+                assert storage.read_lines(path) == [*before, f"step {step}"]
+
+
+def test_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fail_at(monkeypatch, 2, full)
+    with pytest.raises(EtudeError, match="No space left on device .*file.* Nothing committed was lost"):
+        storage.write_atomic(tmp_path / "file", b"data")
+
+
+def test_a_short_write_is_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = os.write
+    monkeypatch.setattr(storage.os, "write", lambda handle, data: real(handle, data[:7]))
+    storage.write_atomic(tmp_path / "f", bytes(range(100)))
+    storage.append_line(tmp_path / "j", "x" * 50)
+    assert (tmp_path / "f").read_bytes() == bytes(range(100))
+    assert storage.read_lines(tmp_path / "j") == ["x" * 50]
+
+
+@given(
+    lines=st.lists(st.text(st.characters(codec="ascii", min_codepoint=32)), max_size=5),
+    cut=st.integers(0, 200),
+)
+def test_a_torn_line_is_dropped_and_healed(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[str], cut: int
+) -> None:
+    path = tmp_path_factory.mktemp("torn") / "journal"
+    path.touch()
+    for line in lines:
+        storage.append_line(path, line)
+    data = path.read_bytes()[:cut]
+    path.write_bytes(data)
+    whole = data.decode().split("\n")[:-1]
+    assert storage.read_lines(path) == whole
+    storage.append_line(path, "next")
+    assert storage.read_lines(path) == [*whole, "next"]
+
+
+def test_a_long_torn_line_is_healed(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(b"whole\n" + b"x" * 200_000)
+    storage.append_line(path, "next")
+    assert storage.read_lines(path) == ["whole", "next"]
+
+
+def test_a_line_break_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="line break"):
+        storage.append_line(tmp_path / "j", "a\nb")
+
+
+def test_the_second_writer_is_told(tmp_path: Path) -> None:
+    with (
+        storage.writer_lock(tmp_path),
+        pytest.raises(UsageError, match="another process is writing"),
+        storage.writer_lock(tmp_path, 0.0),
+    ):
+        pass
+    with storage.writer_lock(tmp_path, 0.0):
+        pass
+
+
+def test_the_writer_removes_what_a_killed_one_left(tmp_path: Path) -> None:
+    left = tmp_path / "runs" / f"{storage.TEMPORARY_PREFIX}1-0001.parquet"
+    left.parent.mkdir()
+    left.write_bytes(b"half")
+    with storage.writer_lock(tmp_path):
+        assert not left.exists()
