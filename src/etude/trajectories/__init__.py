@@ -1,1 +1,1 @@
-"""See docs/architecture.md."""
+"""Trajectories as pure functions of time, with limits proved for all times. See docs/architecture.md."""

@@ -1,0 +1,74 @@
+"""Extremes of a trigonometric polynomial over all angles: a proved bound from samples, and exact roots."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import UsageError
+
+Array = NDArray[np.float64]
+
+ROUNDING = 64.0 * float(np.finfo(float).eps)
+"""Allowance for rounding in evaluating a series, relative to the sum of its amplitudes."""
+
+
+def grid(degree: int, oversampling: int) -> tuple[Array, float]:
+    """M = oversampling * degree angles on the circle, and kappa = cos(pi degree / M).
+
+    Raises:
+        UsageError: fewer than 3 samples per degree; the bound would not exist (M > 2N is needed).
+    """
+    if degree < 1 or oversampling < 3:
+        raise UsageError(
+            f"a certificate needs degree >= 1 and oversampling >= 3, not {degree}, {oversampling}"
+        )
+    size = oversampling * degree
+    return 2.0 * np.pi * np.arange(size) / size, math.cos(math.pi * degree / size)
+
+
+def riesz_range(values: Array, kappa: float, amplitude: Array | float = 0.0) -> tuple[Array, Array]:
+    """Interval that holds a trigonometric polynomial at every angle, from its samples on `grid`.
+
+    M. Riesz: near a point of largest modulus p falls no faster than a cosine of the same degree, so
+    max |p| <= max_j |p_j| / cos(pi N/M); applied to p - c with c the middle of the samples.
+
+    Args:
+        values: (M, k) samples of k polynomials of degree <= N.
+        kappa: cos(pi N/M).
+        amplitude: (k,) sum of the absolute terms of each polynomial, for the rounding allowance.
+
+    Returns:
+        lower (k,), upper (k,).
+    """
+    low, high = values.min(axis=0), values.max(axis=0)
+    centre, reach = 0.5 * (high + low), 0.5 * (high - low) / kappa + ROUNDING * amplitude
+    return centre - reach, centre + reach
+
+
+def exact_range(constant: float, cosine: Array, sine: Array) -> tuple[float, float]:
+    """Smallest and largest value of constant + sum_k cosine_k cos(k x) + sine_k sin(k x), by companion roots.
+
+    Args:
+        constant: mean value.
+        cosine, sine: (N,) amplitudes of harmonics 1..N.
+    """
+    k = np.arange(1.0, len(cosine) + 1.0)
+    slope = 0.5 * k * (sine + 1j * cosine)  # derivative = sum_k slope_k e^{ikx} + conjugate
+    polynomial = np.concatenate([slope[::-1], [0.0], np.conj(slope)])
+    angles = np.angle(np.roots(polynomial)) if np.any(slope != 0.0) else np.zeros(1)
+    angles = _polish(np.append(angles, 0.0), k, cosine, sine)
+    x = np.outer(angles, k)
+    values = constant + np.cos(x) @ cosine + np.sin(x) @ sine
+    return float(values.min()), float(values.max())
+
+
+def _polish(angles: Array, k: Array, cosine: Array, sine: Array) -> Array:
+    """The angles, and each moved by one short Newton step towards its stationary point."""
+    x = np.outer(angles, k)
+    first = np.cos(x) @ (k * sine) - np.sin(x) @ (k * cosine)
+    second = -np.cos(x) @ (k * k * cosine) - np.sin(x) @ (k * k * sine)
+    step = np.divide(first, second, out=np.zeros_like(first), where=second != 0.0)
+    return np.concatenate([angles, angles - np.clip(step, -1e-3, 1e-3)])
