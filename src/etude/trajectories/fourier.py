@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
+from etude.trajectories.json_text import from_text, to_text
 from etude.trajectories.ramp import phase
 from etude.trajectories.samples import TrajectorySamples
 
@@ -154,19 +155,13 @@ class FourierTrajectory:
 
     def to_json(self) -> str:
         """The exact trajectory as JSON text; every float reads back to the same bits."""
-        from etude.trajectories.trajectory_file import to_json
-
-        return to_json(self)
+        names = ("coefficients", "omega0", "duration", "ramp")
+        return to_text("fourier", {name: getattr(self, name) for name in names})
 
     @classmethod
     def from_json(cls, text: str | bytes) -> FourierTrajectory:
         """Inverse of `to_json`. UsageError if the text is anything else."""
-        from etude.trajectories.trajectory_file import from_json
-
-        trajectory = from_json(text)
-        if not isinstance(trajectory, cls):
-            raise UsageError("the trajectory file does not hold a Fourier series")
-        return trajectory
+        return from_text(text, {"fourier": cls})
 
 
 def _check_times(omega0: float, duration: float, ramp: float) -> None:

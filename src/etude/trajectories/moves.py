@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.robots.spec import RobotSpec
+from etude.trajectories.json_text import from_text, to_text
 from etude.trajectories.samples import TrajectorySamples
 
 Array = NDArray[np.float64]
@@ -87,6 +88,16 @@ class PointToPoint:
         rise = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         q = self.waypoints[k] + rise[:, None] * step
         return TrajectorySamples(t, q, *(shape[:, None] * step for shape in shapes))
+
+    def to_json(self) -> str:
+        """The exact motion as JSON text; every float reads back to the same bits."""
+        names = ("waypoints", "peak_velocity", "dwell", "peak_acceleration")
+        return to_text("moves", {name: getattr(self, name) for name in names})
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> PointToPoint:
+        """Inverse of `to_json`. UsageError if the text is anything else."""
+        return from_text(text, {"moves": cls})
 
 
 def _per_move(name: str, value: Array | float, moves: tuple[int, int]) -> Array:

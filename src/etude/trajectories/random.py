@@ -25,8 +25,8 @@ def random_trajectory(
 
     Velocity amplitudes are drawn from a normal distribution, each joint by itself. With scale = "limits"
     every joint is enlarged until the first of its position width, velocity or acceleration limit is touched;
-    with "amplitude" to a fraction of that drawn from U(0.1, 1). The offset q0 is then drawn uniformly from the
-    values that keep the motion inside the position limits.
+    with "amplitude" to a fraction of that drawn from U(0.1, 1). The offset q0 is then drawn
+    uniformly from the values that keep the motion inside the position limits.
 
     Raises:
         UsageError: an unknown scale.
