@@ -1,0 +1,70 @@
+"""Cholesky factors of covariance matrices, and what to do when rounding makes one indefinite."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
+
+from etude.errors import NumericalError
+
+Array = NDArray[np.float64]
+
+FIRST_JITTER, LAST_JITTER = 1e-10, 1e-4
+
+
+class JitterWarning(UserWarning):
+    """A covariance matrix needed something added to its diagonal before it could be factorised."""
+
+
+def factorise(K: Array, noise_variance: float, *, announce: bool = True) -> tuple[Array, float]:
+    """Lower Cholesky factor L (n, n), zero above, of K + noise_variance I, and the jitter that was added.
+
+    K is symmetric, Fortran order, and left as it was. When rounding makes it indefinite the diagonal grows by
+    1e-10 of its mean, then ten times more, up to 1e-4, with a JitterWarning that gives the amount.
+
+    Raises:
+        NumericalError: K is not finite, or 1e-4 of its diagonal was not enough.
+    """
+    diagonal = K.diagonal() + noise_variance
+    scale = float(diagonal.mean())
+    if not np.isfinite(scale):
+        raise NumericalError("the covariance matrix is not finite", next_step="Look at the hyperparameters.")
+    jitter = 0.0
+    while True:
+        L = K.copy(order="F")
+        np.fill_diagonal(L, diagonal + jitter)
+        L, failed = dpotrf(L, lower=1, overwrite_a=1, clean=1)
+        if not failed and np.isfinite(L[-1, -1]):
+            if jitter and announce:
+                warnings.warn(
+                    f"added {jitter:.1e} to the diagonal of a covariance matrix of scale {scale:.1e}",
+                    JitterWarning,
+                    stacklevel=2,
+                )
+            return L, jitter
+        jitter = max(10.0 * jitter, FIRST_JITTER * scale)
+        if jitter > 1.001 * LAST_JITTER * scale:
+            raise NumericalError(
+                f"a covariance matrix of {len(K)} points is indefinite even with {LAST_JITTER:.0e} of its "
+                "scale on the diagonal",
+                next_step="Raise the noise floor or drop repeated points.",
+            )
+
+
+def inverse_lower(L: Array) -> Array:
+    """Lower triangle of (L Lᵀ)^-1, zero above, in the memory of L."""
+    W, failed = dpotri(L, lower=1, overwrite_c=1)
+    if failed:
+        raise NumericalError("a Cholesky factor has a zero on its diagonal")
+    return np.asarray(W)
+
+
+def triangular_inverse(L: Array) -> Array:
+    """L^-1, lower, zero above. As accurate as triangular solves, and products with it are faster."""
+    inverse, failed = dtrtri(L, lower=1)
+    if failed:
+        raise NumericalError("a Cholesky factor has a zero on its diagonal")
+    return np.asarray(inverse)

@@ -1,0 +1,209 @@
+"""Exact Gaussian process regression (thesis 2.2): marginal likelihood and posterior of one output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dsyr
+from scipy.linalg.lapack import dpotrs
+
+from etude.errors import DataError, UsageError
+from etude.models.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.covariance_factors import CovarianceFactors
+from etude.models.kernels import Kernel
+from etude.threads import threads_for
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ExactGP:
+    """A Gaussian process prior with its hyperparameters; zero mean, so the caller centres the outputs.
+
+    Attributes:
+        kernel: covariance function of the latent function.
+        theta: (P,) its log hyperparameters.
+        log_noise: log of the learned noise deviation.
+        noise_floor: deviation below which the noise cannot fall: sn² = floor² + exp(2 log_noise). Smooth, so
+            the gradient is exact. Samples of a smooth motion contain no near-duplicates, so without a floor
+            the likelihood drives the noise to nothing, and both the error and the calibration collapse.
+    """
+
+    kernel: Kernel
+    theta: Array
+    log_noise: float
+    noise_floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "theta", self.kernel.check(self.theta))
+        if not np.isfinite(self.log_noise):
+            raise UsageError(f"log_noise must be finite, got {self.log_noise}")
+        if not (np.isfinite(self.noise_floor) and self.noise_floor >= 0.0):
+            raise UsageError(f"noise_floor must be a finite number >= 0, got {self.noise_floor}")
+
+    @property
+    def noise_variance(self) -> float:
+        """sn², floor included."""
+        return float(self.noise_floor**2 + np.exp(2.0 * self.log_noise))
+
+    @property
+    def parameters(self) -> Array:
+        """The kernel's theta followed by log_noise: what training moves, (P + 1,)."""
+        return np.append(self.theta, self.log_noise)
+
+    def with_parameters(self, parameters: Array) -> ExactGP:
+        """The same process with another vector (P + 1,); UsageError if its length is wrong."""
+        parameters = np.asarray(parameters, dtype=float)
+        if parameters.shape != (self.kernel.size + 1,):
+            raise UsageError(
+                f"expected {self.kernel.size} kernel hyperparameters and log_noise, "
+                f"got a vector of shape {parameters.shape}"
+            )
+        return replace(self, theta=parameters[:-1], log_noise=float(parameters[-1]))
+
+    def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
+        """log p(y | X) and its gradient (P + 1,) with respect to `parameters`.
+
+        Costs little more than the Cholesky factorisation and inversion: no n x n x D array, two n x n ones.
+        Raises DataError for unusable X (n, D) or y (n,), NumericalError if the covariance is indefinite.
+        """
+        X, y = checked_data(X, y)
+        with threads_for(len(X)):
+            return self._likelihood(X, y)
+
+    def _likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
+        K, pull = self.kernel.gram(self.theta, X)
+        L, _ = factorise(K, self.noise_variance, announce=False)
+        alpha, _ = dpotrs(L, y, lower=1)
+        half_log_det = np.log(L.diagonal()).sum()
+        value = -0.5 * float(y @ alpha) - half_log_det - 0.5 * len(y) * np.log(2.0 * np.pi)
+        # Q = K_y^-1 - αα', its lower triangle in the memory of L; the upper half of 1/2 Q folded onto it
+        Q = dsyr(-1.0, alpha, lower=1, a=inverse_lower(L), overwrite_a=1)
+        trace = float(np.trace(Q))
+        np.fill_diagonal(Q, 0.5 * Q.diagonal())
+        noise_gradient = np.exp(2.0 * self.log_noise) * trace
+        return float(value), -np.append(pull(Q), noise_gradient)
+
+    def condition(self, X: Array, y: Array) -> ExactPosterior:
+        """The posterior given X (n, D) and centred y (n,); DataError and NumericalError as above."""
+        X, y = checked_data(X, y)
+        with threads_for(len(X)):
+            K, _ = self.kernel.gram(self.theta, X)
+            L, jitter = factorise(K, self.noise_variance)
+            alpha, _ = dpotrs(L, y, lower=1)
+        return ExactPosterior(self.kernel, self.theta, self.noise_variance, X, y, alpha, L, jitter)
+
+
+@dataclass(frozen=True)
+class ExactPosterior:
+    """A Gaussian process conditioned on n points (implements `contracts.Posterior`). Variances are latent.
+
+    Attributes:
+        X, y: (n, D) inputs and (n,) centred outputs.
+        alpha: (n,) K_y^-1 y.
+        L: (n, n) lower Cholesky factor of K_y = k(X, X) + (sn² + jitter) I.
+    """
+
+    kernel: Kernel
+    theta: Array
+    noise_variance: float
+    X: Array
+    y: Array
+    alpha: Array
+    L: Array
+    jitter: float = 0.0
+
+    @cached_property
+    def signal_variance(self) -> float:
+        """Mean of k(x, x) over the training inputs."""
+        return float(self.kernel.diagonal(self.theta, self.X).mean())
+
+    @cached_property
+    def L_inverse(self) -> Array:
+        """L^-1 (n, n), made once: every prediction and gradient is then a triangular product."""
+        return triangular_inverse(self.L)
+
+    def factors(self, X: Array) -> CovarianceFactors:
+        """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
+        X = self._inputs(X)
+        K, pull = self.kernel.cross(self.theta, X, self.X)
+        return CovarianceFactors.of(self.kernel, self.theta, self.L_inverse, X, K, pull)
+
+    def predict(self, X: Array) -> tuple[Array, Array]:
+        """Mean (T,) and latent variance (T,), thesis (2.5) and (2.6)."""
+        with threads_for(len(self.X)):
+            factors = self.factors(X)
+            return factors.K @ self.alpha, factors.variance()
+
+    def mean(self, X: Array) -> Array:
+        """Mean (T,) alone, thesis (2.5): O(n) a point."""
+        return np.asarray(self.kernel.value(self.theta, self._inputs(X), self.X) @ self.alpha)
+
+    def covariance(self, X: Array, Z: Array) -> Array:
+        """Posterior covariance (T, r) of the latent function between X (T, D) and Z (r, D)."""
+        with threads_for(len(self.X)):
+            return self.factors(X).covariance(self.factors(Z))
+
+    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:
+        """Gradient (T, D) of sum(G * covariance(X, Z)) with respect to X, Z held fixed; G is (T, r)."""
+        with threads_for(len(self.X)):
+            return self.factors(X).gradient(cross=(self.factors(Z), G))
+
+    def variance_gradient(self, X: Array, g: Array) -> Array:
+        """Gradient (T, D) of sum(g * variance(X)) with respect to X; g is (T,)."""
+        with threads_for(len(self.X)):
+            return self.factors(X).gradient(variance=g)
+
+    def mean_gradient(self, X: Array) -> Array:
+        """Gradient (T, D) of the mean at each row of X."""
+        X = self._inputs(X)
+        _, pull = self.kernel.cross(self.theta, X, self.X)
+        return pull(np.broadcast_to(self.alpha, (len(X), len(self.X))))
+
+    @cached_property
+    def inverse(self) -> Array:
+        """W = K_y^-1, (n, n), both halves."""
+        W = inverse_lower(self.L.copy(order="F"))
+        return W + np.tril(W, -1).T
+
+    def loo(self) -> tuple[Array, Array]:
+        """Mean (n,) and variance with noise (n,) of each y from all others: y_i - α_i / W_ii, 1 / W_ii."""
+        diagonal = self.inverse.diagonal()
+        return self.y - self.alpha / diagonal, 1.0 / diagonal
+
+    def leave_group_out(self, group: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Mean (n,) and variance with noise (n,) of each y from the points of the other groups.
+
+        `group` (n,) numbers the trajectory of each point. With A the points of one group, the prediction of
+        y_A from the rest is y_A - W_AA^-1 α_A with covariance W_AA^-1: one inverse serves all groups.
+        """
+        group = np.asarray(group)
+        if group.shape != self.y.shape:
+            raise UsageError(f"one group number per point: {len(self.y)} points, groups {group.shape}")
+        mean, variance = np.empty_like(self.y), np.empty_like(self.y)
+        for number in np.unique(group):
+            own = np.flatnonzero(group == number)
+            block, _ = factorise(np.asfortranarray(self.inverse[np.ix_(own, own)]), 0.0)
+            half = triangular_inverse(block)
+            mean[own] = self.y[own] - half.T @ (half @ self.alpha[own])
+            variance[own] = np.einsum("ij,ij->j", half, half)
+        return mean, variance
+
+    def _inputs(self, X: Array) -> Array:
+        X = np.asarray(X, dtype=float)
+        if X.ndim != 2 or X.shape[1] != self.X.shape[1]:
+            raise UsageError(f"expected inputs of shape (T, {self.X.shape[1]}), got {X.shape}")
+        return X
+
+
+def checked_data(X: Array, y: Array) -> tuple[Array, Array]:
+    """X (n, D) and y (n,) as float arrays; DataError if they do not fit together or are not finite."""
+    X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
+    if X.ndim != 2 or y.ndim != 1 or len(X) != len(y) or not len(y):
+        raise DataError(f"training needs inputs (n, D) and outputs (n,), n >= 1; got {X.shape} and {y.shape}")
+    if not (np.isfinite(X).all() and np.isfinite(y).all()):
+        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
+    return X, y

@@ -1,0 +1,217 @@
+"""Covariance functions that compose: sums, products and active dimensions.
+
+A kernel is a frozen description; its hyperparameters arrive as one vector `theta` of logarithms, so that the
+same kernel serves every output and every step of a training. Each kernel says two things about itself, both
+as a matrix and the pull-back of a weight on that matrix (reverse mode by hand, at the price of one
+evaluation): `gram` with respect to `theta`, `cross` with respect to the first inputs.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import UsageError
+
+Array = NDArray[np.float64]
+Pull = Callable[[Array], Array]
+Role = Literal["amplitude", "length", "slope"]
+
+
+class Kernel(ABC):
+    """A covariance function k(x, z) with P log hyperparameters, on inputs with D columns.
+
+    To add one, give `names`, `roles`, `initial`, `gram`, `cross`, `diagonal` and `diagonal_gradient`, and a
+    row in tests/conformance/test_kernels.py. Matrices are in squared output units.
+    """
+
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the P hyperparameters, in the order of `theta`."""
+
+    @abstractmethod
+    def roles(self) -> tuple[Role, ...]:
+        """What each hyperparameter is, so that a prior can be put on it."""
+
+    @abstractmethod
+    def initial(self, half_range: Array, scale: float) -> Array:
+        """Start value of theta (P,) for inputs of half range (D,) and outputs of deviation `scale`."""
+
+    @abstractmethod
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        """k(X, X) (n, n), Fortran order, and the map G (n, n) -> d sum(G * k(X, X)) / d theta (P,).
+
+        G need not be symmetric: a lower triangle with the halves folded together does.
+        """
+
+    @abstractmethod
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        """k(X, Z) (n, m), C order, and the map G (n, m) -> d sum(G * k(X, Z)) / dX (n, D), Z held fixed."""
+
+    @abstractmethod
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        """k(x, x) for each row of X: (n,)."""
+
+    @abstractmethod
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        """Gradient (n, D) of sum(g * diagonal(X)) with respect to X; g is (n,)."""
+
+    @property
+    def size(self) -> int:
+        """Number P of hyperparameters."""
+        return len(self.names())
+
+    def value(self, theta: Array, X: Array, Z: Array) -> Array:
+        """k(X, Z), (n, m)."""
+        return self.cross(theta, X, Z)[0]
+
+    def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
+        """Gradient (P,) of sum(G * k(X, X)) with respect to theta; G is (n, n)."""
+        return self.gram(theta, X)[1](G)
+
+    def input_gradient(self, theta: Array, X: Array, Z: Array, G: Array) -> Array:
+        """Gradient (n, D) of sum(G * k(X, Z)) with respect to X, Z held fixed; G is (n, m)."""
+        return self.cross(theta, X, Z)[1](G)
+
+    def check(self, theta: Array) -> Array:
+        """`theta` as a float vector; UsageError if its length is not P or it is not finite."""
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape != (self.size,):
+            raise UsageError(
+                f"the kernel has {self.size} hyperparameters, the vector has shape {theta.shape}",
+                next_step="Pass one logarithm per name in kernel.names().",
+            )
+        if not np.all(np.isfinite(theta)):
+            bad = [name for name, value in zip(self.names(), theta, strict=True) if not np.isfinite(value)]
+            raise UsageError(f"log hyperparameters must be finite, got {bad}")
+        return theta
+
+    def __add__(self, other: Kernel) -> Sum:
+        return Sum((*_terms(self, Sum), *_terms(other, Sum)))
+
+    def __mul__(self, other: Kernel) -> Product:
+        return Product((*_terms(self, Product), *_terms(other, Product)))
+
+
+@dataclass(frozen=True)
+class Sum(Kernel):
+    """k_1 + k_2 + ...; theta is the parts' vectors one after the other."""
+
+    parts: tuple[Kernel, ...]
+
+    def names(self) -> tuple[str, ...]:
+        return _joined_names(self.parts)
+
+    def roles(self) -> tuple[Role, ...]:
+        return tuple(role for part in self.parts for role in part.roles())
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        share = scale / np.sqrt(len(self.parts))
+        return np.concatenate([part.initial(half_range, share) for part in self.parts])
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram(own, X) for part, own in _shares(self, self.parts, theta)]
+
+        def pull(G: Array) -> Array:
+            return np.concatenate([pull_part(G) for _, pull_part in pairs])
+
+        return _total([K for K, _ in pairs]), pull
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        pairs = [part.cross(own, X, Z) for part, own in _shares(self, self.parts, theta)]
+
+        def pull(G: Array) -> Array:
+            return _total([pull_part(G) for _, pull_part in pairs])
+
+        return _total([K for K, _ in pairs]), pull
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        return _total([part.diagonal(own, X) for part, own in _shares(self, self.parts, theta)])
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        shares = _shares(self, self.parts, theta)
+        return _total([part.diagonal_gradient(own, X, g) for part, own in shares])
+
+
+@dataclass(frozen=True)
+class Product(Kernel):
+    """k_1 · k_2 · ...; fix the amplitude of all factors but one, or they cannot be told apart."""
+
+    parts: tuple[Kernel, ...]
+
+    def names(self) -> tuple[str, ...]:
+        return _joined_names(self.parts)
+
+    def roles(self) -> tuple[Role, ...]:
+        return tuple(role for part in self.parts for role in part.roles())
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        first, *others = self.parts
+        return np.concatenate(
+            [first.initial(half_range, scale), *(part.initial(half_range, 1.0) for part in others)]
+        )
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram(own, X) for part, own in _shares(self, self.parts, theta)]
+        values = [K for K, _ in pairs]
+
+        def pull(G: Array) -> Array:
+            return np.concatenate([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+
+        return _product(values), pull
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        pairs = [part.cross(own, X, Z) for part, own in _shares(self, self.parts, theta)]
+        values = [K for K, _ in pairs]
+
+        def pull(G: Array) -> Array:
+            return _total([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+
+        return _product(values), pull
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        return _product([part.diagonal(own, X) for part, own in _shares(self, self.parts, theta)])
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        shares = _shares(self, self.parts, theta)
+        values = [part.diagonal(own, X) for part, own in shares]
+        return _total(
+            [
+                part.diagonal_gradient(own, X, g * _product(values, without=i))
+                for i, (part, own) in enumerate(shares)
+            ]
+        )
+
+
+def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...]:
+    return kernel.parts if isinstance(kernel, kind) else (kernel,)
+
+
+def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
+    return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
+
+
+def _shares(kernel: Kernel, parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
+    theta = kernel.check(theta)
+    ends = np.cumsum([part.size for part in parts])
+    return list(zip(parts, np.split(theta, ends[:-1]), strict=True))
+
+
+def _total(terms: list[Array]) -> Array:
+    out = terms[0].copy(order="K")
+    for term in terms[1:]:
+        out += term
+    return out
+
+
+def _product(factors: list[Array], without: int = -1) -> Array:
+    kept = [factor for i, factor in enumerate(factors) if i != without]
+    out = kept[0].copy(order="K")
+    for factor in kept[1:]:
+        out *= factor
+    return out

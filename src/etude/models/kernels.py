@@ -1,0 +1,171 @@
+"""The kernels that compose (`kernel_algebra` adds and multiplies them), and the structured default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.models.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
+
+__all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "structured_kernel"]
+
+
+@dataclass(frozen=True)
+class SquaredExponential(Kernel):
+    """ARD squared exponential s0² exp(-1/2 Σ_d (x_d - z_d)² / ℓ_d²), thesis (2.3), over the columns `dims`.
+
+    theta = log s0 (absent with `unit=True`, where s0 = 1: for a factor of a product), then log ℓ_d.
+    """
+
+    dims: tuple[int, ...]
+    unit: bool = False
+
+    def __post_init__(self) -> None:
+        _check_dims(self.dims)
+
+    def names(self) -> tuple[str, ...]:
+        lengths = [f"length[{d}]" for d in self.dims]
+        return tuple(lengths if self.unit else ["amplitude", *lengths])
+
+    def roles(self) -> tuple[Role, ...]:
+        lengths: list[Role] = ["length"] * len(self.dims)
+        return tuple(lengths if self.unit else ["amplitude", *lengths])
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        lengths = np.log(half_range[list(self.dims)])
+        return lengths if self.unit else np.concatenate([[np.log(scale)], lengths])
+
+    def _split(self, theta: Array) -> tuple[float, Array]:
+        theta = self.check(theta)
+        return (0.0, np.exp(theta)) if self.unit else (float(theta[0]), np.exp(theta[1:]))
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        log_s0, lengths = self._split(theta)
+        own = _active(X, self.dims)
+        U = (own - own.mean(axis=0)) / lengths
+        K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
+        np.fill_diagonal(K, np.exp(2.0 * log_s0))
+
+        def pull(G: Array) -> Array:
+            T = G * K
+            TU = T @ _with_ones(U)
+            rows, columns = TU[:, -1], T.sum(axis=0)
+            # sum_ij T_ij (u_i - u_j)^2 for every dimension without an n x n x D array
+            along = (rows + columns) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU[:, :-1])
+            return along if self.unit else np.concatenate([[2.0 * rows.sum()], along])
+
+        return K, pull
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        log_s0, lengths = self._split(theta)
+        own, fixed = _active(X, self.dims), _active(Z, self.dims)
+        centre = fixed.mean(axis=0)
+        U, V = (own - centre) / lengths, (fixed - centre) / lengths
+        K = _scaled_exponential(U, V, log_s0)
+
+        def pull(G: Array) -> Array:
+            GV = (G * K) @ _with_ones(V)
+            out = np.zeros(X.shape)
+            out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
+            return out
+
+        return K, pull
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        log_s0, _ = self._split(theta)
+        return np.full(len(X), np.exp(2.0 * log_s0))
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        self.check(theta)
+        return np.zeros_like(X * g[:, None])
+
+
+@dataclass(frozen=True)
+class Linear(Kernel):
+    """Σ_d a_d² x_d z_d over the columns `dims`; theta = log a_d, output units per unit of x_d. No offset."""
+
+    dims: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        _check_dims(self.dims)
+
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"slope[{d}]" for d in self.dims)
+
+    def roles(self) -> tuple[Role, ...]:
+        slopes: list[Role] = ["slope"] * len(self.dims)
+        return tuple(slopes)
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        slopes: Array = np.log(scale / half_range[list(self.dims)] / np.sqrt(len(self.dims)))
+        return slopes
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        A = _active(X, self.dims) * np.exp(self.check(theta))
+
+        def pull(G: Array) -> Array:
+            GA = G @ A
+            return np.asarray(2.0 * np.einsum("nd,nd->d", A, GA))
+
+        return (A @ A.T).T, pull
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        weighted = _active(Z, self.dims) * np.exp(2.0 * self.check(theta))
+
+        def pull(G: Array) -> Array:
+            out = np.zeros(X.shape)
+            out[:, self.dims] = G @ weighted
+            return out
+
+        return _active(X, self.dims) @ weighted.T, pull
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        return np.asarray(_active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        out = np.zeros(X.shape)
+        out[:, self.dims] = 2.0 * g[:, None] * _active(X, self.dims) * np.exp(2.0 * self.check(theta))
+        return out
+
+
+def structured_kernel(dof: int, axis: int) -> Kernel:
+    """SE(q) + tanh_j · SE(q) + linear(qd, qdd, tanh) + SE(all), for output `axis` of a robot with `dof` axes.
+
+    Inputs in the layout [q, qd, qdd, tanh(qd/v0)], D = 4 dof: gravity and posture, a friction step whose
+    height changes with posture, viscous, inertial and Coulomb terms, and a remainder of everything.
+    """
+    if not 0 <= axis < dof:
+        raise UsageError(f"axis {axis} is not one of the {dof} axes")
+    posture, motion = tuple(range(dof)), tuple(range(dof, 4 * dof))
+    friction = Linear((3 * dof + axis,)) * SquaredExponential(posture, unit=True)
+    everything = SquaredExponential((*posture, *motion))
+    return SquaredExponential(posture) + friction + Linear(motion) + everything
+
+
+def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
+    """exp(2 log_s0 - |u - v|²/2) (n, m): the exponent comes from one matrix product of width D + 2."""
+    left = np.column_stack([U, 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U), np.ones(len(U))])
+    right = np.column_stack([V, np.ones(len(V)), -0.5 * np.einsum("nd,nd->n", V, V)])
+    K: Array = left @ right.T
+    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow
+    np.minimum(K, 2.0 * log_s0, out=K)
+    return np.exp(K, out=K)
+
+
+def _active(X: Array, dims: tuple[int, ...]) -> Array:
+    if X.ndim != 2 or X.shape[1] <= max(dims):
+        raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
+    first, count = dims[0], len(dims)
+    # consecutive columns as a view: no copy
+    return X[:, first : first + count] if dims == tuple(range(first, first + count)) else X[:, list(dims)]
+
+
+def _with_ones(U: Array) -> Array:
+    return np.column_stack([U, np.ones(len(U))])
+
+
+def _check_dims(dims: tuple[int, ...]) -> None:
+    if not dims or len(set(dims)) != len(dims) or min(dims) < 0:
+        raise UsageError(f"active dimensions must be distinct and not negative, got {dims}")

@@ -1,0 +1,112 @@
+"""Hyperparameters from data: maximum likelihood or maximum a posteriori, by conjugate gradients or L-BFGS."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import NumericalError, UsageError
+from etude.models.exact import ExactGP, checked_data
+from etude.models.kernels import Kernel
+from etude.models.minimize import Objective, minimize
+from etude.models.priors import Prior, data_scales, weak_prior
+from etude.threads import threads_for
+
+Array = NDArray[np.float64]
+Method = Literal["lbfgs", "minimize"]
+
+REACH = np.log(1e6)
+"""Training moves no hyperparameter further than this factor (as a logarithm) from its start."""
+INITIAL_NOISE = 0.5
+"""First noise deviation as a fraction of the outputs' (sn² = var / 4, as the SSGP reference code)."""
+
+
+def initial_theta(kernel: Kernel, X: Array, y: Array) -> Array:
+    """Start of a training (P,): half ranges of X (n, D) as lengths, amplitudes from the centred y (n,).
+
+    A column that never changes gets length 1, constant outputs amplitude 1.
+    """
+    X, y = checked_data(X, y)
+    return kernel.initial(*data_scales(X, y))
+
+
+def initial_gp(kernel: Kernel, X: Array, y: Array, *, noise_floor: float = 0.0) -> ExactGP:
+    """The process a training starts from: `initial_theta`, and noise of half the outputs' deviation."""
+    X, y = checked_data(X, y)
+    _, scale = data_scales(X, y)
+    return ExactGP(kernel, initial_theta(kernel, X, y), float(np.log(INITIAL_NOISE * scale)), noise_floor)
+
+
+def fit(
+    gp: ExactGP,
+    X: Array,
+    y: Array,
+    *,
+    method: Method = "lbfgs",
+    steps: int = 25,
+    prior: Prior | Literal["weak"] | None = "weak",
+) -> ExactGP:
+    """Train from the hyperparameters of `gp` (a warm start) on X (n, D) and centred y (n,).
+
+    Args:
+        method: "lbfgs" (SciPy, `steps` iterations) or "minimize" (GPML semantics: `steps` line searches,
+            or function evaluations if negative).
+        steps: 0 returns `gp` unchanged.
+        prior: "weak" for `weak_prior` of these data, a Prior, or None for maximum likelihood.
+
+    Raises:
+        DataError: unusable X or y. UsageError: unknown method, a prior of the wrong length, negative steps with
+            "lbfgs". NumericalError: the likelihood is not finite at the start.
+    """
+    X, y = checked_data(X, y)
+    if method not in ("lbfgs", "minimize"):
+        raise UsageError(f"unknown training method {method!r}", next_step='Use "lbfgs" or "minimize".')
+    if steps == 0:
+        return gp
+    chosen = weak_prior(gp.kernel, X, y) if prior == "weak" else prior
+    objective = _objective(gp, X, y, chosen)
+    with threads_for(len(X)):
+        if method == "minimize":
+            return gp.with_parameters(minimize(objective, gp.parameters, steps).x)
+        return gp.with_parameters(_lbfgs(objective, gp.parameters, steps))
+
+
+def _objective(gp: ExactGP, X: Array, y: Array, prior: Prior | None) -> Objective:
+    """Negative log posterior density of the parameters; infinite where it cannot be computed."""
+
+    def objective(parameters: Array) -> tuple[float, Array]:
+        try:
+            value, gradient = gp.with_parameters(parameters).log_marginal_likelihood(X, y)
+        except NumericalError:
+            return np.inf, np.zeros_like(parameters)
+        if prior is not None:
+            density, slope = prior.log_density(parameters)
+            value, gradient = value + density, gradient + slope
+        return -value, -gradient
+
+    return objective
+
+
+def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
+    from scipy.optimize import minimize as scipy_minimize
+
+    if steps < 0:
+        raise UsageError("negative steps count function evaluations and need method 'minimize'")
+    value, _ = objective(start)
+    if not np.isfinite(value):
+        raise NumericalError("the likelihood is not finite at the start", next_step="Choose another start.")
+    best = (value, start)
+
+    def remembered(parameters: Array) -> tuple[float, Array]:
+        nonlocal best
+        value, gradient = objective(parameters)
+        if value < best[0]:
+            best = (value, parameters.copy())
+        return (value, gradient) if np.isfinite(value) else (abs(best[0]) * 1e3 + 1e10, gradient)
+
+    bounds = [(p - REACH, p + REACH) for p in start]
+    options = {"maxiter": steps, "maxfun": 20 * steps}
+    scipy_minimize(remembered, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return best[1]
