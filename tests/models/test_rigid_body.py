@@ -9,13 +9,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from tests.models.rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
 
 from etude.errors import DataError, UsageError
 from etude.models.base_parameters import base_directions, parameter_scale, spread_states
 from etude.models.regressor import nominal_parameters, regressor
 from etude.models.rigid_body import RigidBodyModel, identify
 from etude.models.rigid_tree import drives_from_mujoco, tree_from_mujoco
-from tests.models.rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
 
 V0 = np.full(5, 0.02)
 NOISE = 0.1
@@ -35,8 +35,9 @@ def truth(robot) -> RigidBodyModel:
     gain = np.array([2.0, 0.5, 3.0, 1.0, 0.1])
     inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=nominal_parameters(tree).shape))
     extra = gain[:, None] * np.array([0.1, 2.0, 3.0, 0.4])
-    return RigidBodyModel(tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int),
-    np.zeros(5))
+    return RigidBodyModel(
+        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,14 +62,14 @@ def test_base_parameters_reproduce_every_torque(robot) -> None:
 
 def test_the_number_of_base_parameters_of_a_pendulum_is_three() -> None:
     """About a horizontal axis: the moment of inertia and the two first moments across the axis."""
-    xml = "<mujoco><worldbody><body><joint name='j' axis='0 1 0'/><geom size='.1' pos='.1 0
-    .2'/></body></worldbody></mujoco>" tree = tree_from_mujoco(mujoco.MjModel.from_xml_string(xml), ("j",))
+    body = "<body><joint name='j' axis='0 1 0'/><geom size='.1' pos='.1 0 .2'/></body>"
+    xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+    tree = tree_from_mujoco(mujoco.MjModel.from_xml_string(xml), ("j",))
     states = spread_states(replace(awkward_spec(), axes=awkward_spec().axes[:1]), 100)
     assert base_directions(regressor(tree, *states)[:, 0], parameter_scale(tree)).shape[1] == 3
 
 
-def test_identified_model_predicts_an_unseen_motion_within_a_fraction_of_the_noise(robot, truth, data) ->
-None:
+def test_identified_model_predicts_an_unseen_motion_to_a_fraction_of_the_noise(robot, truth, data) -> None:
     model = identify(data, awkward_spec(), *robot, V0)
     motion = smooth_motion(np.random.default_rng(9), 400, 5)[1:]
     error = model.predict(*motion) - truth.predict(*motion)
@@ -106,9 +107,10 @@ def test_the_unit_of_the_command_does_not_matter(robot, data) -> None:
 def test_the_order_of_the_samples_does_not_matter(robot, data) -> None:
     halves = [data.take(np.arange(600, 1200)), data.take(np.arange(600))]
     parts = [replace(half, group=np.full(600, k)) for k, half in enumerate(halves)]
-    swapped = replace(data, **{f: np.concatenate([getattr(p, f) for p in parts]) for f in
-    data.__dataclass_fields__}) first, second = (identify(d, awkward_spec(), *robot, V0) for d in (data,
-    swapped)) np.testing.assert_allclose(first.extra, second.extra, rtol=1e-6, atol=1e-8)
+    fields = data.__dataclass_fields__
+    swapped = replace(data, **{f: np.concatenate([getattr(p, f) for p in parts]) for f in fields})
+    first, second = (identify(d, awkward_spec(), *robot, V0) for d in (data, swapped))
+    np.testing.assert_allclose(first.extra, second.extra, rtol=1e-6, atol=1e-8)
 
 
 def test_bad_data_is_refused(robot, data) -> None:

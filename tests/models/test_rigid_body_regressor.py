@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from tests.models.rigid_examples import ACTUATOR_OF_AXIS, AWKWARD, NAMES
 
 from etude.errors import NumericalError, UsageError
 from etude.models.kinematics import body_motion
 from etude.models.regressor import nominal_parameters, regressor
 from etude.models.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from etude.models.transmission import DriveMotion, drive_motion
-from tests.models.rigid_examples import ACTUATOR_OF_AXIS, AWKWARD, NAMES
 
 
 @pytest.fixture(scope="module")
@@ -95,8 +95,9 @@ def test_power_is_the_same_at_joints_and_drives(model, states) -> None:
     drive = drive_motion(tree, drives, body_motion(tree, *states), states[1], states[2])
     torque = np.random.default_rng(0).normal(size=states[0].shape)
     force = drive.to_drive(torque)
-    np.testing.assert_allclose(np.sum(force * drive.speed, axis=1), np.sum(torque * states[1], axis=1),
-    rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sum(force * drive.speed, axis=1), np.sum(torque * states[1], axis=1), rtol=1e-8
+    )
 
 
 def test_a_drive_without_lever_is_an_error() -> None:
@@ -108,9 +109,7 @@ def test_a_drive_without_lever_is_an_error() -> None:
 def test_unknown_and_impossible_axes_are_refused(model) -> None:
     with pytest.raises(UsageError, match=r"no joint named shoulder.*its joints: turn, slide"):
         tree_from_mujoco(model, ("turn", "shoulder"))
-    floating = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body><joint name='free' type='free'/><geom
-        size='.1'/></body></worldbody></mujoco>"
-    )
+    body = "<body><joint name='free' type='free'/><geom size='.1'/></body>"
+    floating = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     with pytest.raises(UsageError, match="neither hinge nor sliding"):
         tree_from_mujoco(floating, ("free",))
