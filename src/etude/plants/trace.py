@@ -1,0 +1,39 @@
+"""What goes into an engine and what comes out: the closed loop as arrays, the same for every engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopInputs:
+    """A closed loop to simulate, on the control grid, from rest at q_des[0].
+
+    Attributes:
+        q_des, qd_des: (T, dof) desired motion, rad and rad/s.
+        tau_ff: (T, dof) feedforward in the command unit.
+        noise: (T, dof) encoder noise before quantisation, rad; drawn by the caller so that every engine
+            sees the same.
+        substeps: physics steps per control tick.
+    """
+
+    q_des: Array
+    qd_des: Array
+    tau_ff: Array
+    noise: Array
+    substeps: int
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened at each control tick, (T, dof): measured and true position, command, feedback."""
+
+    q: Array
+    q_true: Array
+    tau: Array
+    tau_fb: Array
