@@ -1,1 +1,1 @@
-"""See docs/architecture.md."""
+"""What to run next: criteria, reference states and the search. See docs/architecture.md."""

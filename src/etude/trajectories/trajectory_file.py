@@ -13,5 +13,5 @@ KINDS: dict[str, type[FourierTrajectory] | type[PointToPoint]] = {
 
 
 def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint:
-    """The trajectory that `to_json` of any kind wrote, bit for bit. UsageError if the text is anything else."""
+    """The trajectory that `to_json` wrote, of any kind, bit for bit. UsageError for any other text."""
     return from_text(text, KINDS)
