@@ -59,7 +59,7 @@ def test_moves_are_written_too(tmp_path: Path) -> None:
 
 def test_an_unsafe_trajectory_has_no_files(trajectory: FourierTrajectory) -> None:
     wild = replace(trajectory, coefficients=trajectory.coefficients * 1.5)
-    with pytest.raises(UnsafeTrajectoryError, match="of joint '[ab]' may reach"):
+    with pytest.raises(UnsafeTrajectoryError, match=r"of joint '[ab]' may reach"):
         render(wild, SPEC)
 
 

@@ -84,7 +84,7 @@ def read_table(data: bytes) -> tuple[list[str], Array]:
 def at_speed(trajectory: FourierTrajectory, per_cent: float) -> FourierTrajectory:
     """The same path run at a fraction of the speed: q(t s), with s = per_cent / 100.
 
-    In the product form of thesis (3.5) the velocity coefficients a, b and omega0 scale with s, times with 1/s.
+    In the product form of thesis (3.5) the coefficients a, b and omega0 scale with s, times with 1/s.
 
     Raises:
         UsageError: the speed is not above 0 and at most 100 %, or the trajectory is not a Fourier series.

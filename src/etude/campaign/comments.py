@@ -1,0 +1,60 @@
+"""What `init` writes beside each key of campaign.toml."""
+
+from __future__ import annotations
+
+HEAD = """\
+# An Étude campaign. Edit it by hand; a key that is left out takes its preset's value, "none" switches off.
+# Its hash is stored with every event, so the journal knows which version was in force.
+# The robot and its limits are in robot.toml beside this file. Angles are rad, times s.
+
+"""
+
+COMMENTS: dict[str, dict[str, str]] = {
+    "trajectory": {
+        "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
+        "duration": "s of each trajectory",
+        "omega0": 'rad/s: a number, a range [low, high], or "none" for one period in the duration',
+        "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
+        "ramp": 's of each phase ramp, for rest = "ramp"',
+    },
+    "data": {
+        "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
+        "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
+        "rate_hz": "samples kept per second of log",
+        "stick_fraction": "a joint below this fraction of its velocity limit counts as stuck; 0 masks nothing",
+        "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
+    },
+    "model": {
+        "kind": '"gp", "identified", "identified+gp", or "auto": whichever predicts the newest log best',
+        "kernel": '"structured", or "ard_se", as the thesis',
+        "points": "samples each output is conditioned on, at most",
+        "fit_points": "of these, samples that hyperparameters are fitted to, at most",
+        "fit_spacing_s": "these are at least so many s apart",
+        "steps": "steps of the hyperparameter training",
+        "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
+        "prior": '"weak" priors on the hyperparameters, or "none"',
+        "noise_floor": 'least noise, fraction of the command limit; or "auto"',
+        "friction_fraction": "width of the friction feature, fraction of the velocity limit; 0 for none",
+        "stick_fraction": "as in [data]",
+        "calibrate": "widen variances that held-out trajectories show to be too small",
+    },
+    "design": {
+        "criterion": '"log_ivr", "ivr" (variance left where the tasks are), "mean_variance" (thesis 3.2)',
+        "candidates": "certified random candidates that are scored",
+        "refine": "how many of the best are refined",
+        "steps": "iterations of each refinement",
+        "points": "planned samples along a trajectory",
+        "reference_points": "states per output at which the variance counts",
+        "random_share": "part of these taken from random motions although tasks are given",
+        "raw_units": "add variances of different joints as they are, as the thesis",
+    },
+    "stop": {
+        "command_tolerance": "forecast error that is good enough, fraction of the command limit; 0 switches off",
+        "noise_fraction": "stop when the variance left is below this fraction of the noise; 0 switches off",
+        "gain_per_minute": "stop when less of the variance left goes per minute of robot time; 0 switches off",
+        "setup_s": "s of robot time each trajectory costs besides its duration",
+        "budget_trajectories": "logs; 0 for no limit",
+        "budget_minutes": "minutes of recorded motion; 0 for no limit",
+        "consecutive": "logs in a row that must agree before a rule stops the campaign",
+    },
+}

@@ -1,0 +1,69 @@
+"""Makes a campaign folder that needs nothing outside itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from etude.campaign.config_file import CONFIG, config_text, load_config
+from etude.campaign.folder import ROBOT, Campaign, open_campaign
+from etude.campaign.journal import commit, read_events
+from etude.campaign.presets import preset
+from etude.errors import UsageError
+from etude.robots.spec import RobotSpec
+from etude.robots.toml_file import load_robot, robot_to_toml
+from etude.storage import write_atomic, writer_lock
+
+MODEL_SUFFIXES = (".urdf", ".xml", ".mjcf")
+
+
+def create_campaign(path: Path, robot: str, preset_name: str = "default", seed: int = 0) -> Campaign:
+    """Makes the folder: robot.toml, the robot's model file, campaign.toml, and the journal's first event.
+
+    Args:
+        path: the folder; made if missing.
+        robot: a built-in robot's name, or the path of a robot TOML, a URDF or an MJCF.
+        preset_name: "default" or "thesis"; written out in full.
+        seed: of every random number the campaign draws.
+
+    Raises:
+        UsageError: there is a campaign already, or the robot is unknown or impossible.
+    """
+    path = Path(path)
+    config = replace(preset(preset_name), seed=seed)
+    spec = robot_from(robot)
+    if path.exists() and not path.is_dir():
+        raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
+    path.mkdir(parents=True, exist_ok=True)
+    with writer_lock(path):
+        if read_events(path):
+            raise UsageError(
+                "there is a campaign here already", where=str(path), next_step="Name another folder."
+            )
+        files = _copy_robot(path, spec)
+        write_atomic(path / CONFIG, config_text(config).encode())
+        _, digest = load_config(path)
+        facts = {"seed": seed, "preset": preset_name, "robot": spec.name, "axes": list(spec.names)}
+        commit(path, "created", None, digest, [path / CONFIG, *files], **facts)
+    return open_campaign(path)
+
+
+def robot_from(robot: str) -> RobotSpec:
+    """The robot of a built-in name, a TOML, or a URDF or MJCF that states every limit."""
+    if Path(robot).suffix.lower() in MODEL_SUFFIXES:
+        from etude.robots.model_file import spec_from_model
+
+        return spec_from_model(Path(robot))
+    return load_robot(robot)
+
+
+def _copy_robot(path: Path, spec: RobotSpec) -> list[Path]:
+    """Copies the model file, then writes a robot.toml that points to the copy."""
+    files = []
+    if spec.model_file is not None:
+        copy = path / f"robot_model{spec.model_file.suffix}"
+        write_atomic(copy, spec.model_file.read_bytes())
+        files.append(copy)
+        spec = replace(spec, model_file=copy.resolve())
+    write_atomic(path / ROBOT, robot_to_toml(spec, folder=path).encode())
+    return [path / ROBOT, *files]

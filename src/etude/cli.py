@@ -1,0 +1,72 @@
+"""The entrance: reads the command line, runs one command, prints its outcome or its error."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+
+from etude.errors import EtudeError
+
+DESCRIPTION = (
+    "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
+    "Étude never commands a robot: it writes trajectory files and reads logs."
+)
+KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code.
+
+    0 ok, 1 a bug or a machine that fails, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory (no
+    file is written), 5 stop rule reached, 130 interrupted.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in given
+    try:
+        return _run(given)
+    except EtudeError as error:
+        return _report(
+            as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code
+        )
+    except KeyboardInterrupt:
+        return _report(as_json, "Interrupted", KEPT, "", "", 130)
+    except BrokenPipeError:
+        # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
+        sys.stderr.close()
+        return 0
+    except Exception as error:
+        traceback.print_exc()
+        fact = f"this is a bug in etude: {type(error).__name__}: {error}"
+        return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
+
+
+def _run(given: list[str]) -> int:
+    from etude.commands import parse
+    from etude.commands.outcome import to_json
+
+    command = parse.command(given)
+    outcome = command.run(_say)
+    print(to_json(outcome.data) if command.json else outcome.text, flush=True)
+    return outcome.exit_code
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exit_code: int) -> int:
+    lines = [f"etude: {fact[:1].upper()}{fact[1:]}"]
+    lines += [f"  where: {where}"] if where else []
+    lines += [f"  next:  {next_step}"] if next_step else []
+    _say("\n".join(lines))
+    if as_json:
+        from etude.commands.outcome import to_json
+
+        error = {"kind": kind, "fact": fact, "where": where, "next_step": next_step, "exit_code": exit_code}
+        print(to_json({"error": error}), flush=True)
+    return exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""What a command gives back: text for people, data for machines, an exit code for scripts."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a command.
+
+    Attributes:
+        text: printed on stdout for people.
+        data: printed on stdout as one line of JSON under --json.
+        exit_code: 0 unless the command succeeded in finding out something bad.
+    """
+
+    text: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+    exit_code: int = 0
+
+
+class Command(Protocol):
+    """What `cli` runs."""
+
+    @property
+    def json(self) -> bool: ...
+
+    def run(self, say: Say) -> Outcome:
+        """Does the work; `say` shows progress on stderr."""
+        ...
+
+
+def to_json(data: Mapping[str, Any]) -> str:
+    """One line of strict JSON; numbers that JSON cannot carry become null."""
+    return json.dumps(_plain(data), allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, str | int | float | bool | None):
+        return value
+    return str(value)
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    """Columns of text, the first aligned left and the others right."""
+    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
+    lines = []
+    for line in [header, *rows]:
+        cells = [line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
