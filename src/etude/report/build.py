@@ -1,0 +1,83 @@
+"""build_report: a campaign folder in, one self-contained HTML file out."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from etude.report.markup import Html, element, join, paragraph
+from etude.report.record import Record, read_record
+from etude.report.sections.calibration import calibration, ladder
+from etude.report.sections.headline import headline
+from etude.report.sections.learning import learning
+from etude.report.sections.provenance import provenance, repairs
+from etude.report.sections.rounds import rounds
+from etude.report.sections.tracking import tracking
+from etude.report.sections.trajectories import trajectories
+from etude.report.sections.uncertainty import uncertainty
+from etude.storage import write_atomic
+
+SECTIONS = (learning, rounds, tracking, uncertainty, calibration, ladder, trajectories, repairs, provenance)
+"""Every part of the page, in the order of reading. A new part is one function and one place in this row."""
+
+CONTENTS = {
+    "learning": "learning curve",
+    "rounds": "cost of each round",
+    "tracking": "desired against actual",
+    "uncertainty": "uncertainty",
+    "calibration": "calibration",
+    "ladder": "model ladder",
+    "trajectories": "trajectories and proofs",
+    "repairs": "repairs",
+    "provenance": "provenance",
+}
+
+
+def build_report(folder: Path) -> Path:
+    """Draw `folder`/report.html from the campaign's files, and return its path.
+
+    The page needs no network and no server: drawings are inline SVG, colours come from its own style sheet.
+    It is never the source of truth; whatever the campaign does not have yet is said in a sentence.
+
+    Raises:
+        UsageError: the folder is not a campaign's, or its journal was edited.
+        EtudeError: the file could not be written.
+    """
+    folder = Path(folder)
+    path = folder / "report.html"
+    write_atomic(path, render(read_record(folder)).encode("utf-8"))
+    return path
+
+
+def render(record: Record) -> Html:
+    """The whole page."""
+    robot = record.spec.name if record.spec else record.folder.resolve().name
+    title = f"Étude report: {robot}"
+    contents = element("nav", *(element("a", name, href=f"#{key}") for key, name in CONTENTS.items()))
+    date = record.events[-1].time[:10] if record.events else ""
+    subtitle = f"Campaign “{record.folder.resolve().name}”" + (f", last event {date}" if date else "")
+    parts = [element("h1", title), paragraph(subtitle, class_="soft"), headline(record), contents]
+    parts += [draw(record) for draw in SECTIONS]
+    return _page(title, join(parts))
+
+
+def _page(title: str, body: Html) -> Html:
+    head = join(
+        [
+            Html('<meta charset="utf-8">'),
+            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+            Html('<link rel="icon" href="data:,">'),
+            element("title", title),
+            element("style", Html(_asset("report.css"))),
+        ]
+    )
+    readout = element("div", class_="readout", aria_hidden="true")
+    script = element("script", Html(_asset("report.js")))
+    return Html(
+        f'<!doctype html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n'
+        f"<main>\n{body}\n</main>\n{readout}\n{script}\n</body>\n</html>\n"
+    )
+
+
+def _asset(name: str) -> str:
+    return resources.files("etude.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,120 @@
+"""What a campaign folder holds, as the report reads it; a missing piece is None, never a crash."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from etude.campaign.journal import JOURNAL, Event, read_events
+from etude.campaign.state import State, replay
+from etude.errors import EtudeError, UsageError
+
+if TYPE_CHECKING:
+    from etude.logs.log import RobotLog
+    from etude.models.inverse_dynamics import InverseDynamicsModel
+    from etude.robots.spec import RobotSpec
+    from etude.trajectories.samples import Trajectory
+
+T = TypeVar("T")
+Facts = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Record:
+    """A campaign as its files tell it.
+
+    Attributes:
+        folder: the campaign's folder.
+        events: the journal, oldest first.
+        state: what the events add up to.
+        spec: the robot, or None if robot.toml cannot be read.
+        notes: one sentence for each thing that could not be read.
+    """
+
+    folder: Path
+    events: tuple[Event, ...]
+    state: State
+    spec: RobotSpec | None
+    notes: list[str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint names; empty without a robot."""
+        return self.spec.names if self.spec else ()
+
+    def trajectory(self, number: int) -> Trajectory | None:
+        return self._read(f"proposals/{number:04d}/trajectory.json", _trajectory)
+
+    def certificate(self, number: int) -> Facts | None:
+        return self._read(f"proposals/{number:04d}/certificate.json", _object)
+
+    def log(self, number: int) -> RobotLog | None:
+        return self._read(f"runs/{number:04d}.parquet", _log)
+
+    def model(self, number: int) -> InverseDynamicsModel | None:
+        return self._read(f"models/{number:04d}", _model)
+
+    def _read(self, name: str, reader: Callable[[Path], T]) -> T | None:
+        """`reader(path)`; None if the file is absent, with a note if it is damaged: the rest still counts."""
+        path = self.folder / name
+        if not path.exists():
+            return None
+        try:
+            return reader(path)
+        except (EtudeError, OSError, ValueError, KeyError, TypeError) as error:
+            note = f"{name} could not be read: {error}"
+            if note not in self.notes:
+                self.notes.append(note)
+            return None
+
+
+def read_record(folder: Path) -> Record:
+    """Read a campaign folder.
+
+    Raises:
+        UsageError: the folder is not a campaign's, or its journal was edited.
+    """
+    from etude.robots.toml_file import load_robot
+
+    if not (folder / "campaign.toml").is_file() and not (folder / JOURNAL).is_file():
+        raise UsageError(
+            "no campaign here: neither campaign.toml nor journal.jsonl",
+            where=str(folder),
+            next_step="Start one with `etude init FOLDER --robot ROBOT`.",
+        )
+    notes: list[str] = []
+    events = read_events(folder)
+    try:
+        spec = load_robot(folder / "robot.toml")
+    except EtudeError as error:
+        spec = None
+        notes.append(f"robot.toml could not be read: {error}")
+    return Record(folder, tuple(events), replay(events), spec, notes)
+
+
+def _trajectory(path: Path) -> Trajectory:
+    from etude.trajectories.trajectory_file import from_json
+
+    return from_json(path.read_bytes())
+
+
+def _object(path: Path) -> Facts:
+    value = json.loads(path.read_bytes())
+    if not isinstance(value, dict):
+        raise ValueError("not a JSON object")
+    return value
+
+
+def _log(path: Path) -> RobotLog:
+    from etude.logs.parquet import read_parquet
+
+    return read_parquet(path)
+
+
+def _model(path: Path) -> InverseDynamicsModel:
+    from etude.models.model_file import load_model
+
+    return load_model(path)

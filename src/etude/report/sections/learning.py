@@ -1,0 +1,146 @@
+"""The learning curve: error against robot time, beside the baselines."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.report.curves import (
+    BASELINE_STYLES,
+    BASELINES,
+    TESTS,
+    Evaluation,
+    Test,
+    chosen_kind,
+    kind_name,
+    score,
+    scored_kinds,
+    tests,
+)
+from etude.report.markup import Html, element, grid, missing, paragraph, section, table
+from etude.report.record import Record
+from etude.report.scales import Axis
+from etude.report.svg import Level, Line, Mark, panel
+
+JOINT_STYLES = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
+
+
+def joint_style(index: int) -> str:
+    """Colour of a joint, and a dash from the ninth on."""
+    return JOINT_STYLES[index % len(JOINT_STYLES)] + (" dash" if index >= len(JOINT_STYLES) else "")
+
+
+def learning(record: Record) -> Html:
+    """Tracking error when the robot is simulated; held-out nMSE per joint when it is real."""
+    title = "Learning curve"
+    found = [test for test in tests(record) if test.learned or test.baselines]
+    if found:
+        panels = [learning_panel(test) for test in found] + [
+            _joints_of(test, record.names) for test in found if test.learned
+        ]
+        text = paragraph(
+            "Mean tracking error over joints on a motion that is never trained on, after each trajectory. "
+            "“Rigid body” is PD with a feedforward from an identified rigid-body model; the lowest "
+            "line is what a perfect model reaches: noise and delay of the loop set it.",
+        )
+        return section("learning", title, text, grid(panels), *(_table_of(t) for t in found if t.learned))
+    if any(
+        score(r.trained, kind, "nmse") is not None
+        for r in record.state.trained
+        for kind in scored_kinds(record)
+    ):
+        return section("learning", title, *_prequential(record, record.names))
+    return section(
+        "learning",
+        title,
+        missing("No evaluation yet: there is neither a simulated test nor a held-out score."),
+    )
+
+
+def curve_marks(test: Test) -> list[Mark]:
+    """The learned controller's curve and one line or level per baseline."""
+    marks: list[Mark] = []
+    for name, series in test.baselines.items():
+        label, style = BASELINES.get(name, name), BASELINE_STYLES.get(name, "c7")
+        if len(series) > 1:
+            marks.append(_line(series, label, style + " dash"))
+        else:
+            marks.append(Level(series[0].mean, label, style + " dash"))
+    if test.learned:
+        marks.append(_line(test.learned, "learned by Étude", "c1 thick"))
+    return marks
+
+
+def _line(series: tuple[Evaluation, ...], label: str, style: str) -> Line:
+    x, y = (np.array([getattr(e, a) for e in series], dtype=float) for a in ("seconds", "mean"))
+    return Line(x, y, label, style, markers=True)
+
+
+def learning_panel(test: Test) -> Html:
+    """The mean error over robot time on one test motion, names at the ends of the lines."""
+    what = TESTS.get(test.name, test.name).removeprefix("a ")
+    title = f"Mean tracking error on {what}"
+    axes = Axis("robot time (s)", floor=0.0), Axis("tracking error (degrees)", log=True)
+    return panel(title, *axes, curve_marks(test), end_labels=True)
+
+
+def _joints_of(test: Test, names: tuple[str, ...]) -> Html:
+    seconds = np.array([e.seconds for e in test.learned])
+    errors = np.array([e.error for e in test.learned])
+    labels = (
+        names if len(names) == errors.shape[1] else tuple(f"joint {j + 1}" for j in range(errors.shape[1]))
+    )
+    marks = [
+        Line(seconds, errors[:, j], labels[j], joint_style(j), markers=True) for j in range(errors.shape[1])
+    ]
+    what = TESTS.get(test.name, test.name).removeprefix("a ")
+    axes = Axis("robot time (s)", floor=0.0), Axis("tracking error (degrees)", log=True)
+    return panel(f"The same per joint, {what}", *axes, marks)
+
+
+def _table_of(test: Test) -> Html:
+    rows = [
+        [f"{BASELINES.get(name, name)}", series[-1].mean, *map(float, series[-1].error)]
+        for name, series in test.baselines.items()
+    ]
+    rows += [[f"learned, after round {e.number}", e.mean, *map(float, e.error)] for e in test.learned]
+    dof = len(test.learned[-1].error)
+    header = ["controller", "mean (°)", *(f"joint {j + 1} (°)" for j in range(dof))]
+    title = f"All numbers on {TESTS.get(test.name, test.name)}"
+    return element("details", element("summary", title), table(header, rows, highlight=len(rows) - 1))
+
+
+def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
+    text = paragraph(
+        "There is no simulated test of this robot, so each model is scored on each new log before it learns "
+        "from it (nMSE: mean squared error over the command's variance; 1 is no better than the mean). "
+        "GP is the Gaussian process."
+    )
+    panels = [_joint_scores(record, j, name) for j, name in enumerate(names)]
+    last = record.state.trained[-1].trained
+    kinds = [k for k in scored_kinds(record) if score(last, k, "nmse") is not None]
+    rows = [[kind_name(k), *map(float, score(last, k, "nmse"))] for k in kinds]  # type: ignore[arg-type]
+    chosen = chosen_kind(last)
+    marked = kinds.index(chosen) if chosen in kinds else None
+    return [
+        text,
+        grid(panels),
+        paragraph("nMSE on the newest held-out data:"),
+        table(["model", *names], rows, highlight=marked),
+    ]
+
+
+def _joint_scores(record: Record, joint: int, name: str) -> Html:
+    marks: list[Mark] = []
+    for index, kind in enumerate(scored_kinds(record)):
+        points = [
+            (r.number, s[joint])
+            for r in record.state.trained
+            if (s := score(r.trained, kind, "nmse")) is not None
+        ]
+        if points:
+            x, y = np.array(points, dtype=float).T
+            style = "c5 dash" if kind == "linear" else joint_style((0, 2, 3, 5)[index % 4])
+            marks.append(Line(x, y, kind_name(kind), style, markers=True))
+    last = float(record.state.trained[-1].number)
+    axes = Axis("round", limits=(0.5, last + 0.5)), Axis("held-out nMSE (1)", log=True)
+    return panel(name, *axes, marks, size=(560, 300))

@@ -1,0 +1,131 @@
+"""Each trajectory as fractions of its limits, and the certificate that proves them for all times."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.report.markup import (
+    Html,
+    duration,
+    element,
+    grid,
+    join,
+    missing,
+    number,
+    paragraph,
+    section,
+    table,
+)
+from etude.report.record import Facts, Record
+from etude.report.scales import Axis
+from etude.report.sections.learning import joint_style
+from etude.report.svg import Level, Line, Mark, panel
+from etude.robots.spec import RobotSpec
+from etude.trajectories.samples import Trajectory
+
+Array = NDArray[np.float64]
+
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "box": "rad"}
+
+
+def trajectories(record: Record) -> Html:
+    """One folded part per proposed trajectory, the newest open."""
+    title = "Trajectories, their limits and proved margins"
+    numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
+    if not numbers:
+        return section("trajectories", title, missing("No trajectory has been proposed yet."))
+    text = paragraph(
+        "Curves are drawn as a fraction of each joint's own limit: the dotted lines at ±1 are the "
+        "limits. The table gives what is proved of the file as written, for every instant and not "
+        "only at samples."
+    )
+    parts = [_trajectory(record, n, unfolded=n == numbers[-1]) for n in reversed(numbers)]
+    return section("trajectories", title, text, *parts)
+
+
+def _trajectory(record: Record, n: int, unfolded: bool) -> Html:
+    trajectory, certificate = record.trajectory(n), record.certificate(n)
+    parts: list[Html] = []
+    if trajectory is None:
+        parts.append(missing("The trajectory's file is missing or unreadable."))
+    elif record.spec is None or record.spec.dof != trajectory.dof:
+        parts.append(missing("The robot's file does not fit this trajectory, so it cannot be drawn."))
+    else:
+        parts.append(grid(limit_panels(trajectory, record.spec), 3))
+    parts.append(_proofs(certificate) if certificate else missing("There is no certificate for it."))
+    length = f" · {duration(trajectory.duration)}" if trajectory else ""
+    summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
+    return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
+
+
+def limit_panels(trajectory: Trajectory, spec: RobotSpec) -> list[Html]:
+    """Position, velocity and acceleration of every joint over time, each as a fraction of its limit."""
+    samples = trajectory.sample(np.linspace(0.0, trajectory.duration, 301))
+    middle, half = 0.5 * (spec.upper + spec.lower), 0.5 * (spec.upper - spec.lower)
+    shown = {
+        "Position within its range": (samples.q - middle) / half,
+        "Velocity / limit": samples.qd / spec.velocity,
+        "Acceleration / limit": samples.qdd / spec.acceleration,
+    }
+    return [_fractions(title, samples.t, values, spec.names) for title, values in shown.items()]
+
+
+def _fractions(title: str, t: Array, values: Array, names: tuple[str, ...]) -> Html:
+    marks: list[Mark] = [Line(t, values[:, j], name, joint_style(j)) for j, name in enumerate(names)]
+    marks += [Level(1.0, style="limit"), Level(-1.0, style="limit")]
+    bound = max(1.15, 1.05 * float(np.abs(values).max()))
+    axes = Axis("time (s)", limits=(0.0, float(t[-1]))), Axis("fraction of limit (1)", limits=(-bound, bound))
+    return panel(title, *axes, marks, size=(380, 300))
+
+
+def _verdict(certificate: Facts | None) -> str:
+    if not certificate:
+        return ""
+    uses = [_use(row) for row in certificate.get("rows", ())]
+    if not certificate.get("ok"):
+        return " · NOT proved inside its limits"
+    rest = "; starts and ends at rest" if certificate.get("at_rest") else ""
+    most = f"{100.0 * max(uses, default=0.0):.0f}"
+    return f" · proved inside all limits, uses up to {most} % of one{rest}"
+
+
+def _use(row: Facts) -> float:
+    half = 0.5 * (row["upper"] - row["lower"])
+    return 1.0 - row["margin"] / half if half > 0 else float("inf")
+
+
+def _proofs(certificate: Facts) -> Html:
+    header = ["joint", "quantity", "limit", "proved", "", "margin", "method"]
+    rows = [
+        [
+            row["axis"],
+            row["quantity"],
+            f"{_interval(row['lower'], row['upper'])} {UNITS.get(row['quantity'], '')}",
+            _interval(row["proved_lower"], row["proved_upper"]),
+            _meter(row),
+            _margin(row),
+            row["method"],
+        ]
+        for row in certificate.get("rows", ())
+    ]
+    return join([table(header, rows)])
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{low:.4g} … {high:.4g}".replace("-", "−")
+
+
+def _margin(row: Facts) -> Html:
+    half = 0.5 * (row["upper"] - row["lower"])
+    share = 100.0 * row["margin"] / half if half > 0 else float("nan")
+    percent = "< 0.01" if 0.0 <= share < 0.01 else number(share, 2)
+    return element("span", f"{percent} %", class_="good" if row["margin"] >= 0 else "bad")
+
+
+def _meter(row: Facts) -> Html:
+    """The proved interval drawn inside the limits."""
+    width = row["upper"] - row["lower"] or 1.0
+    left = 100 * max(0.0, (row["proved_lower"] - row["lower"]) / width)
+    right = 100 * max(0.0, (row["upper"] - row["proved_upper"]) / width)
+    return element("div", element("i", style=f"left:{left:.1f}%;right:{right:.1f}%"), class_="meter")

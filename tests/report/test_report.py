@@ -1,0 +1,234 @@
+"""The page: complete, self-contained, true to the journal, and calm when something is missing."""
+
+from __future__ import annotations
+
+import html.parser
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_campaign import BASELINES, SECONDS, BumpModel, error_after, spec, write_campaign
+
+from etude.errors import UsageError
+from etude.report import record as record_module
+from etude.report.build import CONTENTS, SECTIONS, build_report
+from etude.report.markup import number
+from etude.report.record import read_record
+
+VOID = {"meta", "link", "br"}
+
+
+class Page(html.parser.HTMLParser):
+    """Collects what a browser would fetch, run or show; checks that elements nest."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.identifiers: set[str] = set()
+        self.tags: list[str] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href", "xlink:href", "action", "data"):
+                self.addresses.append(value or "")
+            if name == "id":
+                self.identifiers.add(value or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        before = list(self.open)
+        self.handle_starttag(tag, attrs)
+        self.open = before
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    write_campaign(folder)
+    return folder
+
+
+def drawn(folder: Path) -> Page:
+    path = build_report(folder)
+    assert path == folder / "report.html"
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def test_the_page_asks_for_nothing_outside_itself(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_module.Record, "model", lambda self, number: BumpModel(spec()))
+    page = drawn(campaign)
+    assert page.addresses
+    assert all(address.startswith(("#", "data:")) for address in page.addresses)
+    source = (campaign / "report.html").read_text()
+    assert not re.search(r"@import|url\((?!data:)|https?://", source)
+    assert "fetch(" not in source
+    assert "XMLHttpRequest" not in source
+
+
+def test_the_page_has_every_section_and_its_contents_lead_there(campaign: Path) -> None:
+    page = drawn(campaign)
+    assert len(CONTENTS) == len(SECTIONS)
+    assert set(CONTENTS) <= page.identifiers
+    assert {address[1:] for address in page.addresses if address.startswith("#")} == set(CONTENTS)
+
+
+def test_the_headline_says_the_journals_numbers(campaign: Path) -> None:
+    text = drawn(campaign).text
+    assert f"After 5 trajectories ({5 * SECONDS:g} s of robot time)" in text
+    assert f"mean error of {number(error_after(5))}°" in text
+    for name, error in BASELINES.items():
+        assert f"{number(error)}°" in text, name
+    assert f"({number(BASELINES['pd'] / error_after(5), 2)} times as much)" in text
+
+
+def test_every_evaluation_in_the_journal_is_in_the_page(campaign: Path) -> None:
+    text = drawn(campaign).text
+    for event in read_record(campaign).state.evaluated:
+        for value in event["tracking_error_deg"]:
+            assert number(value) in text
+
+
+def test_every_score_of_the_newest_ladder_is_in_the_page(campaign: Path) -> None:
+    trained = read_record(campaign).state.trained[-1].trained
+    text = drawn(campaign).text
+    assert trained is not None
+    for scores in trained["models"].values():
+        assert number(float(np.mean(scores["z2"]))) in text
+        for value in scores["nmse"]:
+            assert number(value) in text
+
+
+def test_every_proof_of_every_certificate_is_in_the_page(campaign: Path) -> None:
+    text = drawn(campaign).text
+    files = sorted(campaign.glob("proposals/*/certificate.json"))
+    assert len(files) == 6
+    for path in files:
+        for row in json.loads(path.read_text())["rows"]:
+            interval = f"{row['proved_lower']:.4g} … {row['proved_upper']:.4g}".replace("-", "−")
+            assert interval in text
+
+
+def test_a_certificate_that_fails_says_so(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=0, evaluated=False)
+    path = tmp_path / "proposals/0001/certificate.json"
+    content = json.loads(path.read_text())
+    content["ok"] = False
+    content["rows"][0]["margin"] = -0.3
+    path.write_text(json.dumps(content))
+    page = drawn(tmp_path)
+    assert "NOT proved inside its limits" in page.text
+    assert "−33 %" in page.text
+
+
+def test_the_tracking_error_drawn_is_that_of_the_last_log(campaign: Path) -> None:
+    log = read_record(campaign).log(5)
+    assert log is not None
+    assert log.q_des is not None
+    assert log.q_true is not None
+    moving = log.t >= 0.0
+    mean = np.degrees(np.abs(log.q_des - log.q_true)[moving].mean(axis=0))
+    text = drawn(campaign).text
+    for name, value in zip(log.names, mean, strict=True):
+        assert f"{name}: tracking error, mean {value:.3g}°" in text
+
+
+def test_names_are_text_and_never_markup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hostile = spec(("<script>", "a&b", '"quoted"', "</svg>"))
+    write_campaign(tmp_path, rounds=2, robot=hostile)
+    monkeypatch.setattr(record_module.Record, "model", lambda self, number: BumpModel(hostile))
+    page = drawn(tmp_path)
+    assert page.tags.count("script") == 1
+    for name in hostile.names:
+        assert name in page.text
+
+
+def test_a_campaign_without_evaluation_shows_held_out_scores(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=3, evaluated=False)
+    text = drawn(tmp_path).text
+    trained = read_record(tmp_path).state.trained[-1].trained
+    assert trained is not None
+    error = float(np.mean(trained["models"]["identified+gp"]["nmse"]))
+    linear = float(np.mean(trained["models"]["linear"]["nmse"]))
+    assert f"explained {number(100 * (1 - error))} % of the variance" in text
+    assert f"Linear regression on the same data explained {number(100 * (1 - linear))} %" in text
+
+
+@pytest.mark.parametrize(
+    ("rounds", "sentence"),
+    [
+        (0, "1 trajectory has been proposed, and no log has come back yet"),
+        (1, "the first score comes with the second log"),
+    ],
+)
+def test_a_young_campaign_says_what_is_still_missing(tmp_path: Path, rounds: int, sentence: str) -> None:
+    write_campaign(tmp_path, rounds=rounds, evaluated=False)
+    page = drawn(tmp_path)
+    assert sentence in page.text
+    assert set(CONTENTS) <= page.identifiers
+
+
+def test_a_campaign_with_nothing_but_a_configuration_still_has_a_page(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text("seed = 1\n")
+    page = drawn(tmp_path)
+    assert "Nothing has been asked yet" in page.text
+    assert "robot.toml could not be read" in page.text
+
+
+def test_damaged_files_are_named_and_the_rest_is_drawn(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=2)
+    (tmp_path / "runs/0002.parquet").write_bytes(b"not parquet")
+    (tmp_path / "proposals/0001/trajectory.json").write_text("{")
+    (tmp_path / "proposals/0002/certificate.json").write_text("[]")
+    text = drawn(tmp_path).text
+    for name in ("runs/0002.parquet", "proposals/0001/trajectory.json", "proposals/0002/certificate.json"):
+        assert f"{name} could not be read" in text
+    assert "The newest log, of trajectory 1:" in text
+
+
+def test_a_log_of_a_real_robot_needs_no_desired_motion(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    from etude.logs.parquet import read_parquet, write_parquet
+
+    write_campaign(tmp_path, rounds=2, evaluated=False)
+    path = tmp_path / "runs/0002.parquet"
+    bare = dict.fromkeys(("q_des", "qd_des", "qdd_des", "tau_ff", "tau_fb", "q_true"))
+    write_parquet(replace(read_parquet(path), **bare), path)
+    text = drawn(tmp_path).text
+    assert "no desired position" in text
+    assert "no separate feedforward" in text
+
+
+def test_repairs_are_listed_per_log(campaign: Path) -> None:
+    assert drawn(campaign).text.count("dropped 3 repeated samples") == 5
+
+
+def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no campaign here"):
+        build_report(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_the_page_is_a_function_of_the_folder(campaign: Path) -> None:
+    first = build_report(campaign).read_bytes()
+    assert build_report(campaign).read_bytes() == first
