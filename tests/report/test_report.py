@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_campaign import BASELINES, SECONDS, BumpModel, error_after, spec, write_campaign
+from synthetic_campaign import BASELINES, CONFIG, SECONDS, BumpModel, error_after, spec, write_campaign
 
+from etude.campaign.journal import commit
 from etude.errors import UsageError
 from etude.report import record as record_module
 from etude.report.build import CONTENTS, SECTIONS, build_report
@@ -232,3 +233,30 @@ def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
 def test_the_page_is_a_function_of_the_folder(campaign: Path) -> None:
     first = build_report(campaign).read_bytes()
     assert build_report(campaign).read_bytes() == first
+
+
+def test_scores_that_are_missing_for_some_joints_or_kinds_do_not_stop_the_page(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=2, evaluated=False)
+    commit(tmp_path, "told", 3, CONFIG, [], sha256="3", robot_seconds=SECONDS)
+    scores = {"identified": {"nmse": [0.1, None, 0.3, 0.2], "z2": [None] * 4}, "gp": {"nmse": [0.2] * 4}}
+    commit(tmp_path, "trained", 3, CONFIG, [], models=scores, chosen="identified", robot_seconds=3 * SECONDS)
+    text = drawn(tmp_path).text
+    assert "The newest model has no held-out score." in text
+    assert "explained 80.0 % of the variance" in text
+
+
+def test_other_joints_than_the_robots_get_numbers_for_names(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=2)
+    (tmp_path / "robot.toml").unlink()
+    text = drawn(tmp_path).text
+    assert "joint 4" in text
+    assert "the robot's file does not fit" in text.lower()
+
+
+def test_logs_told_late_are_listed_in_the_order_they_were_learned(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=0, evaluated=False)
+    for order, late in enumerate((3, 2, 1), start=1):
+        commit(tmp_path, "told", late, CONFIG, [], sha256=str(late), robot_seconds=SECONDS)
+        commit(tmp_path, "trained", late, CONFIG, [], models={}, chosen="gp", robot_seconds=SECONDS * order)
+    source = re.sub(r"\s+", "", drawn(tmp_path).text)
+    assert "320s20sGP220s40sGP120s60sGP" in source

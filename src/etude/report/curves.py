@@ -100,14 +100,13 @@ def chosen_kind(event: Facts | None) -> str | None:
 
 
 def score(event: Facts | None, kind: str | None, quantity: str) -> Array | None:
-    """(dof,) prequential score of one kind in one `trained` event, or None."""
+    """(dof,) prequential score of one kind in one `trained` event; None if no joint has one."""
     models = (event or {}).get("models") or {}
     values = (models.get(kind) or {}).get(quantity)
     if values is None:
         return None
-    return np.array(
-        [np.nan if v is None else float(v) for v in np.atleast_1d(np.asarray(values, dtype=object))]
-    )
+    table = np.array([np.nan if value is None else float(value) for value in np.atleast_1d(values).tolist()])
+    return table if np.isfinite(table).any() else None
 
 
 def scored_kinds(record: Record) -> tuple[str, ...]:

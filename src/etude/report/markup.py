@@ -74,9 +74,9 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{max(0, digits - 1 - size)}f}".replace("-", "−")
 
 
-def times(ratio: float) -> str:
-    """A ratio as somebody says it: `18 times`, `5.3 times`."""
-    return f"{number(ratio, 2)} times"
+def times(value: float, unit: float) -> str:
+    """How often `unit` goes into `value`, as somebody says it: `18 times`, `5.3 times`."""
+    return f"{number(value / unit, 2) if unit > 0 else 'infinitely many'} times"
 
 
 def duration(seconds: float) -> str:

@@ -33,13 +33,13 @@ def calibration(record: Record) -> Html:
 
 def _panels(record: Record) -> list[Html]:
     z2, cover = (_lines(record, quantity) for quantity in ("z2", "coverage"))
-    highest = max(10.0, *(1.5 * float(np.nanmax(line.y)) for line in z2))
-    lowest = min(0.5, *(float(np.nanmin(line.y)) for line in cover))
+    highest = 1.5 * np.nanmax([10.0 / 1.5, *(value for line in z2 for value in line.y)])
+    lowest = np.nanmin([0.5, *(value for line in cover for value in line.y)])
     rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5))
     target: Mark = Band(*Z2_BAND, "target")
     good: Mark = Band(COVERAGE_TARGET, 1.0, "target")
-    z2_axis = Axis("z² (1)", log=True, limits=(0.1, highest))
-    cover_axis = Axis("coverage (1)", limits=(lowest, 1.0))
+    z2_axis = Axis("z² (1)", log=True, limits=(0.1, float(highest)))
+    cover_axis = Axis("coverage (1)", limits=(float(lowest), 1.0))
     ideal, nominal = Level(1.0, "honest", style="limit"), Level(0.95, "nominal", style="limit")
     return [
         panel("z² on held-out data", rounds, z2_axis, [target, ideal, *z2]),
@@ -48,8 +48,10 @@ def _panels(record: Record) -> list[Html]:
 
 
 def _in_use(trained: Facts | None, quantity: str) -> Array | None:
-    """The score of the model in use; of the first kind that has one if that one was not scored yet."""
-    return score(trained, chosen_kind(trained), quantity)
+    """The score of the model in use, or of the last kind that has one if that one was not scored."""
+    kinds = [*((trained or {}).get("models") or {}), chosen_kind(trained)]
+    scores = (score(trained, kind, quantity) for kind in reversed(kinds))
+    return next((found for found in scores if found is not None), None)
 
 
 def _lines(record: Record, quantity: str) -> list[Line]:
@@ -59,9 +61,16 @@ def _lines(record: Record, quantity: str) -> list[Line]:
         if (values := _in_use(r.trained, quantity)) is not None
     ]
     x = np.array([index for index, _ in scored], dtype=float)
-    table_ = np.array([values for _, values in scored])
-    names = record.names or tuple(f"joint {j + 1}" for j in range(table_.shape[1]))
-    return [Line(x, table_[:, j], name, joint_style(j), markers=True) for j, name in enumerate(names)]
+    columns = np.array([values for _, values in scored]).T
+    return [
+        Line(x, column, name, joint_style(j), markers=True)
+        for j, (column, name) in enumerate(zip(columns, _names(record, len(columns)), strict=True))
+    ]
+
+
+def _names(record: Record, count: int) -> tuple[str, ...]:
+    named = record.names
+    return named if len(named) == count else tuple(f"joint {j + 1}" for j in range(count))
 
 
 def _verdict(record: Record) -> str:
@@ -69,7 +78,7 @@ def _verdict(record: Record) -> str:
     z2, cover = _in_use(last, "z2"), _in_use(last, "coverage")
     if z2 is None or cover is None:
         return "The newest model has no held-out score."
-    names = record.names or tuple(f"joint {j + 1}" for j in range(len(z2)))
+    names = _names(record, len(z2))
     outside = [
         name
         for name, v, c in zip(names, z2, cover, strict=False)

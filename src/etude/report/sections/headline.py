@@ -47,10 +47,10 @@ def _comparisons(test: Test, now: float) -> list[str]:
     pd, rigid, perfect = (test.baseline(name) for name in ("pd", "rigid_body", "perfect"))
     sentences = []
     if pd:
-        sentences.append(f"PD control alone has {number(pd.mean)}° ({times(pd.mean / now)} as much).")
+        sentences.append(f"PD control alone has {number(pd.mean)}° ({times(pd.mean, now)} as much).")
     if rigid:
         relation = (
-            f"{times(rigid.mean / now)} as much" if rigid.mean >= now else "better than what was learned"
+            f"{times(rigid.mean, now)} as much" if rigid.mean >= now else "better than what was learned"
         )
         sentences.append(f"PD with an identified rigid-body model has {number(rigid.mean)}° ({relation}).")
     if perfect:
