@@ -96,20 +96,20 @@ def _use(row: Facts) -> float:
 
 
 def _proofs(certificate: Facts) -> Html:
-    header = ["joint", "quantity", "limit", "proved", "", "margin", "method"]
-    rows = [
-        [
-            row["axis"],
-            row["quantity"],
-            f"{_interval(row['lower'], row['upper'])} {UNITS.get(row['quantity'], '')}",
-            _interval(row["proved_lower"], row["proved_upper"]),
-            _meter(row),
-            _margin(row),
-            row["method"],
-        ]
-        for row in certificate.get("rows", ())
-    ]
-    return join([table(header, rows)])
+    """One row per joint, one column per quantity; how it was proved stands below, once."""
+    rows = certificate.get("rows", ())
+    joints, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
+    proofs = {(row["axis"], row["quantity"]): _proof(row) for row in rows}
+    body = [[joint, *(proofs.get((joint, quantity), "–") for quantity in quantities)] for joint in joints]
+    methods = "; ".join(dict.fromkeys(str(row["method"]) for row in rows))
+    header = ["joint", *(f"proved {quantity} ({UNITS.get(quantity, '1')})" for quantity in quantities)]
+    return join([table(header, body), paragraph(f"Method: {methods}.", class_="soft")])
+
+
+def _proof(row: Facts) -> Html:
+    limit = f"limit {_interval(row['lower'], row['upper'])}, margin "
+    detail = element("small", limit, _margin(row), class_="soft")
+    return join([element("b", _interval(row["proved_lower"], row["proved_upper"])), _meter(row), detail], "")
 
 
 def _interval(low: float, high: float) -> str:
