@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BAND_ENERGY = 0.99  # share of the velocity's energy that defines the motion's band
-BAND_FACTOR = 8.0  # cutoff over that band: gain 0.9998 at the band's edge
+BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's band
+BAND_FACTOR = 20.0  # cutoff over that band: forces have harmonics, and steps where friction changes sign
 NYQUIST_SHARE = 0.25  # the cutoff never exceeds this part of half the rate: rate / 8
 NOISE_FACTOR = 20.0  # spectral lines below this many noise levels are taken for noise
+CUTOFF_CHOICES = 64  # tried, evenly spaced in logarithm: 8 % apart over two decades
 GAP_FACTOR = 10.0  # a pause of this many median intervals splits a log
 
 
@@ -83,31 +84,70 @@ def smooth(t: Array, values: Array, cutoff_hz: float) -> Smoothed:
 
 
 def auto_cutoff(t: Array, q: Array) -> float:
-    """A cutoff in Hz for positions q (T, dof) on a uniform grid: BAND_FACTOR times the motion's band.
+    """A cutoff in Hz for positions q (T, dof) on a uniform grid: what the motion needs and noise allows.
 
-    The band of a joint is the frequency below which BAND_ENERGY of its velocity's energy lies, counting only
-    spectral lines well above the white measurement noise (whose level is the median of the upper half
-    of the position's spectrum); the widest joint decides, since all joints share one filter. The result stays
-    between four periods in the log and an eighth of the sampling rate.
+    The motion needs BAND_FACTOR times the widest joint's `motion_bands`, the noise allows `_noise_cutoff`.
+    The smaller counts, between four periods in the log and an eighth of the sampling rate. All joints
+    share one filter, so that their dynamics stay coupled in phase.
     """
     rate = (len(t) - 1) / float(t[-1] - t[0])
     highest = NYQUIST_SHARE * rate / 2
     lowest = min(4.0 / float(t[-1] - t[0]), highest)
-    bands = [band for band in motion_bands(t, q) if band > 0]
-    return float(np.clip(BAND_FACTOR * max(bands), lowest, highest)) if bands else highest
+    spectrum = _spectrum(t, q)
+    bands = _bands(spectrum)
+    if not np.any(bands > 0):
+        return highest
+    needed = BAND_FACTOR * float(bands.max())
+    return float(np.clip(min(needed, _noise_cutoff(spectrum, lowest, highest)), lowest, highest))
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """frequency (F,) Hz; signal (F, dof) power of the lines above the noise; noise (dof,) power per line."""
+
+    frequency: Array
+    signal: Array
+    noise: Array
+
+
+def _spectrum(t: Array, q: Array) -> _Spectrum:
+    """Separates lines from white noise, whose level is the median of the spectrum's upper half."""
+    n = len(t)
+    line = q[0] + np.linspace(0.0, 1.0, n)[:, None] * (q[-1] - q[0])
+    power = np.abs(np.fft.rfft((q - line) * np.hanning(n)[:, None], axis=0)) ** 2
+    # The power of one line of white noise is exponentially distributed: its mean is the median over log 2.
+    noise = np.median(power[len(power) // 2 :], axis=0) / np.log(2.0)
+    signal = np.where(power > NOISE_FACTOR * noise, power, 0.0)
+    frequency: Array = np.fft.rfftfreq(n, float(t[-1] - t[0]) / (n - 1)).astype(np.float64)
+    return _Spectrum(frequency, signal, np.asarray(noise, dtype=np.float64))
 
 
 def motion_bands(t: Array, q: Array) -> Array:
     """(dof,) Hz: the frequency below which BAND_ENERGY of each joint's velocity energy lies; 0 at rest."""
-    n = len(t)
-    step = float(t[-1] - t[0]) / (n - 1)
-    line = q[0] + np.linspace(0.0, 1.0, n)[:, None] * (q[-1] - q[0])
-    power = np.abs(np.fft.rfft((q - line) * np.hanning(n)[:, None], axis=0)) ** 2
-    frequency = np.fft.rfftfreq(n, step)
-    noise = np.median(power[len(power) // 2 :], axis=0) / np.log(2.0)
-    energy = np.where(power > NOISE_FACTOR * noise, power * frequency[:, None] ** 2, 0.0)
-    total = energy.sum(axis=0)
-    bands = np.zeros(q.shape[1])
-    for j in np.flatnonzero(total > 0):
-        bands[j] = frequency[np.searchsorted(np.cumsum(energy[:, j]), BAND_ENERGY * total[j])]
+    return _bands(_spectrum(t, q))
+
+
+def _bands(spectrum: _Spectrum) -> Array:
+    energy = np.cumsum(spectrum.signal * spectrum.frequency[:, None] ** 2, axis=0)
+    bands = np.zeros(energy.shape[1])
+    for j in np.flatnonzero(energy[-1] > 0):
+        bands[j] = spectrum.frequency[np.searchsorted(energy[:, j], BAND_ENERGY * energy[-1, j])]
     return bands
+
+
+def _noise_cutoff(spectrum: _Spectrum, lowest: float, highest: float) -> float:
+    """The cutoff with the least expected error of the acceleration, over `lowest` to `highest` Hz.
+
+    The error of a joint is what the filter takes from its lines plus the noise that it lets through, both
+    times omega^4, over the energy of its acceleration; joints are averaged geometrically.
+    """
+    weight = spectrum.frequency**4
+    moving = weight @ spectrum.signal > 0
+    signal, noise = spectrum.signal[:, moving], spectrum.noise[moving]
+    cutoffs = np.geomspace(lowest, highest, CUTOFF_CHOICES)
+    risks = np.empty(CUTOFF_CHOICES)
+    for i, cutoff in enumerate(cutoffs):
+        gain = 1.0 / (1.0 + (spectrum.frequency / cutoff) ** 4)
+        error = (weight * (1 - gain) ** 2) @ signal + (weight @ gain**2) * noise
+        risks[i] = np.mean(np.log(error / (weight @ signal) + np.finfo(float).tiny))
+    return float(cutoffs[np.argmin(risks)])

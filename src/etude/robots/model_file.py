@@ -67,7 +67,7 @@ def joint_rows(model: mujoco.MjModel, spec: RobotSpec) -> tuple[list[int], list[
             next_step=f"Its joints are {', '.join(names)}: use these names in the robot file.",
         )
     for name, i in names.items():
-        if model.jnt_type[i] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+        if mujoco.mjtJoint(model.jnt_type[i]) in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
             raise UsageError(
                 f"joint '{name}' of the model is free or a ball joint",
                 where=where,
@@ -245,7 +245,10 @@ def _mjcf_limits(path: Path) -> dict[str, dict[str, float]]:
     model = compile_model(path)
     found: dict[str, dict[str, float]] = {}
     for i in range(model.njnt):
-        if model.jnt_type[i] not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        if mujoco.mjtJoint(model.jnt_type[i]) not in (
+            mujoco.mjtJoint.mjJNT_HINGE,
+            mujoco.mjtJoint.mjJNT_SLIDE,
+        ):
             continue
         values: dict[str, float] = {}
         if model.jnt_limited[i]:
@@ -264,12 +267,12 @@ def _mjcf_command(model: mujoco.MjModel, joint: int) -> float:
     if model.jnt_actfrclimited[joint]:
         return float(abs(model.jnt_actfrcrange[joint]).max())
     for actuator in range(model.nu):
-        direct = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        direct = model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_JOINT)
         if direct and model.actuator_trnid[actuator, 0] == joint:
             gear = abs(float(model.actuator_gear[actuator, 0]))
             if model.actuator_forcelimited[actuator]:
                 return gear * float(abs(model.actuator_forcerange[actuator]).max())
-            motor = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+            motor = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_NONE)
             if model.actuator_ctrllimited[actuator] and motor:
                 gain = abs(float(model.actuator_gainprm[actuator, 0]))
                 return gear * gain * float(abs(model.actuator_ctrlrange[actuator]).max())
