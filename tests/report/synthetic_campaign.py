@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -154,3 +157,18 @@ class BumpModel:
     def predict(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         far = (q / self.robot.upper) ** 2 + (qd / self.robot.velocity) ** 2
         return np.zeros_like(q), 4.0 + 900.0 * (1.0 - np.exp(-far))
+
+
+def decode_png(text: str) -> np.ndarray:
+    """Pixels (rows, columns, 3) of an unfiltered RGB PNG in base64; checks its signature and checksums."""
+    data, chunks, at = base64.b64decode(text), {}, 8
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        assert struct.unpack(">I", data[at + 8 + length : at + 12 + length])[0] == zlib.crc32(kind + body)
+        chunks[kind], at = body, at + 12 + length
+    columns, rows = struct.unpack(">II", chunks[b"IHDR"][:8])
+    scanlines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(rows, 1 + 3 * columns)
+    assert not scanlines[:, 0].any()
+    return scanlines[:, 1:].reshape(rows, columns, 3)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import re
-import struct
 import xml.etree.ElementTree as ElementTree
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_campaign import write_campaign
+from synthetic_campaign import decode_png, write_campaign
 
 from etude.errors import UsageError
 from etude.report.markup import duration, element, number, table
@@ -111,17 +108,7 @@ def test_thinning_keeps_ends_extremes_and_order(n: int, seed: int) -> None:
 
 def test_the_png_decodes_to_the_pixels_that_went_in() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (3, 4, 3)).astype(np.uint8)
-    data = base64.b64decode(png_address(pixels).split(",")[1])
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    chunks, at = {}, 8
-    while at < len(data):
-        (length,) = struct.unpack(">I", data[at : at + 4])
-        kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
-        assert struct.unpack(">I", data[at + 8 + length : at + 12 + length])[0] == zlib.crc32(kind + body)
-        chunks[kind], at = body, at + 12 + length
-    assert struct.unpack(">II", chunks[b"IHDR"][:8]) == (4, 3)
-    rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(3, 13)
-    assert np.array_equal(rows[:, 1:].reshape(3, 4, 3), pixels)
+    assert np.array_equal(decode_png(png_address(pixels).split(",")[1]), pixels)
 
 
 def test_the_colour_map_gets_brighter_all_the_way_and_clips() -> None:

@@ -9,7 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_campaign import BASELINES, CONFIG, SECONDS, BumpModel, error_after, spec, write_campaign
+from synthetic_campaign import (
+    BASELINES,
+    CONFIG,
+    SECONDS,
+    BumpModel,
+    decode_png,
+    error_after,
+    spec,
+    write_campaign,
+)
 
 from etude.campaign.journal import commit
 from etude.errors import UsageError
@@ -17,6 +26,7 @@ from etude.report import record as record_module
 from etude.report.build import CONTENTS, SECTIONS, build_report
 from etude.report.markup import number
 from etude.report.record import read_record
+from etude.report.sections.uncertainty import deviation_maps, map_panel
 
 VOID = {"meta", "link", "br"}
 
@@ -260,3 +270,54 @@ def test_logs_told_late_are_listed_in_the_order_they_were_learned(tmp_path: Path
         commit(tmp_path, "trained", late, CONFIG, [], models={}, chosen="gp", robot_seconds=SECONDS * order)
     source = re.sub(r"\s+", "", drawn(tmp_path).text)
     assert "320s20sGP220s40sGP120s60sGP" in source
+
+
+def test_the_rigid_body_that_counts_is_the_one_identified_last(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=2)
+    facts = {"baseline": "rigid_body", "test": "fourier", "robot_seconds": 2 * SECONDS}
+    commit(tmp_path, "evaluated", 2, CONFIG, [], tracking_error_deg=[0.777] * 4, **facts)
+    assert "PD with an identified rigid-body model has 0.777°" in drawn(tmp_path).text
+
+
+def test_each_round_says_what_it_bought(campaign: Path) -> None:
+    source = (build_report(campaign)).read_text(encoding="utf-8")
+    before, after = error_after(2), error_after(3)
+    change = f"−{number(100 * (before - after) / before, 2)} %"
+    per_minute = f"{number(60 * (before - after) / SECONDS, 2)}°"
+    cells = [f"{number(before)}°", f"{number(after)}°", change, per_minute]
+    assert "".join(f'<td class="number">{cell}</td>' for cell in cells) in source
+
+
+@pytest.mark.parametrize(
+    ("z2", "coverage", "verdict"),
+    [
+        ([1.0, 0.6, 2.4, 1.1], [0.95, 0.9, 0.86, 1.0], "every joint is inside both bands"),
+        ([1.0, 0.4, 2.6, 1.1], [0.95, 0.9, 0.86, 0.8], "outside a band: shoulder, elbow, wrist"),
+    ],
+)
+def test_the_verdict_on_calibration_names_the_joints_outside(
+    tmp_path: Path, z2: list[float], coverage: list[float], verdict: str
+) -> None:
+    write_campaign(tmp_path, rounds=1, evaluated=False)
+    scores = {"gp": {"nmse": [0.1] * 4, "z2": z2, "coverage": coverage}}
+    commit(tmp_path, "trained", 2, CONFIG, [], models=scores, chosen="gp", robot_seconds=SECONDS)
+    assert verdict in drawn(tmp_path).text
+
+
+def test_an_uncertainty_map_is_bright_where_the_model_is_unsure() -> None:
+    robot = spec()
+
+    class Fast(BumpModel):
+        """Unsure at high velocity of the elbow only."""
+
+        def predict(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return np.zeros_like(q), np.where(qd > 0.25, 9.0, 1.0)
+
+    data = (np.zeros((3, 4)), np.zeros((3, 4)))
+    elbow = deviation_maps(Fast(robot), robot, data)[2]
+    assert np.all(elbow[-5:] == 3.0)
+    assert np.all(elbow[:5] == 1.0)
+    picture = re.search(r"base64,([^\"]+)", map_panel(elbow, robot, 2, data))
+    assert picture is not None
+    pixels = decode_png(picture[1])
+    assert pixels[0].sum() > pixels[-1].sum()

@@ -112,11 +112,12 @@ def _content(maps: list[Array], spec: RobotSpec, data: tuple[Array, Array]) -> l
         "are the data learned so far. The other joints stand still at the median of the data, so a "
         "dot may lie on a bright patch: its other joints were elsewhere."
     )
-    panels = [_map(maps[j], spec, j, data) for j in range(spec.dof)]
+    panels = [map_panel(maps[j], spec, j, data) for j in range(spec.dof)]
     return [text, grid(panels, 4)]
 
 
-def _map(values: Array, spec: RobotSpec, joint: int, data: tuple[Array, Array]) -> Html:
+def map_panel(values: Array, spec: RobotSpec, joint: int, data: tuple[Array, Array]) -> Html:
+    """One joint's deviations (GRID, GRID) in colour, with the data on them and a colour bar."""
     low, high = float(values.min()), float(values.max())
     span = high - low or 1.0
     picture = png_address(colours((values[::-1] - low) / span))
