@@ -44,7 +44,8 @@ def create_campaign(path: Path, robot: str, preset_name: str = "default", seed: 
         write_atomic(path / CONFIG, config_text(config).encode())
         _, digest = load_config(path)
         facts = {"seed": seed, "preset": preset_name, "robot": spec.name, "axes": list(spec.names)}
-        commit(path, "created", None, digest, [path / CONFIG, *files], **facts)
+        # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
+        commit(path, "created", None, digest, files, **facts)
     return open_campaign(path)
 
 

@@ -17,7 +17,7 @@ class Round:
         asked: facts of its proposal (seed, criterion value, ...), or None for a foreign log.
         told: facts of its log (sha256, robot seconds, ...), or None while it is awaited.
         trained: scores before the log was learned, which model was chosen; None until trained.
-        abandoned: the log will never come.
+        abandoned: the log will never come, or must not be used.
     """
 
     number: int
@@ -50,12 +50,12 @@ class State:
 
     @property
     def told(self) -> list[Round]:
-        """Rounds with a log, by number."""
-        return [r for _, r in sorted(self.rounds.items()) if r.told is not None]
+        """Rounds with a log that is used, by number."""
+        return [r for _, r in sorted(self.rounds.items()) if r.told is not None and not r.abandoned]
 
     @property
     def trained(self) -> list[Round]:
-        """Rounds whose log was learned, in the order of learning."""
+        """Rounds whose log is in the model, in the order of learning."""
         done = [r for r in self.rounds.values() if r.trained is not None]
         return sorted(done, key=lambda r: r.trained["order"] if r.trained else 0)
 
@@ -95,12 +95,24 @@ def _apply(state: State, event: Event) -> State:
     if event.number is None:
         return state
     old = state.rounds.get(event.number, Round(event.number))
+    if event.event == "abandoned" and old.trained is not None:
+        state = _unlearn(state, old.trained["order"])
+        old = state.rounds[event.number]
     order = 1 + len(state.trained)
     changes: dict[str, dict[str, Any]] = {
         "asked": {"asked": facts},
-        "told": {"told": facts, "abandoned": False},
+        "told": {"told": facts, "trained": None, "abandoned": False},
         "trained": {"trained": {**facts, "order": order}},
         "abandoned": {"abandoned": True},
         "exported": {},
     }
     return replace(state, rounds={**state.rounds, event.number: replace(old, **changes[event.event])})
+
+
+def _unlearn(state: State, order: int) -> State:
+    """Forgets the trainings that a given-up log went into; their logs have to be learned again."""
+    kept = {
+        n: r if r.trained is None or r.trained["order"] < order else replace(r, trained=None)
+        for n, r in state.rounds.items()
+    }
+    return replace(state, rounds=kept)

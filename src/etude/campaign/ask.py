@@ -1,0 +1,179 @@
+"""ask: the next trajectory, a pure function of the committed facts and the campaign's seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.evidence import collect
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import learn_pending, newest_model
+from etude.campaign.learner import Learner, Say
+from etude.campaign.state import State
+from etude.campaign.stopping import judge
+from etude.campaign.tasks import load_tasks
+from etude.deploy.trajectory_files import COEFFICIENTS, at_speed, render
+from etude.errors import StopRuleReached, UsageError
+from etude.storage import write_atomic
+from etude.trajectories.certificate import Certificate
+from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.random import random_trajectory
+from etude.trajectories.samples import Trajectory
+
+ASK_STREAM = 1
+"""Separates the random numbers of `ask` from those of training and testing."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A trajectory that waits for its log.
+
+    Attributes:
+        number: of the trajectory.
+        folder: where trajectory.json, trajectory.csv and certificate.json are.
+        certificate: of the bytes in that folder.
+        duration: s.
+        new: False if it had been asked for before and is still open.
+        status: how it was found.
+    """
+
+    number: int
+    folder: Path
+    certificate: Certificate
+    duration: float
+    new: bool
+    status: str
+
+
+def ask(
+    campaign: Campaign,
+    *,
+    new: bool = False,
+    go_on: bool = False,
+    speed: int = 100,
+    tasks: Path | None = None,
+    learner: Learner | None = None,
+    say: Say = lambda _: None,
+) -> Proposal:
+    """The open proposal, or else the next trajectory, written and certified.
+
+    Args:
+        campaign: the folder.
+        new: ask for another one although one is open.
+        go_on: ignore the stop rule.
+        speed: per cent; below 100 the same path is also written slowed down, in a folder of its own.
+        tasks: a file of motions that the model is for.
+        learner: how logs are learned; only tests give another one.
+        say: receives one sentence per step.
+
+    Raises:
+        StopRuleReached: another trajectory is not worth its robot time.
+        UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
+    """
+    motions = load_tasks(tasks, campaign.spec) if tasks else ()
+    with campaign.writing():
+        learn_pending(campaign, learner, say)
+        state = campaign.state()
+        if state.proposals and not new:
+            number, made, status = state.proposals[-1].number, False, "asked for before, still open"
+        else:
+            number, made = state.next_number, True
+            status = _propose(campaign, state, number, motions, tasks, go_on, say)
+        return _present(campaign, number, made, status, speed)
+
+
+def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> FourierTrajectory:
+    """The trajectory of a proposal, or its slowed copy, from its file.
+
+    Raises:
+        UsageError: there is no such file, or it is damaged.
+    """
+    path = speed_folder(campaign, number, speed) / COEFFICIENTS
+    try:
+        return FourierTrajectory.from_json(path.read_bytes())
+    except FileNotFoundError:
+        raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
+
+
+def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:
+    """Where the files of a proposal at this speed (per cent) are."""
+    folder = campaign.proposal(number)
+    return folder if speed == 100 else folder / f"speed_{speed:03d}"
+
+
+def _propose(
+    campaign: Campaign,
+    state: State,
+    number: int,
+    motions: Sequence[Trajectory],
+    tasks: Path | None,
+    go_on: bool,
+    say: Say,
+) -> str:
+    if not go_on:
+        _check_stop(campaign, state, None)
+    rng = np.random.default_rng([state.seed, number, ASK_STREAM])
+    if state.trained:
+        say(f"Designing trajectory {number}.")
+        trajectory, facts = _designed(campaign, state, rng, motions)
+        if not go_on:
+            _check_stop(campaign, state, facts["gain"])
+    else:
+        trajectory = random_trajectory(rng, campaign.spec, campaign.config.trajectory)
+        facts = {"status": "random, scaled to the limits: nothing has been learned yet", "gain": None}
+    files = render(trajectory, campaign.spec).write(campaign.proposal(number))
+    if tasks is not None:
+        copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
+        write_atomic(copy, tasks.read_bytes())
+        files.append(copy)
+    seed = [state.seed, number, ASK_STREAM]
+    campaign.commit("asked", number, files, seed=seed, learned=len(state.trained), **facts)
+    return str(facts["status"])
+
+
+def _designed(
+    campaign: Campaign, state: State, rng: np.random.Generator, motions: Sequence[Trajectory]
+) -> tuple[FourierTrajectory, dict[str, Any]]:
+    from etude.design.solve import design
+
+    config = campaign.config
+    model = newest_model(campaign, state)
+    found = design(model, campaign.spec, config.trajectory, config.design, rng, motions or None)
+    facts = {
+        "status": found.status,
+        "gain": found.variance_removed,
+        "criterion": found.criterion,
+        "value": found.value,
+        "baseline_value": found.baseline,
+        "active_limits": [list(pair) for pair in found.active_limits],
+        "deviation_before": found.deviation_before.tolist(),
+        "deviation_after": found.deviation_after.tolist(),
+        "evaluations": found.evaluations,
+        "seconds": found.seconds,
+    }
+    return found.trajectory, facts
+
+
+def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
+    if not state.trained:
+        return
+    verdict = judge(collect(campaign, state, gain), campaign.config.stop)
+    if verdict.stop:
+        raise StopRuleReached(
+            f"the stop rule fired ({verdict.rule}): {verdict.reason.rstrip('.')}",
+            where=str(campaign.path),
+            next_step="Use the model, change [stop] in campaign.toml, or ask with --continue.",
+        )
+
+
+def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+    full = stored_trajectory(campaign, number)
+    folder = speed_folder(campaign, number, speed)
+    files = render(at_speed(full, speed) if speed != 100 else full, campaign.spec)
+    if speed != 100 and not (folder / COEFFICIENTS).exists():
+        campaign.commit("exported", number, files.write(folder), speed=speed)
+    return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

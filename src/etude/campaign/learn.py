@@ -1,0 +1,58 @@
+"""Learns what was told and not learned yet, one commit per log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from etude.campaign.folder import Campaign
+from etude.campaign.learner import Learner, Say
+from etude.campaign.state import State
+from etude.errors import DataError, NumericalError, UsageError
+
+
+def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
+    """Learns every log that was told and not learned, in the order of their numbers; returns the numbers.
+
+    A log that cannot be learned by itself (an axis that never moved) waits for the next one. The caller holds
+    the lock.
+
+    Raises:
+        DataError, NumericalError: not even all logs together can be learned.
+    """
+    pending = [r.number for r in campaign.state().pending]
+    if pending and learner is None:
+        # imported here so that asking, when everything is learned, does not load the training
+        from etude.campaign.ladder_learner import learn_ladder
+
+        learner = learn_ladder
+    done: list[int] = []
+    failure: DataError | NumericalError | None = None
+    for number in pending:
+        assert learner is not None
+        say(f"Learning log {number}.")
+        try:
+            learned = learner(campaign, campaign.state(), number)
+        except (DataError, NumericalError) as error:
+            failure = error
+            continue
+        campaign.commit("trained", number, learned.files, **learned.facts)
+        failure = None
+        done.append(number)
+    if failure is not None:
+        raise failure
+    return done
+
+
+def newest_model(campaign: Campaign, state: State) -> Any:
+    """The model in use: the chosen one of the last training.
+
+    Raises:
+        UsageError: nothing was learned yet.
+    """
+    from etude.models.model_file import load_model
+
+    if not state.trained:
+        raise UsageError(
+            "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
+        )
+    return load_model(campaign.model_folder(state.trained[-1].number))

@@ -1,0 +1,128 @@
+"""When another trajectory is not worth its robot time: four rules, and when not to trust them.
+
+Prequential score, calibration factor, forecast error and value of the next trajectory are the evidence; training
+error and marginal likelihood are not, because the former always falls and hyperparameters change the latter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from etude.campaign.stop_config import StopConfig
+
+OVERCONFIDENT = 2.0
+"""Calibration factor above which a forecast error is not believed."""
+STILL_CHANGING = 0.7
+"""Largest move of a logarithmic length scale in one update for which the model counts as settled."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known after one log was learned.
+
+    Attributes:
+        number: of the trajectory.
+        forecast: forecast command error where the tasks are, over the command limit, largest over the axes.
+        noise_ratio: variance left over noise variance, largest over the axes; None for a model without noise.
+        gain: fraction of the variance left that the next trajectory is forecast to remove; None if not designed.
+        gain_minutes: robot time of that next trajectory, set-up included, min.
+        calibration: pooled held-out z^2 of the last trajectories; 1 is right, None while unknown.
+        moved: largest move of a logarithmic length scale in the last training; None for the first one.
+        robot_minutes: recorded motion so far, min.
+    """
+
+    number: int
+    forecast: float
+    noise_ratio: float | None
+    gain: float | None
+    gain_minutes: float
+    calibration: float | None
+    moved: float | None
+    robot_minutes: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether to stop, and why.
+
+    Attributes:
+        stop: another trajectory is not worth it.
+        rule: "tolerance", "noise", "gain", "budget" or "" if none fired.
+        reason: one sentence.
+    """
+
+    stop: bool
+    rule: str
+    reason: str
+
+
+def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
+    """The verdict after the last of `evidence` (oldest first). The budget fires at once, the others must repeat."""
+    spent = _budget(evidence, config)
+    if spent:
+        return Verdict(True, "budget", spent)
+    recent = evidence[-config.consecutive :]
+    if len(recent) < config.consecutive:
+        missing = config.consecutive - len(recent)
+        return Verdict(False, "", f"{missing} more log{'s' * (missing > 1)} before a rule can fire.")
+    if all(_tolerable(e, config) for e in recent):
+        doubt = _doubt(recent[-1])
+        if not doubt:
+            return Verdict(True, "tolerance", f"The forecast error is {_tolerance(recent[-1], config)}.")
+        return Verdict(False, "", f"The forecast error is {_tolerance(recent[-1], config)}, but {doubt}.")
+    if all(_in_noise(e, config) for e in recent):
+        limit = f"{config.noise_fraction:g} of the noise variance"
+        return Verdict(True, "noise", f"The variance left is below {limit} on every axis.")
+    if all(_not_worth_it(e, config) for e in recent):
+        limit = f"{100 * config.gain_per_minute:g} % of the variance left per minute of robot time"
+        return Verdict(True, "gain", f"The next trajectory would remove less than {limit}.")
+    return Verdict(False, "", f"Another trajectory is worth it: {_open_points(recent[-1], config)}.")
+
+
+def _budget(evidence: Sequence[Evidence], config: StopConfig) -> str:
+    if config.budget_trajectories and len(evidence) >= config.budget_trajectories:
+        return f"The budget of {config.budget_trajectories} logs is used up."
+    minutes = evidence[-1].robot_minutes if evidence else 0.0
+    if config.budget_minutes and minutes >= config.budget_minutes:
+        return f"The budget of {config.budget_minutes:g} min of motion is used up."
+    return ""
+
+
+def _tolerable(e: Evidence, config: StopConfig) -> bool:
+    return config.command_tolerance > 0 and e.forecast <= config.command_tolerance
+
+
+def _in_noise(e: Evidence, config: StopConfig) -> bool:
+    return config.noise_fraction > 0 and e.noise_ratio is not None and e.noise_ratio <= config.noise_fraction
+
+
+def _not_worth_it(e: Evidence, config: StopConfig) -> bool:
+    return (
+        config.gain_per_minute > 0 and e.gain is not None and e.gain / e.gain_minutes < config.gain_per_minute
+    )
+
+
+def _doubt(e: Evidence) -> str:
+    if e.calibration is not None and e.calibration > OVERCONFIDENT:
+        return f"held-out errors are {e.calibration:.1f} times the predicted variance, so it is not believed"
+    if e.moved is not None and e.moved > STILL_CHANGING:
+        return f"the last log changed a length scale by a factor {2.718281828**e.moved:.1f}, so the model is not settled"
+    return ""
+
+
+def _tolerance(e: Evidence, config: StopConfig) -> str:
+    return f"{100 * e.forecast:.2g} % of the command limit, within {100 * config.command_tolerance:g} %"
+
+
+def _open_points(e: Evidence, config: StopConfig) -> str:
+    parts = []
+    if config.command_tolerance:
+        limit = 100 * config.command_tolerance
+        parts.append(f"forecast error {100 * e.forecast:.2g} % of the command limit (goal {limit:g} %)")
+    if config.gain_per_minute and e.gain is not None:
+        rate = 100 * e.gain / e.gain_minutes
+        parts.append(
+            f"{rate:.2g} % of the variance left per minute (threshold {100 * config.gain_per_minute:g} %)"
+        )
+    return "; ".join(parts) or "no rule but the budget is switched on"

@@ -1,0 +1,175 @@
+"""tell: takes in a log, whenever it comes, and learns it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from etude.campaign.ask import speed_folder, stored_trajectory
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import learn_pending
+from etude.campaign.learner import Learner, Say
+from etude.campaign.state import Round, State
+from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
+from etude.errors import DataError, UsageError
+from etude.logs.identity import align_with
+from etude.logs.log import RobotLog
+from etude.logs.parquet import parquet_bytes
+from etude.logs.read import read_log
+from etude.models.preprocess import build_dataset
+from etude.storage import sha256_of, write_atomic
+
+
+@dataclass(frozen=True)
+class Told:
+    """What became of a log.
+
+    Attributes:
+        number: the trajectory it answers, or its own number if it answers none.
+        repeated: it had been told before; nothing was stored again.
+        foreign: it answers no proposal.
+        repairs: one sentence for each repair made while reading it.
+        learned: numbers of the logs that were learned now.
+    """
+
+    number: int
+    repeated: bool
+    foreign: bool
+    repairs: tuple[str, ...]
+    learned: tuple[int, ...]
+
+
+def tell(
+    campaign: Campaign,
+    path: Path,
+    *,
+    number: int | None = None,
+    foreign: bool = False,
+    degrees: bool = False,
+    learner: Learner | None = None,
+    say: Say = lambda _: None,
+) -> Told:
+    """Stores the log in `path` and learns it; also learns what an interrupted run left.
+
+    Args:
+        campaign: the folder.
+        path: the log file; recognised by its content if it was told before under any name.
+        number: the proposal that was run; else the newest open one that the motion fits.
+        foreign: the log answers no proposal.
+        degrees: the file's angles are degrees.
+        learner: how logs are learned; only tests give another one.
+        say: receives one sentence per step.
+
+    Raises:
+        DataError: the log cannot be used, or is of another trajectory; nothing is stored.
+        UsageError: there is no such proposal, or it has a log already.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
+    digest = sha256_of(path)
+    with campaign.writing():
+        state = campaign.state()
+        known = state.round_of_log(digest)
+        if known is not None:
+            _check_same_number(known, number, path)
+            done = learn_pending(campaign, learner, say)
+            repairs = tuple((known.told or {}).get("repairs", ()))
+            return Told(known.number, True, known.asked is None, repairs, tuple(done))
+        log, answered, speed = _identify(campaign, state, path, number, foreign, degrees)
+        number = answered if answered is not None else _free_number(state, number)
+        _store(campaign, number, log, path, digest, answered is None, speed)
+        done = learn_pending(campaign, learner, say)
+        return Told(number, False, answered is None, log.repairs, tuple(done))
+
+
+def _identify(
+    campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, degrees: bool
+) -> tuple[RobotLog, int | None, int]:
+    """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
+    log = read_log(path, campaign.spec, degrees=degrees)
+    open_numbers = [r.number for r in state.proposals]
+    if number is not None and not foreign:
+        _check_asked(state, number)
+        candidates = [number]
+    else:
+        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned]
+        candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
+    refused: DataError | None = None
+    for candidate in candidates:
+        for speed in SPEEDS[::-1]:
+            if not (speed_folder(campaign, candidate, speed) / COEFFICIENTS).exists():
+                continue
+            try:
+                trajectory = stored_trajectory(campaign, candidate, speed)
+                return align_with(log, trajectory, campaign.spec), candidate, speed
+            except DataError as error:
+                refused = refused or error
+    if refused is None or (number is None and not open_numbers):
+        return log, None, 100
+    raise DataError(
+        refused.fact,
+        where=refused.where or str(path),
+        next_step=f"{refused.next_step} If it answers no proposal at all, tell it with --foreign.".strip(),
+    )
+
+
+def _store(
+    campaign: Campaign, number: int, log: RobotLog, path: Path, digest: str, foreign: bool, speed: int
+) -> None:
+    """Writes the cleaned log and its origin, then commits; a log that gives no data is refused before that."""
+    build_dataset(log, campaign.spec, campaign.config.data, group=number)
+    moving = log.t[log.t >= 0.0]
+    seconds = float(moving[-1] - moving[0]) if len(moving) else 0.0
+    write_atomic(campaign.run_file(number), parquet_bytes(replace(log, source=path.name)))
+    origin = {
+        "path": str(path.resolve()),
+        "sha256": digest,
+        "bytes": path.stat().st_size,
+        "repairs": list(log.repairs),
+    }
+    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
+    write_atomic(campaign.source_file(number), text.encode())
+    files = [campaign.run_file(number), campaign.source_file(number)]
+    facts = {
+        "sha256": digest,
+        "source": path.name,
+        "foreign": foreign,
+        "speed": speed,
+        "robot_seconds": seconds,
+        "rows": int(np.size(log.t)),
+        "repairs": list(log.repairs),
+    }
+    campaign.commit("told", number, files, **facts)
+
+
+def _check_same_number(known: Round, number: int | None, path: Path) -> None:
+    if number is not None and number != known.number:
+        raise UsageError(
+            f"this log was told before, as the answer to trajectory {known.number}, not {number}",
+            where=str(path),
+            next_step=f"To take that back: etude abandon FOLDER {known.number}.",
+        )
+
+
+def _check_asked(state: State, number: int) -> None:
+    found = state.rounds.get(number)
+    if found is None or found.asked is None:
+        known = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
+        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {known}.")
+    if found.told is not None and not found.abandoned:
+        raise UsageError(
+            f"trajectory {number} has a log already",
+            next_step=f"To replace it: etude abandon FOLDER {number}, then tell again.",
+        )
+
+
+def _free_number(state: State, number: int | None) -> int:
+    if number is None:
+        return state.next_number
+    if number in state.rounds:
+        raise UsageError(f"number {number} is taken", next_step=f"The next free one is {state.next_number}.")
+    return number

@@ -1,0 +1,146 @@
+"""Kills 200 writers, each at a random system call, and looks at what is left. Run by test_kills.py.
+
+A process of its own, so that forking is cheap and safe: no threads, everything imported once.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from conftest import make_campaign, stub_learner
+
+from etude import storage
+from etude.campaign import ask as asking
+from etude.campaign import tell as telling
+from etude.campaign.abandon import abandon
+from etude.campaign.folder import Campaign
+from etude.campaign.journal import damaged_files, read_events
+from etude.logs.log import RobotLog
+from etude.trajectories.random import random_trajectory
+
+CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
+CALLS = ("open", "write", "fsync", "replace", "ftruncate")
+
+
+def make_cheap(campaign: Campaign) -> None:
+    """Logs come from the proposal itself, and nothing is designed: only the writing is under test."""
+
+    def log_from_name(path: Path, spec: Any, **_: Any) -> RobotLog:
+        s = asking.stored_trajectory(campaign, int(path.stem)).sample(np.arange(0.0, 5.0, 0.02))
+        return RobotLog(spec.names, spec.command_unit, s.t, s.q, s.qdd, source=path.name)
+
+    def random_again(c: Campaign, state: Any, rng: np.random.Generator, _: Any) -> Any:
+        facts = {"status": "random", "gain": None}
+        return random_trajectory(rng, c.spec, c.config.trajectory), facts
+
+    telling.read_log = log_from_name  # type: ignore[assignment]
+    telling.parquet_bytes = lambda log: log.q.tobytes()
+    asking._designed = random_again
+
+
+def one_session(campaign: Campaign, inbox: Path, done: int) -> None:
+    """What a user types in a session; the index of each committed event is written to `done`."""
+    real = storage.append_line
+
+    def acknowledged(path: Path, line: str) -> None:
+        real(path, line)
+        os.write(done, b".")
+
+    import etude.campaign.journal as journal
+
+    journal.append_line = acknowledged
+    number = asking.ask(campaign, new=True, go_on=True, speed=50, learner=stub_learner).number
+    for proposal in campaign.state().proposals:
+        if proposal.number % 7 == 3:
+            abandon(campaign, proposal.number, learner=stub_learner)
+        elif proposal.number <= number:
+            log = inbox / f"{proposal.number}.csv"
+            log.write_text(f"log {proposal.number}")
+            telling.tell(campaign, log, number=proposal.number, learner=stub_learner)
+
+
+def die_at(step: int) -> None:
+    """Makes the `step`-th system call of storage, counted from now, the last thing this process does."""
+    seen = 0
+
+    def wrap(real: Any, before: bool) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            nonlocal seen
+            seen += 1
+            if seen == step and before:
+                os.kill(os.getpid(), signal.SIGKILL)
+            if seen == step and real is os.write:
+                real(args[0], bytes(args[1])[: len(args[1]) // 2])
+            elif seen != step:
+                return real(*args, **kwargs)
+            else:
+                real(*args, **kwargs)
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        return call
+
+    before = random.random() < 0.5
+
+    class Dying:
+        def __getattr__(self, name: str) -> Any:
+            real = getattr(os, name)
+            return wrap(real, before) if name in CALLS else real
+
+    dying = Dying()
+    wrapped = {name: getattr(dying, name) for name in CALLS}
+    dying.__dict__.update(wrapped)
+    storage.os = dying  # type: ignore[assignment]
+
+
+def one_campaign(folder: Path, kills: int) -> int:
+    """Kills `kills` sessions on one campaign, then lets one finish the work; returns how many it took."""
+    campaign = make_campaign(folder, config=CONFIG)
+    inbox = folder / "inbox"
+    inbox.mkdir()
+    make_cheap(campaign)
+    killed = sessions = 0
+    while killed < kills:
+        sessions += 1
+        before = read_events(campaign.path)
+        read_end, write_end = os.pipe()
+        child = os.fork()
+        if child == 0:
+            die_at(random.randint(1, 90))
+            one_session(campaign, inbox, write_end)
+            os._exit(0)
+        os.close(write_end)
+        _, status = os.waitpid(child, 0)
+        with os.fdopen(read_end, "rb") as pipe:
+            acknowledged = len(pipe.read())
+        killed += os.WIFSIGNALED(status)
+        assert os.WIFSIGNALED(status) or status == 0, f"session {sessions} failed: {status}"
+        after = read_events(campaign.path)
+        assert after[: len(before)] == before, "a committed event was lost"
+        assert len(after) - len(before) >= acknowledged, "an acknowledged event was lost"
+        assert damaged_files(campaign.path, after) == [], "a committed file is damaged"
+    one = os.fork()
+    if one == 0:
+        one_session(campaign, inbox, os.open(os.devnull, os.O_WRONLY))
+        os._exit(0)
+    assert os.waitpid(one, 0)[1] == 0
+    state = campaign.state()
+    assert state.pending == []
+    assert state.proposals == []
+    assert list(campaign.path.rglob(f"{storage.TEMPORARY_PREFIX}*")) == []
+    return sessions
+
+
+def main(folder: Path, kills: int, seed: int) -> None:
+    random.seed(seed)
+    sessions = sum(one_campaign(folder / str(i), 20) for i in range(kills // 20))
+    sys.stdout.write(f"{kills} kills in {sessions} sessions\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
