@@ -139,6 +139,10 @@ def test_every_proof_of_every_certificate_is_in_the_page(campaign: Path) -> None
             assert interval in text
 
 
+def test_each_trajectory_says_how_it_was_chosen(campaign: Path) -> None:
+    assert drawn(campaign).text.count("How it was chosen: converged.") == 6
+
+
 def test_a_certificate_that_fails_says_so(tmp_path: Path) -> None:
     write_campaign(tmp_path, rounds=0, evaluated=False)
     path = tmp_path / "proposals/0001/certificate.json"

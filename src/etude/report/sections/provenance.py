@@ -46,7 +46,9 @@ def _facts(record: Record) -> list[list[object]]:
     rows: list[list[object]] = [["robot", record.spec.name if record.spec else "unknown"]]
     if created:
         rows += [["created", created.time], ["seed", _code(created.facts.get("seed", "–"))]]
-        rows += [[key, _code(value)] for key, value in created.facts.items() if "version" in key]
+        rows += [
+            [key, _code(value)] for key, value in created.facts.items() if key == "preset" or "version" in key
+        ]
     if last:
         rows += [
             ["last event", f"{last.event}, {last.time}"],

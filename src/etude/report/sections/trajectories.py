@@ -46,7 +46,7 @@ def trajectories(record: Record) -> Html:
 
 def _trajectory(record: Record, n: int, unfolded: bool) -> Html:
     trajectory, certificate = record.trajectory(n), record.certificate(n)
-    parts: list[Html] = []
+    parts = _how(record, n)
     if trajectory is None:
         parts.append(missing("The trajectory's file is missing or unreadable."))
     elif record.spec is None or record.spec.dof != trajectory.dof:
@@ -57,6 +57,11 @@ def _trajectory(record: Record, n: int, unfolded: bool) -> Html:
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
     summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
+
+
+def _how(record: Record, n: int) -> list[Html]:
+    status = (record.state.rounds[n].asked or {}).get("status")
+    return [paragraph(f"How it was chosen: {status}.".replace("..", "."), class_="soft")] if status else []
 
 
 def limit_panels(trajectory: Trajectory, spec: RobotSpec) -> list[Html]:
