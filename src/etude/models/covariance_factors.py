@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrmm
+from scipy.linalg.blas import dgemm, dtrmm
 
 from etude.models.kernels import Kernel
 
 Array = NDArray[np.float64]
+Pull = Callable[[Array], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CovarianceFactors:
     """What a posterior knows about inputs X (T, D), given its n training points.
 
     A criterion evaluates the factors of its batch once, reads covariances from them, and hands the weights of
-    those covariances back to `gradient`: one triangular product forward and one back, whatever the criterion.
+    those covariances back to `gradient`: one triangular product forward, one back, whatever the criterion.
+    Prior covariances read on the way are kept for the way back.
 
     Attributes:
         K: (T, n) prior covariance between X and the training inputs.
         V: (T, n) K L^-T, so that posterior covariance = prior covariance - V Vᵀ.
+        pull: weights on K -> gradient in X.
     """
 
     kernel: Kernel
@@ -32,31 +35,38 @@ class CovarianceFactors:
     X: Array
     K: Array
     V: Array
-    pull: Callable[[Array], Array]
+    pull: Pull
+    _read: dict[int, tuple[CovarianceFactors | None, Array, Pull]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
-        cls,
-        kernel: Kernel,
-        theta: Array,
-        L_inverse: Array,
-        X: Array,
-        K: Array,
-        pull: Callable[[Array], Array],
+        cls, kernel: Kernel, theta: Array, L_inverse: Array, X: Array, K: Array, pull: Pull
     ) -> CovarianceFactors:
         """The factors from the prior covariance K (T, n) with the training inputs and its pull-back."""
-        return cls(kernel, theta, L_inverse, X, K, dtrmm(1.0, L_inverse, K.T, lower=1).T, pull)
+        V = dtrmm(1.0, L_inverse, K.T, lower=1).T
+        return cls(kernel, theta, L_inverse, X, K, V, pull)
 
     def variance(self) -> Array:
         """Latent variance (T,), thesis (2.6); never below zero."""
         prior = self.kernel.diagonal(self.theta, self.X)
-        return np.maximum(prior - np.einsum("tn,tn->t", self.V, self.V), 0.0)
+        return np.asarray(np.maximum(prior - np.einsum("tn,tn->t", self.V, self.V), 0.0))
 
     def covariance(self, other: CovarianceFactors | None = None) -> Array:
         """Posterior covariance (T, r) with another set of inputs, or (T, T) with itself."""
         other = self if other is None else other
-        prior = self.kernel.value(self.theta, self.X, other.X)
+        prior, _ = self._prior(other)
+        if other is self:
+            return np.asarray(prior - self.V @ self.V.T)
         return np.asarray(prior - self.V @ other.V.T)
+
+    def _prior(self, other: CovarianceFactors) -> tuple[Array, Pull]:
+        if id(other) not in self._read:
+            # another set is kept with its entry, so that its id cannot pass to a third; itself is not: in a
+            # circle of references the matrices would wait for the garbage collector
+            kept = None if other is self else other
+            self._read[id(other)] = (kept, *self.kernel.cross(self.theta, self.X, other.X))
+        _, prior, pull = self._read[id(other)]
+        return prior, pull
 
     def gradient(
         self,
@@ -64,6 +74,7 @@ class CovarianceFactors:
         variance: Array | None = None,
         own: Array | None = None,
         cross: tuple[CovarianceFactors, Array] | None = None,
+        reduction: tuple[CovarianceFactors, Array, Array] | None = None,
     ) -> Array:
         """Gradient (T, D) with respect to X of the sum of the terms given.
 
@@ -71,17 +82,40 @@ class CovarianceFactors:
             variance: (T,) weights g of sum(g * variance(X)).
             own: (T, T) symmetric weights G of sum(G * covariance(X, X)).
             cross: factors of fixed inputs Z (r, D) and (T, r) weights G of sum(G * covariance(X, Z)).
+            reduction: factors of fixed inputs Z, A and B (T, r) with A Bᵀ symmetric: the same as
+                own = -A Bᵀ and cross = 2 A together, the form of every variance reduction at Z, for which
+                the way back through L is r wide instead of T.
         """
-        back = np.zeros_like(self.V)  # weights on V, before the way back through L
-        total = np.zeros_like(self.X)
+        gradient = np.zeros_like(self.X)
+        if variance is not None or own is not None or cross is not None:
+            gradient += self.pull(self._back(variance, own, cross))
         if variance is not None:
-            back -= 2.0 * variance[:, None] * self.V
-            total += self.kernel.diagonal_gradient(self.theta, self.X, variance)
+            gradient += self.kernel.diagonal_gradient(self.theta, self.X, variance)
         if own is not None:
-            back -= 2.0 * (own @ self.V)
-            total += 2.0 * self.kernel.input_gradient(self.theta, self.X, self.X, own)
+            gradient += 2.0 * self._prior(self)[1](own)
         if cross is not None:
-            other, weights = cross
-            back -= weights @ other.V
-            total += self.kernel.input_gradient(self.theta, self.X, other.X, weights)
-        return total + self.pull(dtrmm(1.0, self.L_inverse, back.T, lower=1, trans_a=1).T)
+            gradient += self._prior(cross[0])[1](cross[1])
+        if reduction is not None:
+            other, A, B = reduction
+            gradient += self.pull(self._reduction_back(other, A, B))
+            gradient += 2.0 * (self._prior(other)[1](A) - self._prior(self)[1](A @ B.T))
+        return gradient
+
+    def _back(
+        self, variance: Array | None, own: Array | None, cross: tuple[CovarianceFactors, Array] | None
+    ) -> Array:
+        """Weights (T, n) on K: those on V, taken back through L."""
+        weights = np.zeros_like(self.V)
+        if variance is not None:
+            weights -= 2.0 * variance[:, None] * self.V
+        if own is not None:
+            weights -= 2.0 * (own @ self.V)
+        if cross is not None:
+            weights -= cross[1] @ cross[0].V
+        return np.asarray(dtrmm(1.0, self.L_inverse, weights.T, lower=1, trans_a=1, overwrite_b=1).T)
+
+    def _reduction_back(self, other: CovarianceFactors, A: Array, B: Array) -> Array:
+        """-2 A (V_Z - Bᵀ V) L^-1, from the right."""
+        left = dgemm(-1.0, self.V.T, B, beta=1.0, c=other.V.T)
+        left = dtrmm(1.0, self.L_inverse, left, lower=1, trans_a=1, overwrite_b=1)
+        return np.asarray(dgemm(-2.0, left, A, trans_b=1).T)

@@ -11,6 +11,9 @@ from etude.models.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
 
 __all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "structured_kernel"]
 
+BLOCK = 512
+"""Columns of a weighted Gram matrix handled at once: a few megabytes instead of one more n x n array."""
+
 
 @dataclass(frozen=True)
 class SquaredExponential(Kernel):
@@ -49,10 +52,9 @@ class SquaredExponential(Kernel):
         np.fill_diagonal(K, np.exp(2.0 * log_s0))
 
         def pull(G: Array) -> Array:
-            T = G * K
-            TU = T @ _with_ones(U)
-            rows, columns = TU[:, -1], T.sum(axis=0)
-            # sum_ij T_ij (u_i - u_j)^2 for every dimension without an n x n x D array
+            TU, columns = _weighted_sums(G, K, _with_ones(U))
+            rows = TU[:, -1]
+            # sum_ij T_ij (u_i - u_j)^2, T = G * K, for every dimension without an n x n x D array
             along = (rows + columns) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU[:, :-1])
             return along if self.unit else np.concatenate([[2.0 * rows.sum()], along])
 
@@ -152,6 +154,17 @@ def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
     # rounding may lift a near-zero distance below zero; far outside the data it could even overflow
     np.minimum(K, 2.0 * log_s0, out=K)
     return np.exp(K, out=K)
+
+
+def _weighted_sums(G: Array, K: Array, U: Array) -> tuple[Array, Array]:
+    """T U and the column sums of T = G * K, by blocks of columns so that T is never there as a whole."""
+    TU, columns = np.zeros_like(U), np.empty(len(K))
+    for first in range(0, len(K), BLOCK):
+        block = slice(first, first + BLOCK)
+        T = G[:, block] * K[:, block]
+        TU += T @ U[block]
+        columns[block] = T.sum(axis=0)
+    return TU, columns
 
 
 def _active(X: Array, dims: tuple[int, ...]) -> Array:

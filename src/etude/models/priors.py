@@ -49,8 +49,8 @@ def weak_prior(kernel: Kernel, X: Array, y: Array) -> Prior:
     """The product's prior, scaled to the data: inputs X (n, D) and centred outputs y (n,).
 
     Lengths around the half range of their input (one deviation is a factor of 4.5 either way), amplitudes
-    around the outputs' own deviation (2.7), noise around a tenth of it (4.5). The amplitude term keeps a sum of
-    kernels trainable on few points: without it amplitudes of e^12 cancel each other and gradients drown.
+    around the outputs' own deviation (2.7), noise around a tenth of it (4.5). The amplitude term keeps a sum
+    of kernels trainable on few points: without it amplitudes of e^12 cancel each other and gradients drown.
     """
     half_range, scale = data_scales(X, y)
     centre = np.append(kernel.initial(half_range, scale), np.log(NOISE_FRACTION * scale))

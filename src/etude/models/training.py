@@ -57,8 +57,8 @@ def fit(
         prior: "weak" for `weak_prior` of these data, a Prior, or None for maximum likelihood.
 
     Raises:
-        DataError: unusable X or y. UsageError: unknown method, a prior of the wrong length, negative steps with
-            "lbfgs". NumericalError: the likelihood is not finite at the start.
+        DataError: unusable X or y. UsageError: unknown method, a prior of the wrong length, negative steps
+            with "lbfgs". NumericalError: the likelihood is not finite at the start.
     """
     X, y = checked_data(X, y)
     if method not in ("lbfgs", "minimize"):

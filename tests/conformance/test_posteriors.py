@@ -1,0 +1,93 @@
+"""What every posterior owes. A new model is a row in MODELS: inputs, outputs -> posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from etude.models.contracts import Posterior
+from etude.models.exact import ExactGP
+from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
+
+D = 8
+
+
+def exact(kernel: Kernel) -> Callable[[np.ndarray, np.ndarray], Posterior]:
+    def condition(X: np.ndarray, y: np.ndarray) -> Posterior:
+        theta = kernel.initial(np.ones(D), 1.5)
+        return ExactGP(kernel, theta, np.log(0.05), noise_floor=0.1).condition(X, y)
+
+    return condition
+
+
+MODELS = {
+    "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
+    "exact, structured": exact(structured_kernel(2, 0)),
+}
+ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
+
+
+def data(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(-1.0, 1.0, size=(n, D))
+    y = np.sin(2.0 * X[:, 0]) + X[:, 3] * X[:, 1] + 0.05 * rng.normal(size=n)
+    return X, y - y.mean()
+
+
+def central(function, at: np.ndarray, step: float = 1e-5) -> np.ndarray:
+    out = np.empty_like(at)
+    for index in np.ndindex(at.shape):
+        shift = np.zeros_like(at)
+        shift[index] = step
+        out[index] = (function(at + shift) - function(at - shift)) / (2.0 * step)
+    return out
+
+
+@ROWS
+def test_variance_is_the_diagonal_of_the_covariance(model) -> None:
+    posterior, (Z, _) = model(*data(30)), data(9, 1)
+    _, variance = posterior.predict(Z)
+    np.testing.assert_allclose(posterior.covariance(Z, Z).diagonal(), variance, rtol=1e-9, atol=1e-12)
+    assert np.linalg.eigvalsh(posterior.covariance(Z, Z)).min() > -1e-9
+    assert posterior.noise_variance > 0.0
+    assert posterior.signal_variance > variance.min()
+
+
+@ROWS
+def test_more_data_never_raises_the_variance(model) -> None:
+    X, y = data(40)
+    Z, _ = data(50, 2)
+    half, full = model(X[:20], y[:20]), model(X, y)
+    assert np.all(full.predict(Z)[1] <= half.predict(Z)[1] + 1e-10)
+
+
+@ROWS
+def test_mean_gradient(model) -> None:
+    posterior, (Z, _) = model(*data(30)), data(6, 3)
+    expected = central(lambda z: float(posterior.predict(z)[0].sum()), Z)
+    np.testing.assert_allclose(posterior.mean_gradient(Z), expected, rtol=1e-6, atol=1e-8)
+
+
+@ROWS
+def test_variance_gradient(model) -> None:
+    posterior, (Z, _) = model(*data(30)), data(6, 4)
+    g = np.random.default_rng(5).normal(size=6)
+    expected = central(lambda z: float(g @ posterior.predict(z)[1]), Z)
+    np.testing.assert_allclose(posterior.variance_gradient(Z, g), expected, rtol=1e-6, atol=1e-8)
+
+
+@ROWS
+def test_covariance_gradient(model) -> None:
+    posterior, (Z, _), (R, _) = model(*data(30)), data(6, 6), data(5, 7)
+    G = np.random.default_rng(8).normal(size=(6, 5))
+    expected = central(lambda z: float(np.sum(G * posterior.covariance(z, R))), Z)
+    np.testing.assert_allclose(posterior.covariance_gradient(Z, R, G), expected, rtol=1e-6, atol=1e-8)
+
+
+@ROWS
+def test_the_variance_does_not_depend_on_the_outputs(model) -> None:
+    X, y = data(25)
+    Z, _ = data(7, 9)
+    np.testing.assert_array_equal(model(X, y).predict(Z)[1], model(X, -3.0 * y).predict(Z)[1])
