@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
+
+
 @dataclass(frozen=True)
 class Delay:
     """How far `response` lags behind `reference`.
@@ -28,21 +31,32 @@ def measure_delay(
 ) -> Delay:
     """The lag in `lags` (s) at which the columns of two signals (T, k) and (S, k) at `rate` Hz fit best.
 
-    Both are differenced, so that offsets do not count, and scaled per column, so that units do not. The lag
-    is refined below one sample by a parabola through the three best values. Signals may differ in
-    length: row 0 of both is the same instant at lag 0.
+    Both are differenced, so that offsets do not count, and scaled per column, so that units do not. The
+    correlation coefficient over the overlap decides, which is at least LEAST_OVERLAP of the shorter signal;
+    a parabola through its three best values refines the lag below a sample. Signals may differ in length:
+    row 0 of both is the same instant at lag 0.
     """
     a, b = _rates(reference), _rates(response)
-    n = 1 << (len(a) + len(b)).bit_length()
-    spectrum = np.conj(np.fft.rfft(a, n, axis=0)) * np.fft.rfft(b, n, axis=0)
-    product = np.fft.irfft(spectrum.sum(axis=1), n)
-    low = max(int(np.floor(lags[0] * rate)), 1 - len(a))
-    high = min(int(np.ceil(lags[1] * rate)), len(b) - 1)
-    shifts = np.arange(low, high + 1)
-    values = product[shifts % n]
+    overlap = max(2, int(LEAST_OVERLAP * min(len(a), len(b))))
+    low = max(int(np.floor(lags[0] * rate)), overlap - len(a))
+    high = min(int(np.ceil(lags[1] * rate)), len(b) - overlap)
+    shifts = np.arange(low, max(high, low) + 1)
+    values = _correlations(a, b, shifts)
     best = int(np.argmax(values))
     seconds = (shifts[best] + _parabola_top(values, best)) / rate
-    return Delay(float(seconds), _overlap_correlation(a, b, int(shifts[best])))
+    return Delay(float(seconds), float(values[best]))
+
+
+def _correlations(a: Array, b: Array, shifts: NDArray[np.int64]) -> Array:
+    """Correlation coefficient of a[i] with b[i + shift] over their overlap, for each shift."""
+    n = 1 << (len(a) + len(b)).bit_length()
+    spectrum = np.conj(np.fft.rfft(a, n, axis=0)) * np.fft.rfft(b, n, axis=0)
+    product = np.fft.irfft(spectrum.sum(axis=1), n)[shifts % n]
+    start = np.maximum(0, -shifts)
+    stop = np.minimum(len(a), len(b) - shifts)
+    energy_a, energy_b = (np.concatenate([[0.0], np.cumsum((x * x).sum(axis=1))]) for x in (a, b))
+    norm = (energy_a[stop] - energy_a[start]) * (energy_b[stop + shifts] - energy_b[start + shifts])
+    return np.asarray(product / np.sqrt(np.maximum(norm, np.finfo(float).tiny)))
 
 
 def _rates(values: Array) -> Array:
@@ -57,10 +71,3 @@ def _parabola_top(values: Array, best: int) -> float:
     left, top, right = values[best - 1 : best + 2]
     bend = left - 2 * top + right
     return 0.0 if bend == 0 else float(0.5 * (left - right) / bend)
-
-
-def _overlap_correlation(a: Array, b: Array, shift: int) -> float:
-    start, stop = max(0, -shift), min(len(a), len(b) - shift)
-    x, y = a[start:stop], b[start + shift : stop + shift]
-    norm = np.sqrt((x * x).sum() * (y * y).sum())
-    return float((x * y).sum() / norm) if norm > 0 else 0.0

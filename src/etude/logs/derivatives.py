@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's band
 BAND_FACTOR = 20.0  # cutoff over that band: forces have harmonics, and steps where friction changes sign
+PASS_FACTOR = 4.0  # least cutoff over that band: its edge keeps 0.996 of its size
 NYQUIST_SHARE = 0.25  # the cutoff never exceeds this part of half the rate: rate / 8
 NOISE_FACTOR = 20.0  # spectral lines below this many noise levels are taken for noise
 CUTOFF_CHOICES = 64  # tried, evenly spaced in logarithm: 8 % apart over two decades
@@ -87,18 +88,18 @@ def auto_cutoff(t: Array, q: Array) -> float:
     """A cutoff in Hz for positions q (T, dof) on a uniform grid: what the motion needs and noise allows.
 
     The motion needs BAND_FACTOR times the widest joint's `motion_bands`, the noise allows `_noise_cutoff`.
-    The smaller counts, between four periods in the log and an eighth of the sampling rate. All joints
-    share one filter, so that their dynamics stay coupled in phase.
+    The smaller counts, but never less than PASS_FACTOR times the band, so that noise cannot take the motion
+    itself, nor more than an eighth of the sampling rate. All joints share one filter, so that their
+    dynamics stay coupled in phase.
     """
     rate = (len(t) - 1) / float(t[-1] - t[0])
     highest = NYQUIST_SHARE * rate / 2
-    lowest = min(4.0 / float(t[-1] - t[0]), highest)
     spectrum = _spectrum(t, q)
     bands = _bands(spectrum)
     if not np.any(bands > 0):
         return highest
-    needed = BAND_FACTOR * float(bands.max())
-    return float(np.clip(min(needed, _noise_cutoff(spectrum, lowest, highest)), lowest, highest))
+    needed = min(BAND_FACTOR * float(bands.max()), highest)
+    return _noise_cutoff(spectrum, PASS_FACTOR / BAND_FACTOR * needed, needed)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from etude.trajectories.samples import Trajectory
 Array = NDArray[np.float64]
 
 LARGEST_MISMATCH = 0.5  # root mean square deviation from the proposal, over the proposal's own spread
+ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
 
 
@@ -38,13 +39,14 @@ def align_with(log: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> RobotL
     wanted = trajectory.sample(np.arange(0.0, trajectory.duration, 1.0 / rate)).q
     span = (-trajectory.duration, float(grid[-1] - grid[0]))
     delay = measure_delay(wanted, motion, rate, span).seconds
-    shifted = replace(log, t=log.t - log.t[0] - delay)
-    _check_coverage(shifted, trajectory)
-    _check_match(shifted, trajectory, spec)
-    aligned = _with_desired(shifted, trajectory)
     shift = float(log.t[0] + delay)
-    if abs(shift) <= 0.5 / rate:
-        return replace(aligned, t=log.t)
+    moved = abs(shift) > 0.5 / rate
+    shifted = replace(log, t=log.t - shift) if moved else log
+    _check_match(shifted, log, trajectory, spec)
+    _check_coverage(shifted, trajectory)
+    aligned = _with_desired(shifted, trajectory)
+    if not moved:
+        return aligned
     return add_repair(
         aligned, f"The proposal starts {shift:.3f} s into the log's time; t = 0 was moved there."
     )
@@ -61,42 +63,52 @@ def _check_coverage(log: RobotLog, trajectory: Trajectory) -> None:
         )
 
 
-def _check_match(log: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> None:
-    inside = (log.t >= 0) & (log.t <= trajectory.duration)
-    wanted = trajectory.sample(log.t[inside]).q
-    motion = (log.q if log.q_des is None else log.q_des)[inside]
-    size = spec.upper - spec.lower
-    error = np.sqrt((((motion - wanted) / size) ** 2).mean(axis=0))
-    spread = np.maximum((wanted / size).std(axis=0), 1e-12)
-    pooled = float(np.linalg.norm(error) / np.linalg.norm(spread))
-    mismatch = error / spread
-    causes = [
-        _cause(motion, wanted, log.names, j) if mismatch[j] > LARGEST_MISMATCH else "" for j in range(log.dof)
-    ]
-    if pooled <= LARGEST_MISMATCH and not any(causes):
+def _check_match(log: RobotLog, unshifted: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> None:
+    """Refuses another motion. A wrong sign or order spoils the alignment; the log's own clock may show it."""
+    pooled, mismatch = _mismatch(log, trajectory, spec)
+    cause = _cause(log, trajectory, mismatch)
+    if pooled <= LARGEST_MISMATCH and not cause:
         return
-    j = next((k for k in range(log.dof) if causes[k]), int(np.argmax(error)))
+    cause = cause or _cause(unshifted, trajectory, _mismatch(unshifted, trajectory, spec)[1])
     raise DataError(
-        f"this is not the log of the proposed trajectory: the motion deviates from it by {pooled:.2g} times "
-        f"its spread, joint {log.names[j]} by {mismatch[j]:.2g}{causes[j]}",
+        "this is not the log of the proposed trajectory: the motion deviates from it by "
+        f"{pooled:.2g} times its spread{cause}",
         where=log.source,
         next_step="Tell the log of this proposal, or the number of the proposal that was run.",
     )
 
 
-def _cause(motion: Array, wanted: Array, names: tuple[str, ...], j: int) -> str:
-    """A guess in words (sign, degrees, exchanged joints); empty without one."""
+def _motions(log: RobotLog, trajectory: Trajectory) -> tuple[Array, Array]:
+    """(motion, proposal) at the log's times within the proposal."""
+    inside = (log.t >= 0) & (log.t <= trajectory.duration)
+    motion = (log.q if log.q_des is None else log.q_des)[inside]
+    return motion, trajectory.sample(log.t[inside]).q
+
+
+def _mismatch(log: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> tuple[float, Array]:
+    """Root mean square deviation over the proposal's spread: pooled in parts of the ranges, and (dof,)."""
+    motion, wanted = _motions(log, trajectory)
+    size = spec.upper - spec.lower
+    error = np.sqrt((((motion - wanted) / size) ** 2).mean(axis=0))
+    spread = np.maximum((wanted / size).std(axis=0), 1e-12)
+    return float(np.linalg.norm(error) / np.linalg.norm(spread)), error / spread
+
+
+def _cause(log: RobotLog, trajectory: Trajectory, mismatch: Array) -> str:
+    """A guess in words (sign, degrees, exchanged joints) for the first joint that has one; else empty."""
+    motion, wanted = _motions(log, trajectory)
     a, b = motion - motion.mean(axis=0), wanted - wanted.mean(axis=0)
     norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
     likeness = (a.T @ b) / norms
-    slope = float(a[:, j] @ b[:, j] / (b[:, j] @ b[:, j] + 1e-300))
-    if likeness[j, j] < -0.9:
-        return "; it moves in the opposite direction (sign?)"
-    if likeness[j, j] > 0.9 and 40 < slope < 80:
-        return "; its unit looks like degrees"
-    other = int(np.argmax(likeness[j]))
-    if likeness[j, j] < 0.5 and likeness[j, other] > 0.9:
-        return f"; it follows what was proposed for {names[other]} (joints exchanged?)"
+    slope = (a * b).sum(axis=0) / ((b * b).sum(axis=0) + 1e-300)
+    for j in np.flatnonzero(mismatch > LARGEST_MISMATCH):
+        other = int(np.argmax(likeness[j]))
+        if likeness[j, j] < -ALIKE:
+            return f"; joint {log.names[j]} moves in the opposite direction (sign?)"
+        if likeness[j, j] > ALIKE and 40 < slope[j] < 80:
+            return f"; joint {log.names[j]} looks like degrees"
+        if likeness[j, j] < 0.5 and likeness[j, other] > ALIKE:
+            return f"; joint {log.names[j]} does what was proposed for {log.names[other]} (joints exchanged?)"
     return ""
 
 

@@ -43,11 +43,14 @@ def write_parquet(log: RobotLog, path: Path) -> None:
     write_atomic(path, parquet_bytes(log))
 
 
-def has_log_metadata(path: Path) -> bool:
-    """Whether the Parquet file was written by `write_parquet`."""
+def is_cleaned(path: Path) -> bool:
+    """Whether the file is a Parquet file written by `write_parquet`; False for anything else."""
     import polars as pl
 
-    return METADATA_KEY in pl.read_parquet_metadata(path)
+    try:
+        return METADATA_KEY in pl.read_parquet_metadata(path)
+    except (OSError, pl.exceptions.PolarsError):
+        return False
 
 
 def read_parquet(path: Path) -> RobotLog:

@@ -20,7 +20,7 @@ from etude.logs.doctor import (
 )
 from etude.logs.identity import align_with
 from etude.logs.log import RobotLog
-from etude.logs.parquet import has_log_metadata, read_parquet
+from etude.logs.parquet import is_cleaned, read_parquet
 from etude.logs.table import Table, read_table
 from etude.logs.units import (
     TIME_UNITS,
@@ -56,7 +56,7 @@ def read_log(
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
-    if path.suffix.lower() == ".parquet" and path.is_file() and _is_cleaned(path):
+    if path.suffix.lower() == ".parquet" and is_cleaned(path):
         log = _same_axes(read_parquet(path), spec)
     else:
         table = read_table(path)
@@ -91,17 +91,6 @@ def _looks_scaled(log: RobotLog, spec: RobotSpec) -> bool:
     outside = (log.q < spec.lower) | (log.q > spec.upper)
     fast = np.abs(np.diff(log.q, axis=0)) > 2 * spec.velocity * np.diff(log.t)[:, None]
     return bool(max(outside.mean(axis=0).max(), fast.mean(axis=0).max()) > 0.1)
-
-
-def _is_cleaned(path: Path) -> bool:
-    try:
-        return has_log_metadata(path)
-    except Exception as problem:
-        raise DataError(
-            f"the file cannot be read as Parquet ({str(problem).splitlines()[0]})",
-            where=str(path),
-            next_step="It is empty, truncated or another kind of file; export the log again.",
-        ) from None
 
 
 def _same_axes(log: RobotLog, spec: RobotSpec) -> RobotLog:
@@ -174,7 +163,11 @@ def _time(table: Table, spec: RobotSpec, where: str) -> tuple[Array, list[str]]:
     values = table.columns[first]
     finite = values[np.isfinite(values)]
     if len(finite) < 2:
-        raise DataError("the time column has no numbers", where=f"{where}, column {first}")
+        raise DataError(
+            "the time column has no numbers",
+            where=f"{where}, column {first}",
+            next_step="Write time as a number of seconds.",
+        )
     bare, unit = split_unit(first)
     stated = unit or next((u for u in TIME_UNITS if normal(bare).endswith(f"_{u}")), "")
     factor, name = (

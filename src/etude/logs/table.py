@@ -114,7 +114,12 @@ def _csv_text(path: Path) -> tuple[str, tuple[str, ...]]:
     if text.endswith("\n"):
         return text, ()
     # A line without its end may have lost part of its last number; nothing in it can be trusted.
-    return text[: text.rfind("\n") + 1], ("The last line has no end (a cut file?) and was dropped.",)
+    complete = text[: text.rfind("\n") + 1]
+    if not complete.strip():
+        raise DataError(
+            "the log file has no complete line", where=str(path), next_step="Export the log again."
+        )
+    return complete, ("The last line has no end (a cut file?) and was dropped.",)
 
 
 def _is_number(text: str) -> bool:

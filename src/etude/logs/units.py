@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SMALLER_POSITIONS = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
+FAR = 2.0  # ranges outside the limits: no other robot, another unit
 OVERSHOOT = 0.1  # of a joint's range: a controller may overshoot, a spec may be a little tight
 COMMAND_EXCESS = (
     1.5  # times the command limit: measured effort exceeds its rating, another unit exceeds it more
@@ -58,7 +59,9 @@ def start_at_zero(log: RobotLog) -> RobotLog:
 
 def position_suspicion(values: Array, spec: RobotSpec) -> str:
     """The unit ("degrees", ...) that positions (T, dof) outside the limits seem to have, else ''."""
-    if _fits(values, spec):
+    excess = np.maximum(values.max(axis=0) - spec.upper, spec.lower - values.min(axis=0))
+    far = (excess > FAR * (spec.upper - spec.lower)).any() and np.abs(values).max() > np.pi
+    if not far:
         return ""
     for unit, factor in SMALLER_POSITIONS.items():
         if _fits(values * factor, spec):

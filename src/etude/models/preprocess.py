@@ -25,6 +25,7 @@ from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-6  # s: time stamps are sums of steps
 GOLDEN = (math.sqrt(5) - 1) / 2
 
 
@@ -37,7 +38,7 @@ class DataConfig:
             (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
         cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `derivatives.auto_cutoff`,
             "none" leaves both as measured.
-        rate_hz: samples kept per second, evenly spaced (thesis: every 12th of 100 Hz).
+        rate_hz: samples kept per second at least, evenly spaced (thesis: every 12th of 100 Hz).
         stick_fraction: a joint slower than this part of its velocity limit counts as stuck; 0 masks nothing.
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
@@ -143,7 +144,7 @@ def _segment(
     grid = uniform_grid(t, rate)
     motion = _inputs(log, piece, grid, cutoff, config)
     tau = smooth(grid, resample(t, log.tau[piece], grid), cutoff).value
-    inside = (grid >= max(0.0, grid[0] + trim)) & (grid <= grid[-1] - trim + 1e-9)
+    inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
     keep = np.flatnonzero(inside)[_offset(rate, config.rate_hz, group) :: _step(rate, config.rate_hz)]
     if not len(keep):
         return None
@@ -171,7 +172,8 @@ def _inputs(log: RobotLog, piece: slice, grid: Array, cutoff: float, config: Dat
 
 
 def _step(rate: float, rate_hz: float) -> int:
-    return max(1, round(rate / rate_hz))
+    """Every how many samples one is kept, so that at least rate_hz remain per second."""
+    return max(1, int(rate / rate_hz + 1e-3))
 
 
 def _offset(rate: float, rate_hz: float, group: int) -> int:
