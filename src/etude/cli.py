@@ -8,23 +8,23 @@ from collections.abc import Sequence
 
 from etude.errors import EtudeError
 
-DESCRIPTION = (
-    "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
-    "Étude never commands a robot: it writes trajectory files and reads logs."
-)
 KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
 
-    0 ok, 1 a bug or a machine that fails, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory (no
-    file is written), 5 stop rule reached, 130 interrupted.
+    0 ok, 1 a bug or a failing machine, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory
+    (no file is written), 5 stop rule reached, 130 interrupted.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in given
     try:
         return _run(given)
+    except SystemExit as exit:  # tyro has printed the help (0) or what is wrong with the arguments (2)
+        if exit.code and as_json:
+            _print_error("UsageError", "wrong arguments", "", "See etude --help.", 2)
+        return 2 if exit.code else 0
     except EtudeError as error:
         return _report(
             as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code
@@ -47,7 +47,11 @@ def _run(given: list[str]) -> int:
 
     command = parse.command(given)
     outcome = command.run(_say)
-    print(to_json(outcome.data) if command.json else outcome.text, flush=True)
+    line = outcome.text
+    if command.json:
+        line = to_json(outcome.data) if outcome.data else ""
+    if line:
+        print(line, flush=True)
     return outcome.exit_code
 
 
@@ -61,11 +65,15 @@ def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exi
     lines += [f"  next:  {next_step}"] if next_step else []
     _say("\n".join(lines))
     if as_json:
-        from etude.commands.outcome import to_json
-
-        error = {"kind": kind, "fact": fact, "where": where, "next_step": next_step, "exit_code": exit_code}
-        print(to_json({"error": error}), flush=True)
+        _print_error(kind, fact, where, next_step, exit_code)
     return exit_code
+
+
+def _print_error(kind: str, fact: str, where: str, next_step: str, exit_code: int) -> None:
+    from etude.commands.outcome import to_json
+
+    error = {"kind": kind, "fact": fact, "where": where, "next_step": next_step, "exit_code": exit_code}
+    print(to_json({"error": error}), flush=True)
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
     folder.mkdir(parents=True, exist_ok=True)
     robot = folder / "pair.toml"
     robot.write_text(ROBOT)
-    path = create_campaign(folder / "lab", str(robot), seed=seed).path
+    path = create_campaign(folder / "lab", str(robot), seed=seed)[0].path
     (path / "campaign.toml").write_text(f"seed = {seed}\n{config}")
     return open_campaign(path)
 

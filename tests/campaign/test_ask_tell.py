@@ -17,7 +17,6 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
 from etude.campaign.tell import Told, tell
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
-from etude.robots.toml_file import load_robot
 from etude.trajectories.certificate import certify
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
@@ -44,7 +43,8 @@ class TestInit:
         assert open_campaign(moved).spec.names == ("hip", "knee")
 
     def test_a_built_in_robot_is_copied_with_its_model(self, tmp_path: Path) -> None:
-        campaign = create_campaign(tmp_path / "lab", "arm4", seed=3)
+        campaign, confirm = create_campaign(tmp_path / "lab", "arm4", seed=3)
+        assert confirm == ()
         assert campaign.spec.model_file is not None
         assert campaign.spec.model_file.parent == campaign.path.resolve()
         assert campaign.state().seed == campaign.config.seed == 3
@@ -189,7 +189,7 @@ class TestTell:
     def test_numbers_that_cannot_be(self, campaign: Campaign, tmp_path: Path) -> None:
         asked(campaign, 1)
         log = log_of(campaign, 1, tmp_path)
-        with pytest.raises(UsageError, match="trajectory 4 was never asked for.*Asked for: 1"):
+        with pytest.raises(UsageError, match=r"trajectory 4 was never asked for.*Asked for: 1"):
             told(campaign, log, number=4)
         told(campaign, log)
         with pytest.raises(UsageError, match="trajectory 1 has a log already"):

@@ -98,5 +98,5 @@ def test_bytes_that_are_no_text_are_refused() -> None:
 
 
 def test_no_campaign_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no campaign here.*etude init"):
+    with pytest.raises(UsageError, match=r"no campaign here.*etude init"):
         load_config(tmp_path)

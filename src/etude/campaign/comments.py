@@ -21,7 +21,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
         "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
         "rate_hz": "samples kept per second of log",
-        "stick_fraction": "a joint below this fraction of its velocity limit counts as stuck; 0 masks nothing",
+        "stick_fraction": "a joint slower than this fraction of its limit counts as stuck; 0: no mask",
         "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
     },
     "model": {
@@ -49,9 +49,9 @@ COMMENTS: dict[str, dict[str, str]] = {
         "raw_units": "add variances of different joints as they are, as the thesis",
     },
     "stop": {
-        "command_tolerance": "forecast error that is good enough, fraction of the command limit; 0 switches off",
-        "noise_fraction": "stop when the variance left is below this fraction of the noise; 0 switches off",
-        "gain_per_minute": "stop when less of the variance left goes per minute of robot time; 0 switches off",
+        "command_tolerance": "good enough: forecast error as a fraction of the command limit; 0: off",
+        "noise_fraction": "stop when the variance left is below this fraction of the noise; 0: off",
+        "gain_per_minute": "stop when less of the variance left goes per robot minute; 0: off",
         "setup_s": "s of robot time each trajectory costs besides its duration",
         "budget_trajectories": "logs; 0 for no limit",
         "budget_minutes": "minutes of recorded motion; 0 for no limit",

@@ -17,7 +17,9 @@ from etude.storage import write_atomic, writer_lock
 MODEL_SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 
-def create_campaign(path: Path, robot: str, preset_name: str = "default", seed: int = 0) -> Campaign:
+def create_campaign(
+    path: Path, robot: str, preset_name: str = "default", seed: int = 0
+) -> tuple[Campaign, tuple[str, ...]]:
     """Makes the folder: robot.toml, the robot's model file, campaign.toml, and the journal's first event.
 
     Args:
@@ -26,12 +28,15 @@ def create_campaign(path: Path, robot: str, preset_name: str = "default", seed: 
         preset_name: "default" or "thesis"; written out in full.
         seed: of every random number the campaign draws.
 
+    Returns:
+        the campaign, and one sentence for each limit that a person should confirm.
+
     Raises:
         UsageError: there is a campaign already, or the robot is unknown or impossible.
     """
     path = Path(path)
     config = replace(preset(preset_name), seed=seed)
-    spec = robot_from(robot)
+    spec, confirm = robot_from(robot)
     if path.exists() and not path.is_dir():
         raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
     path.mkdir(parents=True, exist_ok=True)
@@ -40,25 +45,26 @@ def create_campaign(path: Path, robot: str, preset_name: str = "default", seed: 
             raise UsageError(
                 "there is a campaign here already", where=str(path), next_step="Name another folder."
             )
-        files = _copy_robot(path, spec)
+        files = _copy_robot(path, spec, confirm)
         write_atomic(path / CONFIG, config_text(config).encode())
         _, digest = load_config(path)
         facts = {"seed": seed, "preset": preset_name, "robot": spec.name, "axes": list(spec.names)}
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, digest, files, **facts)
-    return open_campaign(path)
+    return open_campaign(path), confirm
 
 
-def robot_from(robot: str) -> RobotSpec:
-    """The robot of a built-in name, a TOML, or a URDF or MJCF that states every limit."""
+def robot_from(robot: str) -> tuple[RobotSpec, tuple[str, ...]]:
+    """The robot of a built-in name, a TOML, or a URDF or MJCF; and what a person should confirm of it."""
     if Path(robot).suffix.lower() in MODEL_SUFFIXES:
         from etude.robots.model_file import spec_from_model
 
-        return spec_from_model(Path(robot))
-    return load_robot(robot)
+        found = spec_from_model(Path(robot))
+        return found.spec, found.confirm
+    return load_robot(robot), ()
 
 
-def _copy_robot(path: Path, spec: RobotSpec) -> list[Path]:
+def _copy_robot(path: Path, spec: RobotSpec, confirm: tuple[str, ...]) -> list[Path]:
     """Copies the model file, then writes a robot.toml that points to the copy."""
     files = []
     if spec.model_file is not None:
@@ -66,5 +72,6 @@ def _copy_robot(path: Path, spec: RobotSpec) -> list[Path]:
         write_atomic(copy, spec.model_file.read_bytes())
         files.append(copy)
         spec = replace(spec, model_file=copy.resolve())
-    write_atomic(path / ROBOT, robot_to_toml(spec, folder=path).encode())
+    text = robot_to_toml(spec, folder=path, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
+    write_atomic(path / ROBOT, text.encode())
     return [path / ROBOT, *files]

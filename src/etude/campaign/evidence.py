@@ -42,7 +42,7 @@ def calibration_factor(trained: list[Round]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _gains_after(state: State) -> dict[int, float]:
+def _gains_after(state: State) -> dict[int, float | None]:
     """Forecast gain of the trajectory asked for after k logs were learned, by k."""
     asked = [r.asked for r in state.rounds.values() if r.asked]
     return {a["learned"]: a["gain"] for a in asked if a.get("gain") is not None}

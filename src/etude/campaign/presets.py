@@ -29,7 +29,7 @@ def preset(name: str, where: str = "") -> CampaignConfig:
 
 
 def _thesis() -> CampaignConfig:
-    """Chapter 6: two harmonics, desired inputs, plain ARD-SE, mean variance, no stop rule but a count of six."""
+    """Chapter 6: two harmonics, desired inputs, plain ARD-SE, mean variance, six trajectories."""
     return CampaignConfig(
         preset="thesis",
         seed=0,

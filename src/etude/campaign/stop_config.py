@@ -16,8 +16,8 @@ class StopConfig:
         command_tolerance: forecast command error that is good enough, as a fraction of each axis's command
             limit; every axis must be below.
         noise_fraction: stop when the variance that is left is below this fraction of the noise variance.
-        gain_per_minute: stop when the next trajectory removes less than this fraction of the remaining variance
-            per minute of robot time, set-up included.
+        gain_per_minute: stop when the next trajectory removes less than this fraction of the variance
+            left per minute of robot time, set-up included.
         setup_s: seconds of robot time that each trajectory costs besides its own duration.
         budget_trajectories: stop after this many logs.
         budget_minutes: stop after this many minutes of recorded motion.

@@ -1,11 +1,12 @@
 """When another trajectory is not worth its robot time: four rules, and when not to trust them.
 
-Prequential score, calibration factor, forecast error and value of the next trajectory are the evidence; training
-error and marginal likelihood are not, because the former always falls and hyperparameters change the latter.
+Prequential score, calibration factor, forecast error and value of the next trajectory are the evidence.
+Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,7 +26,7 @@ class Evidence:
         number: of the trajectory.
         forecast: forecast command error where the tasks are, over the command limit, largest over the axes.
         noise_ratio: variance left over noise variance, largest over the axes; None for a model without noise.
-        gain: fraction of the variance left that the next trajectory is forecast to remove; None if not designed.
+        gain: fraction of the variance left that the next trajectory would remove; None if not designed.
         gain_minutes: robot time of that next trajectory, set-up included, min.
         calibration: pooled held-out z^2 of the last trajectories; 1 is right, None while unknown.
         moved: largest move of a logarithmic length scale in the last training; None for the first one.
@@ -58,7 +59,7 @@ class Verdict:
 
 
 def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
-    """The verdict after the last of `evidence` (oldest first). The budget fires at once, the others must repeat."""
+    """The verdict after the last of `evidence` (oldest first); all rules but the budget must repeat."""
     spent = _budget(evidence, config)
     if spent:
         return Verdict(True, "budget", spent)
@@ -107,7 +108,8 @@ def _doubt(e: Evidence) -> str:
     if e.calibration is not None and e.calibration > OVERCONFIDENT:
         return f"held-out errors are {e.calibration:.1f} times the predicted variance, so it is not believed"
     if e.moved is not None and e.moved > STILL_CHANGING:
-        return f"the last log changed a length scale by a factor {2.718281828**e.moved:.1f}, so the model is not settled"
+        factor = math.exp(e.moved)
+        return f"the last log changed a length scale by a factor {factor:.1f}, so the model is not settled"
     return ""
 
 

@@ -50,7 +50,7 @@ def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
 
 
 def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> None:
-    """Raises UsageError for the first key that is not in `valid`, with the nearest valid one and all of them."""
+    """Raises UsageError for the first key that is not in `valid`, with the valid ones."""
     for key in table:
         if key not in valid:
             near = difflib.get_close_matches(key, valid, 1)

@@ -120,7 +120,7 @@ def _identify(
 def _store(
     campaign: Campaign, number: int, log: RobotLog, path: Path, digest: str, foreign: bool, speed: int
 ) -> None:
-    """Writes the cleaned log and its origin, then commits; a log that gives no data is refused before that."""
+    """Writes the cleaned log and its origin, then commits; refuses a log that gives no data."""
     build_dataset(log, campaign.spec, campaign.config.data, group=number)
     moving = log.t[log.t >= 0.0]
     seconds = float(moving[-1] - moving[0]) if len(moving) else 0.0

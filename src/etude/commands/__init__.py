@@ -1,1 +1,1 @@
-"""One file per command: a frozen dataclass that the command line fills, with a `run` that returns an Outcome."""
+"""One file per command: a frozen dataclass filled from the command line, with `run`."""

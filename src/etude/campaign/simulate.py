@@ -1,0 +1,167 @@
+"""Closes the loop with a simulated robot: the same asks and tells, and tests a real robot would not allow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import newest_model
+from etude.campaign.learner import Say
+from etude.campaign.tell import tell
+from etude.control.closed_loop import run_closed_loop, tracking_error
+from etude.control.feedforward import (
+    Feedforward,
+    model_feedforward,
+    no_feedforward,
+    perfect_feedforward,
+)
+from etude.errors import UsageError
+from etude.logs.parquet import write_parquet
+from etude.plants.registry import plant_names, simulated_robot
+from etude.plants.robot import SimulatedRobot
+from etude.trajectories.moves import random_moves
+from etude.trajectories.random import random_trajectory
+from etude.trajectories.samples import Trajectory
+
+Array = NDArray[np.float64]
+RUN_STREAM, TEST_STREAM = 3, 4
+"""Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
+MOVES = 12
+
+
+@dataclass(frozen=True)
+class SimulatedRound:
+    """One trajectory, run and learned.
+
+    Attributes:
+        number: of the trajectory.
+        robot_seconds: recorded motion so far, s.
+        tracking_error_deg: per test motion, (dof,) mean absolute tracking error, degrees.
+    """
+
+    number: int
+    robot_seconds: float
+    tracking_error_deg: dict[str, list[float]]
+
+
+def simulate(
+    campaign: Campaign, rounds: int, engine: str = "compiled", say: Say = lambda _: None
+) -> Iterator[SimulatedRound]:
+    """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
+
+    Trajectories are collected under the robot's own PD control. The stop rule is not heeded: who simulates
+    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once.
+
+    Raises:
+        UsageError: the robot has no simulated plant.
+    """
+    robot = _robot(campaign, engine)
+    tests = test_motions(campaign)
+    _evaluate_baselines(campaign, robot, tests)
+    if campaign.state().trained:  # a run that was stopped between learning and testing
+        _evaluate_round(campaign, robot, tests, campaign.state().trained[-1].number)
+    for _ in range(rounds):
+        number = ask(campaign, go_on=True, say=say).number
+        say(f"Running trajectory {number} on the simulated {robot.name}.")
+        trajectory = stored_trajectory(campaign, number)
+        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
+        log = run_closed_loop(robot, trajectory, no_feedforward(campaign.spec), rng)
+        path = campaign.path / "simulated" / f"{number:04d}.parquet"
+        write_parquet(log, path)
+        tell(campaign, path, number=number, say=say)
+        yield _evaluate_round(campaign, robot, tests, number)
+
+
+def test_motions(campaign: Campaign) -> dict[str, Trajectory]:
+    """The campaign's test motions by name; fixed by its seed, never trained on."""
+    rng = np.random.default_rng([campaign.state().seed, TEST_STREAM])
+    return {
+        "fourier": random_trajectory(rng, campaign.spec, campaign.config.trajectory),
+        "moves": random_moves(rng, campaign.spec, MOVES),
+    }
+
+
+def _robot(campaign: Campaign, engine: str) -> SimulatedRobot:
+    plant = campaign.spec.plant
+    if plant is None:
+        raise UsageError(
+            f"robot '{campaign.spec.name}' has no simulated plant",
+            where=str(campaign.path / "robot.toml"),
+            next_step=f'Write plant = "..." with one of {", ".join(plant_names())}, or run the real robot.',
+        )
+    return simulated_robot(plant, engine, campaign.spec)
+
+
+def _evaluate_baselines(campaign: Campaign, robot: SimulatedRobot, tests: dict[str, Trajectory]) -> None:
+    feedforwards = {"pd": no_feedforward(campaign.spec), "perfect": perfect_feedforward(robot)}
+    for name, feedforward in feedforwards.items():
+        _evaluate(campaign, robot, tests, 0, feedforward, baseline=name)
+
+
+def _evaluate_round(
+    campaign: Campaign, robot: SimulatedRobot, tests: dict[str, Trajectory], number: int
+) -> SimulatedRound:
+    state = campaign.state()
+    model = newest_model(campaign, state)
+    errors = _evaluate(campaign, robot, tests, number, model_feedforward(model, campaign.spec))
+    identified = _identified(campaign, number)
+    if identified is not None:
+        rigid = model_feedforward(identified, campaign.spec, fade=False)
+        _evaluate(campaign, robot, tests, number, rigid, baseline="rigid_body")
+    return SimulatedRound(number, _robot_seconds(campaign), errors)
+
+
+def _identified(campaign: Campaign, number: int) -> Any:
+    """The identified rigid-body model of that round, what a careful user has today; None if there is none."""
+    from etude.campaign.ladder_files import load_kind
+
+    return load_kind(campaign.model_folder(number), "identified")
+
+
+def _evaluate(
+    campaign: Campaign,
+    robot: SimulatedRobot,
+    tests: dict[str, Trajectory],
+    number: int,
+    feedforward: Feedforward,
+    **facts: Any,
+) -> dict[str, list[float]]:
+    """Runs each test motion once, unless it was before; commits and returns the errors in degrees."""
+    run = partial(run_closed_loop, robot, feedforward=feedforward)
+    errors = {}
+    for index, (name, motion) in enumerate(tests.items()):
+        key = {"test": name, "baseline": facts.get("baseline"), "number": number}
+        before = next((e for e in campaign.state().evaluated if _same(e, key)), None)
+        if before is None:
+            rng = np.random.default_rng([campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
+            error = np.rad2deg(tracking_error(run(trajectory=motion, rng=rng))).tolist()
+            seconds = _robot_seconds(campaign)
+            with campaign.writing():
+                campaign.commit(
+                    "evaluated",
+                    number,
+                    [],
+                    **facts,
+                    test=name,
+                    robot_seconds=seconds,
+                    tracking_error_deg=error,
+                )
+        else:
+            error = before["tracking_error_deg"]
+        errors[name] = list(error)
+    return errors
+
+
+def _same(fact: dict[str, Any], key: dict[str, Any]) -> bool:
+    return all(fact.get(name) == value for name, value in key.items())
+
+
+def _robot_seconds(campaign: Campaign) -> float:
+    return float(sum(r.told["robot_seconds"] for r in campaign.state().told if r.told))

@@ -1,0 +1,69 @@
+"""What is known of a campaign, for people and machines; computed from committed facts alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from etude.campaign.evidence import calibration_factor, collect
+from etude.campaign.folder import Campaign
+from etude.campaign.journal import damaged_files
+from etude.campaign.state import Round, State
+from etude.campaign.stopping import judge
+
+
+def status(campaign: Campaign) -> dict[str, Any]:
+    """The campaign's standing as JSON values.
+
+    Keys: robot, axes, preset, seed, trajectories (one entry per number), robot_seconds, prequential (newest
+    scores of each model before it learned the newest log), chosen, calibration_factor, forecast_fraction,
+    next_gain, held_out (of the newest log without proposal), verdict, problems.
+    """
+    events = campaign.events()
+    state = campaign.state()
+    evidence = collect(campaign, state)
+    verdict = judge(evidence, campaign.config.stop)
+    trained = state.trained
+    newest = (trained[-1].trained or {}) if trained else {}
+    return {
+        "folder": str(campaign.path),
+        "robot": campaign.spec.name,
+        "axes": list(campaign.spec.names),
+        "command_unit": campaign.spec.command_unit,
+        "preset": campaign.config.preset,
+        "seed": state.seed,
+        "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],
+        "robot_seconds": sum(r.told["robot_seconds"] for r in state.told if r.told),
+        "scored_log": trained[-1].number if trained else None,
+        "prequential": newest.get("models", {}),
+        "chosen": newest.get("chosen"),
+        "calibration_factor": calibration_factor(trained),
+        "forecast_fraction": evidence[-1].forecast if evidence else None,
+        "next_gain": evidence[-1].gain if evidence else None,
+        "held_out": _held_out(state),
+        "verdict": {"stop": verdict.stop, "rule": verdict.rule, "reason": verdict.reason},
+        "problems": damaged_files(campaign.path, events),
+    }
+
+
+def _trajectory(round_: Round) -> dict[str, Any]:
+    told, trained = round_.told or {}, round_.trained or {}
+    if round_.abandoned:
+        standing = "abandoned"
+    elif round_.told is None:
+        standing = "open"
+    else:
+        standing = "learned" if round_.trained is not None else "told"
+    return {
+        "number": round_.number,
+        "standing": standing,
+        "foreign": round_.asked is None,
+        "robot_seconds": told.get("robot_seconds"),
+        "source": told.get("source"),
+        "chosen": trained.get("chosen"),
+    }
+
+
+def _held_out(state: State) -> dict[str, Any] | None:
+    """Block scores of the newest log that has them."""
+    scored = [r for r in state.trained if r.trained and r.trained.get("held_out")]
+    return {"number": scored[-1].number, **(scored[-1].trained or {})["held_out"]} if scored else None

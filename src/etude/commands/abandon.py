@@ -1,0 +1,28 @@
+"""etude abandon"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from etude.commands.common import Common, Folder
+from etude.commands.outcome import Outcome, Say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Abandon(Common):
+    """Give a trajectory up: its log will never come, or must not be used. Telling it later takes that back."""
+
+    folder: Folder
+    number: Annotated[int, tyro.conf.Positional]
+    """Of the trajectory."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.abandon import abandon
+        from etude.campaign.folder import open_campaign
+
+        changed = abandon(open_campaign(self.folder), self.number, say=say)
+        text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."
+        return Outcome(text, {"number": self.number, "changed": changed})

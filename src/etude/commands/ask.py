@@ -1,0 +1,65 @@
+"""etude ask"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from etude.commands.common import Common, Folder
+from etude.commands.outcome import Outcome, Say, table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask(Common):
+    """Write the next trajectory, certified inside the limits. Asking again returns it until its log is told."""
+
+    folder: Folder
+    speed: Literal[25, 50, 100] = 100
+    """Per cent. Below 100 the same path is written slowed down, for a first careful run."""
+    tasks: Path | None = None
+    """What the robot will do with the model: a trajectory.json, or a CSV with time and q_<axis> columns."""
+    new: bool = False
+    """Ask for another trajectory although one is open."""
+    go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
+    """Ask although the stop rule has fired."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.ask import ask
+        from etude.campaign.folder import open_campaign
+
+        campaign = open_campaign(self.folder)
+        found = ask(campaign, new=self.new, go_on=self.go_on, speed=self.speed, tasks=self.tasks, say=say)
+        files = [
+            str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
+        ]
+        rows = [
+            [
+                row.axis,
+                row.quantity,
+                f"{row.proved_lower:.4g}",
+                f"{row.proved_upper:.4g}",
+                f"{100 * row.use:.1f} %",
+            ]
+            for row in found.certificate.rows
+        ]
+        lines = [
+            f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
+            table(["axis", "limit", "proved min", "proved max", "used"], rows),
+            "Proved for all times; at rest at both ends. Written:",
+            *(f"  {name}" for name in files),
+            f"Run it, then: etude tell {self.folder} LOG",
+        ]
+        data = {
+            "number": found.number,
+            "new": found.new,
+            "status": found.status,
+            "duration": found.duration,
+            "speed": self.speed,
+            "files": files,
+            "certified": found.certificate.ok,
+            "margins": {f"{r.axis} {r.quantity}": r.margin for r in found.certificate.rows},
+        }
+        return Outcome("\n".join(lines), data)

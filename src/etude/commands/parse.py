@@ -1,0 +1,50 @@
+"""The command line as types: one dataclass a command, read by tyro."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, cast
+
+import tyro
+
+from etude.commands.abandon import Abandon
+from etude.commands.ask import Ask
+from etude.commands.bench import Bench
+from etude.commands.demo import Demo
+from etude.commands.init import Init
+from etude.commands.outcome import Command
+from etude.commands.report import Report
+from etude.commands.simulate import Simulate
+from etude.commands.status import Status
+from etude.commands.study import Study
+from etude.commands.tell import Tell
+
+DESCRIPTION = (
+    "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
+    "Étude never commands a robot: it writes trajectory files and reads logs."
+)
+
+AnyCommand = (
+    Annotated[Init, tyro.conf.subcommand("init")]
+    | Annotated[Ask, tyro.conf.subcommand("ask")]
+    | Annotated[Tell, tyro.conf.subcommand("tell")]
+    | Annotated[Abandon, tyro.conf.subcommand("abandon")]
+    | Annotated[Status, tyro.conf.subcommand("status")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Study, tyro.conf.subcommand("study")]
+)
+
+
+def command(arguments: Sequence[str]) -> Command:
+    """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does."""
+    found = tyro.cli(
+        AnyCommand,  # type: ignore[arg-type]
+        prog="etude",
+        description=DESCRIPTION,
+        args=list(arguments),
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    return cast(Command, found)

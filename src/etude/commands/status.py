@@ -1,0 +1,93 @@
+"""etude status"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from etude.commands.common import Common, Folder
+from etude.commands.outcome import Outcome, Say, table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status(Common):
+    """Say where the campaign stands, how well the model predicts, and whether another trajectory is worth it."""
+
+    folder: Folder
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.folder import open_campaign
+        from etude.campaign.status import status
+
+        found = status(open_campaign(self.folder))
+        return Outcome("\n".join(_lines(found)), found)
+
+
+def _lines(found: Mapping[str, Any]) -> list[str]:
+    lines = [
+        f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
+        *_trajectories(found),
+        *_held_out(found),
+        *_prequential(found),
+    ]
+    if found["calibration_factor"] is not None:
+        lines.append(
+            f"Calibration factor {found['calibration_factor']:.2f} (held-out z^2 of the last logs; 1 is right)."
+        )
+    if found["forecast_fraction"] is not None:
+        lines.append(
+            f"Forecast command error {100 * found['forecast_fraction']:.2g} % of the limit (worst axis)."
+        )
+    if found["next_gain"] is not None:
+        lines.append(
+            f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
+        )
+    if found["trajectories"]:
+        lines.append(("Stop: " if found["verdict"]["stop"] else "Go on: ") + found["verdict"]["reason"])
+    lines += [f"Problem: {problem}." for problem in found["problems"]]
+    return lines
+
+
+def _trajectories(found: Mapping[str, Any]) -> list[str]:
+    if not found["trajectories"]:
+        return [f"Nothing asked for yet. Next: etude ask {found['folder']}"]
+    rows = [
+        [
+            str(t["number"]),
+            t["standing"] + (" (no proposal)" if t["foreign"] else ""),
+            "" if t["robot_seconds"] is None else f"{t['robot_seconds']:.1f} s",
+            t["source"] or "",
+        ]
+        for t in found["trajectories"]
+    ]
+    return [table(["trajectory", "standing", "motion", "log"], rows)]
+
+
+def _held_out(found: Mapping[str, Any]) -> list[str]:
+    held_out = found["held_out"]
+    if held_out is None:
+        return []
+    blocks = ", ".join(map(str, held_out["blocks"]))
+    return [
+        f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}:",
+        _by_axis(found, held_out["nmse"]),
+    ]
+
+
+def _prequential(found: Mapping[str, Any]) -> list[str]:
+    scores = {kind: score.get("nmse") or [] for kind, score in found["prequential"].items()}
+    if not scores:
+        return []
+    return [
+        f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {found['chosen']}):",
+        _by_axis(found, scores),
+    ]
+
+
+def _by_axis(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
+    rows = [
+        [kind, *("-" if value is None else f"{value:.4f}" for value in values)]
+        for kind, values in scores.items()
+    ]
+    return table(["model", *found["axes"]], rows)

@@ -1,0 +1,52 @@
+"""etude tell"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from etude.commands.common import Common, Folder
+from etude.commands.outcome import Outcome, Say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tell(Common):
+    """Take in a log and learn it. Any order, any delay; the same log twice changes nothing."""
+
+    folder: Folder
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """CSV or Parquet with time, positions and commands, axes by name."""
+    number: int | None = None
+    """The trajectory that was run; else the newest open one that the motion fits."""
+    foreign: bool = False
+    """The log answers no proposal."""
+    degrees: bool = False
+    """The log's angles are degrees."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.folder import open_campaign
+        from etude.campaign.tell import tell
+
+        campaign = open_campaign(self.folder)
+        found = tell(
+            campaign, self.log, number=self.number, foreign=self.foreign, degrees=self.degrees, say=say
+        )
+        what = "a recording of its own" if found.foreign else "the answer to that proposal"
+        first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
+        lines = [first or f"Log {found.number} stored, {what}."]
+        if found.repairs:
+            lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
+        if found.learned:
+            lines.append(f"Learned: {', '.join(map(str, found.learned))}.")
+        lines.append(f"Next: etude status {self.folder}, etude ask {self.folder}")
+        data = {
+            "number": found.number,
+            "repeated": found.repeated,
+            "foreign": found.foreign,
+            "repairs": found.repairs,
+            "learned": found.learned,
+        }
+        return Outcome("\n".join(lines), data)

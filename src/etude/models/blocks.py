@@ -1,0 +1,43 @@
+"""Held-out blocks of one log, and linear regression: the least that a model has to beat."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import DataError
+from etude.models.dataset import Dataset
+
+Array = NDArray[np.float64]
+
+COUNT, FIRST, EVERY = 20, 3, 5
+"""20 blocks of equal duration; blocks 3, 8, 13 and 18, counted from 0, are held out."""
+
+
+def held_out_blocks() -> tuple[int, ...]:
+    """Numbers of the blocks that `split_blocks` holds out."""
+    return tuple(range(FIRST, COUNT, EVERY))
+
+
+def split_blocks(dataset: Dataset) -> tuple[Dataset, Dataset]:
+    """Training and test samples of one log, split into contiguous blocks of time.
+
+    Neighbouring samples are nearly equal, so a random split would test memory; whole blocks test prediction.
+
+    Raises:
+        DataError: a part would be empty.
+    """
+    start, stop = float(dataset.t.min()), float(dataset.t.max())
+    place = (dataset.t - start) / max(stop - start, 1e-12) * COUNT
+    block = np.minimum(place.astype(np.int64), COUNT - 1)
+    test = np.isin(block, held_out_blocks())
+    if not test.any() or test.all():
+        raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
+    return dataset.take(~test), dataset.take(test)
+
+
+def linear_regression(train: Dataset, test: Dataset) -> Array:
+    """Commands (n, dof) at the test samples by least squares in q, qd, qdd and a constant."""
+    design, at = (np.hstack([d.q, d.qd, d.qdd, np.ones((len(d), 1))]) for d in (train, test))
+    weights, *_ = np.linalg.lstsq(design, train.tau, rcond=None)
+    return np.asarray(at @ weights)

@@ -1,0 +1,30 @@
+"""Which benches and studies there are: one row each."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+
+from etude.errors import UsageError
+
+# name -> "module:function"; the function takes json and seed, and prints a table or the line of `rows_json`
+BENCHES = {"gp": "etude.studies.bench_gp:run"}
+STUDIES: dict[str, str] = {}
+
+
+def run_bench(name: str, *, json: bool, seed: int) -> None:
+    """Runs the bench of that name, which prints its rows. UsageError if there is none."""
+    _run("bench", BENCHES, name, json, seed)
+
+
+def run_study(name: str, *, json: bool, seed: int) -> None:
+    """Runs the study of that name, which prints its rows. UsageError if there is none."""
+    _run("study", STUDIES, name, json, seed)
+
+
+def _run(kind: str, registry: Mapping[str, str], name: str, json: bool, seed: int) -> None:
+    if name not in registry:
+        known = ", ".join(sorted(registry)) or "none yet"
+        raise UsageError(f"there is no {kind} {name!r}", next_step=f"Known: {known}.")
+    module, function = registry[name].split(":")
+    getattr(importlib.import_module(module), function)(json=json, seed=seed)

@@ -1,0 +1,45 @@
+"""Held-out blocks and the linear baseline."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from etude.errors import DataError
+from etude.models.blocks import held_out_blocks, linear_regression, split_blocks
+from etude.models.dataset import Dataset
+
+
+def dataset(n: int, seed: int = 0) -> Dataset:
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = rng.standard_normal((3, n, 2))
+    tau = q @ [[1.0, 2.0], [0.0, 1.0]] + 3.0 * qd - 0.5 * qdd + [4.0, -1.0]
+    none = np.zeros((n, 2), dtype=bool)
+    return Dataset(np.linspace(5.0, 25.0, n), q, qd, qdd, tau, none, np.zeros(n, dtype=np.int64))
+
+
+def test_every_fifth_block_is_held_out() -> None:
+    assert held_out_blocks() == (3, 8, 13, 18)
+    data = dataset(2001)
+    train, test = split_blocks(data)
+    assert len(train) + len(test) == len(data)
+    blocks = sorted(set(((test.t - 5.0) // 1.0).astype(int).tolist()))
+    assert blocks == [3, 8, 13, 18]
+    assert abs(len(test) / len(data) - 0.2) < 0.01
+
+
+def test_unequal_sampling_splits_by_time() -> None:
+    data = dataset(400)
+    thinned = data.take((data.t < 10.0) | (np.arange(400) % 7 == 0))
+    _, test = split_blocks(thinned)
+    assert set(((test.t - 5.0) // 1.0).astype(int).tolist()) == {3, 8, 13, 18}
+
+
+def test_too_short_a_log_is_refused() -> None:
+    with pytest.raises(DataError, match="too short"):
+        split_blocks(dataset(1))
+
+
+def test_linear_regression_is_exact_on_linear_data() -> None:
+    train, test = split_blocks(dataset(300))
+    np.testing.assert_allclose(linear_regression(train, test), test.tau, atol=1e-10)
