@@ -30,8 +30,12 @@ class Batch(Protocol):
         variance: Array | None = None,
         own: Array | None = None,
         cross: tuple[Any, Array] | None = None,
+        reduction: tuple[Any, Array, Array] | None = None,
     ) -> Array:
-        """Gradient (T, D) in X of sum(variance * var) + sum(own * C_TT) + sum(cross[1] * C_T,cross[0])."""
+        """Gradient (T, D) in X of sum(variance * var) + sum(own * C_TT) + sum(cross[1] * C_T,cross[0]).
+
+        `reduction` = (other, A, B) stands for own = -A Bᵀ and cross = (other, 2 A).
+        """
         ...
 
 
@@ -63,8 +67,12 @@ class PlainBatch:
         variance: Array | None = None,
         own: Array | None = None,
         cross: tuple[PlainBatch, Array] | None = None,
+        reduction: tuple[PlainBatch, Array, Array] | None = None,
     ) -> Array:
         total = np.zeros_like(self.X)
+        if reduction is not None:
+            other, A, B = reduction
+            total += self.gradient(own=-A @ B.T, cross=(other, 2.0 * A))
         if variance is not None:
             total += self.posterior.variance_gradient(self.X, variance)
         if own is not None:

@@ -2,7 +2,7 @@
 
 A criterion is a function of covariances and returns its value and its derivatives with respect to them; the
 chain from covariances to inputs is the same for all and lives in `evaluate`. To add one, write such a
-function and a row in CRITERIA; the conformance suite in tests/conformance/test_criteria.py then checks its gradient.
+function and a row in CRITERIA; the conformance suite tests/conformance/test_criteria.py checks its gradient.
 """
 
 from __future__ import annotations
@@ -61,6 +61,8 @@ class Score:
         variance: (T,) derivative in the latent variances.
         own: (T, T) derivative in C_TT.
         cross: (T, r) derivative in C_TR.
+        reduction: (A, B), each (T, r): derivatives own = -A Bᵀ and cross = 2 A of a criterion that depends on
+            reference variances removed; the chain then goes back r wide instead of T.
     """
 
     value: float
@@ -68,6 +70,7 @@ class Score:
     variance: Array | None = None
     own: Array | None = None
     cross: Array | None = None
+    reduction: tuple[Array, Array] | None = None
 
 
 Criterion = Callable[[Output, Batch, Array], Score]
@@ -130,7 +133,7 @@ class Reduction:
         noisy = gain[:, None] * own * gain
         noisy[np.diag_indices_from(noisy)] += output.posterior.noise_variance
         scaled = gain[:, None] * cross
-        solved: Array = cho_solve(cho_factor(noisy, lower=True), scaled)
+        solved: Array = cho_solve(cho_factor(noisy.T, lower=True, overwrite_a=True), scaled)
         return cls(gain, own, cross, solved, np.einsum("tr,tr->r", scaled, solved))
 
     def score(self, value: float, weights: Array) -> Score:
@@ -142,8 +145,7 @@ class Reduction:
         return Score(
             value=value,
             gain=np.einsum("tr,tr->t", in_scaled, self.cross) + 2.0 * (in_noisy * self.own) @ d,
-            own=d[:, None] * in_noisy * d,
-            cross=d[:, None] * in_scaled,
+            reduction=(d[:, None] * weighted, d[:, None] * self.solved),
         )
 
 
@@ -165,9 +167,11 @@ def evaluate(
     for j, output in enumerate(outputs):
         batch = batch_of(output.posterior, X)
         score = criterion(output, batch, gains[:, j])
-        cross = None if score.cross is None else (output.reference_batch, score.cross)
+        reference = output.reference_batch
+        cross = None if score.cross is None else (reference, score.cross)
+        reduction = None if score.reduction is None else (reference, *score.reduction)
         total += score.value
-        in_inputs += batch.gradient(variance=score.variance, own=score.own, cross=cross)
+        in_inputs += batch.gradient(variance=score.variance, own=score.own, cross=cross, reduction=reduction)
         in_gains[:, j] = score.gain
     return total, in_inputs, in_gains
 

@@ -5,9 +5,9 @@ the median over the repeats, so that a busy machine weighs on both alike. Refere
 
 * likelihood with gradient: one `dpotrf` and one `dpotri` of that order, in place.
 * mean-variance gradient: the forward and the back solve of the batch, `L^-1 K_XT` and `L^-T (L^-1 K_XT)`.
-* ivr gradient: the forward and the back solve of the batch, of the references (the gradient contains `K_RX W`;
-  the measured time starts from the bare reference inputs too), and with the Cholesky factor of S. The products
-  between these solves are in the figure and not in the reference.
+* ivr gradient: the forward and the back solve of the batch, of the references (the gradient contains
+  `K_RX W`; the measured time starts from the bare reference inputs too), and with the Cholesky factor of S.
+  The products between these solves are in the figure and not in the reference.
 """
 
 from __future__ import annotations
