@@ -168,5 +168,5 @@ def robot_to_toml(spec: RobotSpec, *, folder: Path | None = None, comments: tupl
 
 
 def _quoted(text: str) -> str:
-    # A JSON string is a valid TOML basic string.
-    return msgspec.json.encode(text).decode()
+    # A JSON string is a valid TOML basic string, but for the one control character that JSON leaves as it is.
+    return msgspec.json.encode(text).decode().replace("\x7f", "\\u007f")
