@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from etude.control.feedforward import (
     perfect_feedforward,
 )
 from etude.errors import UsageError
+from etude.logs.log import RobotLog
 from etude.logs.parquet import write_parquet
 from etude.plants.registry import plant_names, simulated_robot
 from etude.plants.robot import SimulatedRobot
@@ -141,22 +143,25 @@ def _evaluate(
         before = next((e for e in campaign.state().evaluated if _same(e, key)), None)
         if before is None:
             rng = np.random.default_rng([campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-            error = np.rad2deg(tracking_error(run(trajectory=motion, rng=rng))).tolist()
-            seconds = _robot_seconds(campaign)
+            log = run(trajectory=motion, rng=rng)
+            error = np.rad2deg(tracking_error(log)).tolist()
+            measured = {**facts, "test": name, "robot_seconds": _robot_seconds(campaign)}
             with campaign.writing():
-                campaign.commit(
-                    "evaluated",
-                    number,
-                    [],
-                    **facts,
-                    test=name,
-                    robot_seconds=seconds,
-                    tracking_error_deg=error,
-                )
+                files = _kept(campaign, log, number, facts.get("baseline")) if index == 0 else []
+                campaign.commit("evaluated", number, files, **measured, tracking_error_deg=error)
         else:
             error = before["tracking_error_deg"]
         errors[name] = list(error)
     return errors
+
+
+def _kept(campaign: Campaign, log: RobotLog, number: int, baseline: str | None) -> list[Path]:
+    """Stores a test run that the report draws: the learned controller's, and PD alone to hold it against."""
+    if baseline not in (None, "pd"):
+        return []
+    path = campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.parquet"
+    write_parquet(log, path)
+    return [path]
 
 
 def _same(fact: dict[str, Any], key: dict[str, Any]) -> bool:
