@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.campaign.config_file import config_text
 from etude.campaign.journal import commit
+from etude.campaign.presets import preset
 from etude.logs.log import RobotLog
 from etude.logs.parquet import write_parquet
 from etude.robots.spec import Axis, RobotSpec
@@ -43,7 +45,7 @@ def write_campaign(
     robot = robot or spec()
     rng = np.random.default_rng(7)
     write_robot(folder, robot)
-    write_atomic(folder / "campaign.toml", b'robot = "robot.toml"\nseed = 3\n')
+    write_atomic(folder / "campaign.toml", config_text(preset("default")).encode())
     commit(folder, "created", None, CONFIG, [], seed=3, etude_version="0.1.0")
     if evaluated:
         _evaluate_baselines(folder, robot.dof)

@@ -17,7 +17,7 @@ from etude.report.markup import duration, element, number, table
 from etude.report.picture import main, write_picture
 from etude.report.png import STOPS, colours, png_address
 from etude.report.scales import Axis, Scale, fitted_scale, linear_ticks, log_ticks, tick_text
-from etude.report.svg import Band, Image, Level, Line, Points, panel, thinned
+from etude.report.svg import Area, Band, Image, Level, Line, Points, panel, thinned
 
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -74,6 +74,7 @@ def test_a_panel_is_well_formed_and_names_everything() -> None:
         Band(0.2, 0.4, "band <1>"),
         Level(0.5, "level"),
         Line(x, np.where(x > 0.6, np.nan, x), "broken & line"),
+        Area(x, x - 0.1, x, x + 0.1, "area"),
         Image(png_address(np.zeros((2, 2, 3), np.uint8)), 0.0, 1.0, 0.0, 1.0),
     ]
     for end_labels in (False, True):
@@ -81,7 +82,7 @@ def test_a_panel_is_well_formed_and_names_everything() -> None:
             panel("a < b", Axis("time (s)"), Axis("y (rad)"), marks, end_labels=end_labels)
         )
         words = [element.text for element in svg.iter("text")]
-        for word in ("a < b", "time (s)", "y (rad)", "band <1>", "level", "broken & line"):
+        for word in ("a < b", "time (s)", "y (rad)", "band <1>", "level", "area", "broken & line"):
             assert word in words
 
 

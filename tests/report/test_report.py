@@ -5,6 +5,7 @@ from __future__ import annotations
 import html.parser
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from synthetic_campaign import (
 
 from etude.campaign.journal import commit
 from etude.errors import UsageError
+from etude.logs.parquet import read_parquet, write_parquet
 from etude.report import record as record_module
 from etude.report.build import CONTENTS, SECTIONS, build_report
 from etude.report.markup import number
@@ -217,14 +219,10 @@ def test_damaged_files_are_named_and_the_rest_is_drawn(tmp_path: Path) -> None:
     text = drawn(tmp_path).text
     for name in ("runs/0002.parquet", "proposals/0001/trajectory.json", "proposals/0002/certificate.json"):
         assert f"{name} could not be read" in text
-    assert "The newest log, of trajectory 1:" in text
+    assert "The newest log, of trajectory 1." in text
 
 
 def test_a_log_of_a_real_robot_needs_no_desired_motion(tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    from etude.logs.parquet import read_parquet, write_parquet
-
     write_campaign(tmp_path, rounds=2, evaluated=False)
     path = tmp_path / "runs/0002.parquet"
     bare = dict.fromkeys(("q_des", "qd_des", "qdd_des", "tau_ff", "tau_fb", "q_true"))
@@ -325,3 +323,40 @@ def test_an_uncertainty_map_is_bright_where_the_model_is_unsure() -> None:
     assert picture is not None
     pixels = decode_png(picture[1])
     assert pixels[0].sum() > pixels[-1].sum()
+
+
+def test_the_prediction_drawn_is_that_of_the_model_before_the_newest_log(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def model(self: record_module.Record, number: int) -> BumpModel:
+        asked.append(number)
+        return BumpModel(spec())
+
+    monkeypatch.setattr(record_module.Record, "model", model)
+    text = drawn(campaign).text
+    assert 4 in asked
+    assert "Log 5, predicted by the model learned from the logs before it" in text
+
+
+def test_a_recorded_test_run_is_preferred_to_a_training_log(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=2)
+    log = read_record(tmp_path).log(1)
+    assert log is not None
+    for name, baseline, number_ in (("pd", {"baseline": "pd"}, 0), ("learned", {}, 2)):
+        path = tmp_path / "tests" / f"{name}.parquet"
+        write_parquet(log, path)
+        facts = {"test": "fourier", "robot_seconds": 2 * SECONDS, "tracking_error_deg": [1.0] * 4}
+        commit(tmp_path, "evaluated", number_, CONFIG, [path], **facts, **baseline)
+    text = drawn(tmp_path).text
+    assert "The last test run, after round 2" in text
+    assert "with feedforward" in text
+
+
+def test_a_run_without_feedforward_is_not_said_to_have_one(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=1, evaluated=False)
+    path = tmp_path / "runs/0001.parquet"
+    log = read_parquet(path)
+    write_parquet(replace(log, tau_ff=np.zeros_like(log.tau)), path)
+    assert "run without a feedforward" in drawn(tmp_path).text

@@ -10,6 +10,7 @@ from etude.report.record import Record, read_record
 from etude.report.sections.calibration import calibration, ladder
 from etude.report.sections.headline import headline
 from etude.report.sections.learning import learning
+from etude.report.sections.prediction import prediction
 from etude.report.sections.provenance import provenance, repairs
 from etude.report.sections.rounds import rounds
 from etude.report.sections.tracking import tracking
@@ -17,13 +18,25 @@ from etude.report.sections.trajectories import trajectories
 from etude.report.sections.uncertainty import uncertainty
 from etude.storage import write_atomic
 
-SECTIONS = (learning, rounds, tracking, uncertainty, calibration, ladder, trajectories, repairs, provenance)
+SECTIONS = (
+    learning,
+    rounds,
+    tracking,
+    prediction,
+    uncertainty,
+    calibration,
+    ladder,
+    trajectories,
+    repairs,
+    provenance,
+)
 """Every part of the page, in the order of reading. A new part is one function and one place in this row."""
 
 CONTENTS = {
     "learning": "learning curve",
     "rounds": "cost of each round",
     "tracking": "desired against actual",
+    "prediction": "predicted against measured",
     "uncertainty": "uncertainty",
     "calibration": "calibration",
     "ladder": "model ladder",

@@ -54,6 +54,17 @@ class Record:
     def log(self, number: int) -> RobotLog | None:
         return self._read(f"runs/{number:04d}.parquet", _log)
 
+    def test_log(self, baseline: str | None) -> tuple[Event, RobotLog] | None:
+        """The last recorded run of the first test: a baseline's, or the learned controller's (None)."""
+        tests = [e for e in self.events if e.event == "evaluated"]
+        own = [e for e in tests if e.facts.get("baseline") == baseline]
+        for event in reversed([e for e in own if e.facts.get("test") == tests[0].facts.get("test")]):
+            for name in event.files:
+                log = self._read(name, _log) if name.endswith(".parquet") else None
+                if log is not None:
+                    return event, log
+        return None
+
     def model(self, number: int) -> InverseDynamicsModel | None:
         return self._read(f"models/{number:04d}", _model)
 

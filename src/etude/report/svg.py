@@ -134,6 +134,29 @@ class Band:
 
 
 @dataclass(frozen=True)
+class Area:
+    """The region between a lower curve (x_low, low) and an upper curve (x_high, high)."""
+
+    x_low: Array
+    low: Array
+    x_high: Array
+    high: Array
+    label: str = ""
+    style: str = "area"
+
+    def extent(self) -> tuple[Array, Array]:
+        return np.concatenate([self.x_low, self.x_high]), np.concatenate([self.low, self.high])
+
+    def draw(self, x: Scale, y: Scale) -> str:
+        px = np.concatenate([x(self.x_low), x(self.x_high[::-1])])
+        py = np.concatenate([_clipped(y, self.low), _clipped(y, self.high[::-1])])
+        return f'<path class="{self.style}" d="{_path(px, py)}Z"/>'
+
+    def swatch(self, x: float, y: float) -> str:
+        return f'<rect class="{self.style}" x="{x:.1f}" y="{y - 6:.1f}" width="22" height="12"/>'
+
+
+@dataclass(frozen=True)
 class Image:
     """A picture (a data: address) stretched over (left, right) x (bottom, top)."""
 
