@@ -1,7 +1,7 @@
 """`etude bench gp`: the regression's arithmetic beside the least that linear algebra needs for it.
 
-Each figure and its reference run alternately in this process, on one BLAS thread up to n = 1500, and each is
-the median over the repeats, so that a busy machine weighs on both alike. References:
+Each figure and its reference run alternately in this process, on one BLAS thread, and each is the median over
+the repeats, so that a busy machine weighs on both alike. References:
 
 * likelihood with gradient: one `dpotrf` and one `dpotri` of that order, in place.
 * mean-variance gradient: the forward and the back solve of the batch, `L^-1 K_XT` and `L^-T (L^-1 K_XT)`.
@@ -40,8 +40,9 @@ GRADIENT_REPEATS = 60
 def run(*, json: bool = False, seed: int = 0) -> list[Row]:
     """Measure all rows and print them: a table, or with `json` the one line of `rows_json`."""
     rng = np.random.default_rng(seed)
-    rows = [likelihood_row(n, repeats, rng) for n, repeats in LIKELIHOOD_REPEATS.items()]
-    rows += [mean_variance_row(rng), ivr_row(rng)]
+    with threads_for(0):
+        rows = [likelihood_row(n, repeats, rng) for n, repeats in LIKELIHOOD_REPEATS.items()]
+        rows += [mean_variance_row(rng), ivr_row(rng)]
     if json:
         print(rows_json(rows, "etude bench gp --json"))  # noqa: T201
     else:
@@ -82,8 +83,7 @@ def likelihood_row(n: int, repeats: int, rng: np.random.Generator) -> Row:
         L, _ = dpotrf(work, lower=1, overwrite_a=1, clean=0)
         dpotri(L, lower=1, overwrite_c=1)
 
-    with threads_for(n):
-        value, floor = medians(lambda: gp.log_marginal_likelihood(X, y), reference, repeats)
+    value, floor = medians(lambda: gp.log_marginal_likelihood(X, y), reference, repeats)
     return Row(f"nlml_gradient_n{n}", value, "ms", "dpotrf+dpotri", floor)
 
 
@@ -117,8 +117,7 @@ def _criterion_times(criterion: Criterion, rng: np.random.Generator, references:
     def measured() -> None:
         evaluate(criterion, [Output.of(posterior, reference)], batch, gains)
 
-    with threads_for(POINTS):
-        return medians(measured, _solves(posterior, references, rng), GRADIENT_REPEATS)
+    return medians(measured, _solves(posterior, references, rng), GRADIENT_REPEATS)
 
 
 def _solves(posterior: ExactPosterior, references: int, rng: np.random.Generator) -> Callable[[], None]:
