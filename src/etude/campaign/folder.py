@@ -62,9 +62,9 @@ class Campaign:
         commit(self.path, event, number, self.config_sha256, files, **facts)
 
     @contextlib.contextmanager
-    def writing(self, wait_s: float = WAIT_S) -> Iterator[None]:
+    def writing(self, wait_s: float | None = None) -> Iterator[None]:
         """The one writer's place."""
-        with writer_lock(self.path, wait_s):
+        with writer_lock(self.path, WAIT_S if wait_s is None else wait_s):
             yield
 
     def round(self, number: int) -> Any:

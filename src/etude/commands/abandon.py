@@ -13,7 +13,7 @@ from etude.commands.outcome import Outcome, Say
 
 @dataclass(frozen=True, kw_only=True)
 class Abandon(Common):
-    """Give a trajectory up: its log will never come, or must not be used. Telling it later takes that back."""
+    """Give a trajectory up: its log will never come, or must not be used. Telling it takes that back."""
 
     folder: Folder
     number: Annotated[int, tyro.conf.Positional]

@@ -14,7 +14,7 @@ from etude.commands.outcome import Outcome, Say, table
 
 @dataclass(frozen=True, kw_only=True)
 class Ask(Common):
-    """Write the next trajectory, certified inside the limits. Asking again returns it until its log is told."""
+    """Write the next trajectory, certified inside the limits; the same one until its log is told."""
 
     folder: Folder
     speed: Literal[25, 50, 100] = 100

@@ -15,13 +15,13 @@ class Init(Common):
 
     folder: Folder
     robot: str
-    """A built-in robot's name, or the path of a robot TOML, a URDF or an MJCF; it is copied into the folder."""
+    """A built-in robot's name, or the path of a robot TOML, URDF or MJCF; copied into the folder."""
     preset: Literal["default", "thesis"] = "default"
     """The configuration to start from; written out in full in campaign.toml."""
     seed: int = 0
     """Of every random number the campaign draws."""
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.campaign.create import create_campaign
         from etude.errors import UsageError
 

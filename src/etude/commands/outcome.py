@@ -32,7 +32,7 @@ class Command(Protocol):
     @property
     def json(self) -> bool: ...
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, say: Say, /) -> Outcome:
         """Does the work; `say` shows progress on stderr."""
         ...
 

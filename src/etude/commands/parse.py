@@ -41,7 +41,7 @@ AnyCommand = (
 def command(arguments: Sequence[str]) -> Command:
     """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does."""
     found = tyro.cli(
-        AnyCommand,  # type: ignore[arg-type]
+        AnyCommand,
         prog="etude",
         description=DESCRIPTION,
         args=list(arguments),

@@ -12,11 +12,11 @@ from etude.commands.outcome import Outcome, Say, table
 
 @dataclass(frozen=True, kw_only=True)
 class Status(Common):
-    """Say where the campaign stands, how well the model predicts, and whether another trajectory is worth it."""
+    """Say how well the model predicts, and whether another trajectory is worth its robot time."""
 
     folder: Folder
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.campaign.folder import open_campaign
         from etude.campaign.status import status
 
@@ -32,9 +32,8 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         *_prequential(found),
     ]
     if found["calibration_factor"] is not None:
-        lines.append(
-            f"Calibration factor {found['calibration_factor']:.2f} (held-out z^2 of the last logs; 1 is right)."
-        )
+        factor = found["calibration_factor"]
+        lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
     if found["forecast_fraction"] is not None:
         lines.append(
             f"Forecast command error {100 * found['forecast_fraction']:.2g} % of the limit (worst axis)."

@@ -21,7 +21,7 @@ class Study(Common):
     seed: int = 0
     """Of every random number."""
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_study
 
         run_study(self.name, json=self.json, seed=self.seed)
