@@ -40,7 +40,7 @@ class Sines:
 
     def sample(self, t: Array) -> TrajectorySamples:
         omega = 2 * np.pi * np.array(self.frequencies)
-        phase = np.asarray(t)[:, None] * omega
+        phase = np.clip(t, 0.0, self.duration)[:, None] * omega
         size = np.array(self.amplitudes)
         q = size * (np.sin(phase) - np.sin(2 * phase) / 2) / 1.3
         qd = size * omega * (np.cos(phase) - np.cos(2 * phase)) / 1.3
@@ -58,7 +58,7 @@ def make_log(
     """A log of the motion: position with white noise, command of a damped mass."""
     rng = np.random.default_rng(0)
     t = start + np.arange(0.0, motion.duration - start, 1.0 / rate)
-    samples = motion.sample(np.clip(t, 0.0, motion.duration))
+    samples = motion.sample(t)
     tau = 0.5 * samples.qdd + 3.0 * samples.qd + 5.0 * samples.q
     return RobotLog(
         SPEC.names,

@@ -104,6 +104,7 @@ def test_units_in_headers_become_factors() -> None:
         (["q_pan", "q_lift", "q_elbow"], ("channel 'tau'", "pan_joint, lift_joint, elbow_joint")),
         (["q_pan", "position_pan", "q_lift", "q_elbow"], ("q_pan and position_pan mean the same", "Remove")),
         (["q0", "q1", "q2", "q3", "tau0", "tau1", "tau2"], ("numbered 0, 1, 2, 3", "3 joints pan_joint")),
+        (["q2", "q3", "q4"], ("numbered 2, 3, 4", "q_pan_joint")),
         (["q0", "q_lift", "q_elbow"], ("no column for channel 'q' of joint pan_joint",)),
         ([], ("no column for channel 'q'", "q_pan_joint")),
     ],

@@ -113,12 +113,6 @@ def _cause(log: RobotLog, trajectory: Trajectory, mismatch: Array) -> str:
 
 
 def _with_desired(log: RobotLog, trajectory: Trajectory) -> RobotLog:
-    """The exact desired motion at the log's times; before and after, the trajectory rests at its ends."""
-    samples = trajectory.sample(np.clip(log.t, 0.0, trajectory.duration))
-    outside = ((log.t < 0) | (log.t > trajectory.duration))[:, None]
-    return replace(
-        log,
-        q_des=samples.q,
-        qd_des=np.where(outside, 0.0, samples.qd),
-        qdd_des=np.where(outside, 0.0, samples.qdd),
-    )
+    """The exact desired motion at the log's times; before and after, a trajectory rests."""
+    samples = trajectory.sample(log.t)
+    return replace(log, q_des=samples.q, qd_des=samples.qd, qdd_des=samples.qdd)
