@@ -80,3 +80,10 @@ def test_delay_respects_its_bounds_and_reports_a_bad_fit() -> None:
     found = measure_delay(rng.standard_normal((500, 2)), rng.standard_normal((400, 2)), 100.0, (-0.5, 0.2))
     assert -0.5 <= found.seconds <= 0.2
     assert abs(found.correlation) < 0.5
+
+
+def test_a_marked_start_is_kept_however_late_the_robot_follows() -> None:
+    late = replace(LOG, q=np.roll(LOG.q, 30, axis=0))
+    np.testing.assert_array_equal(align_with(late, MOTION, SPEC).t, LOG.t)
+    unmarked = replace(late, t=late.t + 2.0)
+    np.testing.assert_allclose(align_with(unmarked, MOTION, SPEC).t, LOG.t - 0.3, atol=2e-3)
