@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import NumericalError, UsageError
-from etude.models.minimize import minimize
+from etude.models.minimize import _between, _Probe, minimize
 
 
 def rosenbrock(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -84,3 +84,28 @@ def test_a_start_at_the_minimum_stays() -> None:
     found = minimize(quadratic, np.zeros(3), 10)
     assert found.value == 0.0
     np.testing.assert_array_equal(found.x, 0.0)
+
+
+@pytest.mark.parametrize("budget", [2, 3, 4])
+def test_a_search_cut_short_returns_the_best_point_it_saw(budget: int) -> None:
+    seen = []
+
+    def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = rosenbrock(x)
+        seen.append(value)
+        return value, gradient
+
+    assert minimize(objective, np.array([-1.2, 1.0]), -budget).value == min(seen)
+
+
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_interpolated_steps_stay_inside_their_bracket(quadratic: bool) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        (a, b), values, slopes = np.sort(rng.normal(size=2)), rng.normal(size=2), rng.normal(size=2) * 10
+        low = _Probe(a, values[0], slopes[0], np.zeros(1), np.zeros(1))
+        high = _Probe(b, values[1], slopes[1], np.zeros(1), np.zeros(1))
+        for first, second in ((low, high), (high, low)):
+            with np.errstate(all="ignore"):
+                step = _between(first, second, quadratic=quadratic)
+            assert a + 0.0999 * (b - a) <= step <= b - 0.0999 * (b - a)
