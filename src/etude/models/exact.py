@@ -89,12 +89,7 @@ class ExactGP:
 
     def condition(self, X: Array, y: Array) -> ExactPosterior:
         """The posterior given X (n, D) and centred y (n,); DataError and NumericalError as above."""
-        X, y = checked_data(X, y)
-        with threads_for(len(X)):
-            K, _ = self.kernel.gram(self.theta, X)
-            L, jitter = factorise(K, self.noise_variance)
-            alpha, _ = dpotrs(L, y, lower=1)
-        return ExactPosterior(self.kernel, self.theta, self.noise_variance, X, y, alpha, L, jitter)
+        return posterior_given(self.kernel, self.theta, self.noise_variance, X, y)
 
 
 @dataclass(frozen=True)
@@ -197,6 +192,21 @@ class ExactPosterior:
         if X.ndim != 2 or X.shape[1] != self.X.shape[1]:
             raise UsageError(f"expected inputs of shape (T, {self.X.shape[1]}), got {X.shape}")
         return X
+
+
+def posterior_given(
+    kernel: Kernel, theta: Array, noise_variance: float, X: Array, y: Array
+) -> ExactPosterior:
+    """The posterior of hyperparameters theta (P,) and sn² given X (n, D) and centred y (n,).
+
+    Raises DataError for unusable X or y, NumericalError if the covariance is indefinite.
+    """
+    X, y = checked_data(X, y)
+    with threads_for(len(X)):
+        K, _ = kernel.gram(theta, X)
+        L, jitter = factorise(K, noise_variance)
+        alpha, _ = dpotrs(L, y, lower=1)
+    return ExactPosterior(kernel, theta, noise_variance, X, y, alpha, L, jitter)
 
 
 def checked_data(X: Array, y: Array) -> tuple[Array, Array]:

@@ -1,0 +1,108 @@
+"""Calibration: are the predicted variances right on data that the model has not seen?
+
+For each output z^2 = mean of squared error over predicted variance; 1 is right, above 1 overconfident.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import UsageError
+
+Array = NDArray[np.float64]
+Groups = NDArray[np.int64]
+
+NORMAL_95 = 1.959963984540054  # quantile of the normal distribution
+
+
+class LeavesGroupsOut(Protocol):
+    """A posterior that predicts each training group from the others in closed form."""
+
+    @property
+    def y(self) -> Array: ...
+
+    def leave_group_out(self, group: Groups) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well commands were predicted, per output (dof,), over the samples where that joint moved.
+
+    Attributes:
+        nmse: mean squared error over the variance of the command.
+        z2: mean of squared error over predicted variance; NaN for a model without variances.
+        coverage: fraction of the commands inside the predicted 95 % interval; NaN likewise.
+    """
+
+    nmse: Array
+    z2: Array
+    coverage: Array
+
+
+def score(tau: Array, mean: Array, variance: Array | None, moving: NDArray[np.bool_]) -> Score:
+    """Score of predicted `mean` and `variance` (n, dof) for commands `tau` (n, dof) where `moving` is set.
+
+    Outputs without a moving sample are NaN.
+    """
+    if not tau.shape == mean.shape == moving.shape:
+        raise UsageError(
+            "Commands, predictions and mask must have one shape",
+            where=f"{tau.shape}, {mean.shape}, {moving.shape}",
+        )
+    rows = [
+        _score_output(tau[use, j], mean[use, j], None if variance is None else variance[use, j])
+        for j, use in enumerate(moving.T)
+    ]
+    nmse, z2, coverage = np.array(rows).T
+    return Score(nmse, z2, coverage)
+
+
+def _score_output(tau: Array, mean: Array, variance: Array | None) -> tuple[float, float, float]:
+    if not len(tau):
+        return np.nan, np.nan, np.nan
+    error = tau - mean
+    spread = float(np.var(tau))
+    nmse = float(np.mean(error**2)) / spread if spread > 0 else np.nan
+    if variance is None:
+        return nmse, np.nan, np.nan
+    inside = np.abs(error) <= NORMAL_95 * np.sqrt(variance)
+    return nmse, float(np.mean(error**2 / variance)), float(np.mean(inside))
+
+
+def held_out_z2(posterior: LeavesGroupsOut, group: Groups) -> float:
+    """Mean z^2 of one output when each group is predicted from the others; NaN with a single group."""
+    if len(np.unique(group)) < 2:
+        return np.nan
+    mean, variance = posterior.leave_group_out(group)
+    return float(np.mean((posterior.y - mean) ** 2 / variance))
+
+
+def inflation(z2: float) -> float:
+    """Factor on the variance: held-out z^2, but never below 1; 1 where it is unknown.
+
+    Below 1 it would trust that new motions resemble the old ones as closely as those resemble each other.
+    """
+    return max(1.0, z2) if np.isfinite(z2) else 1.0
+
+
+def contiguous_blocks(t: Array, group: Groups, seconds: float) -> Groups:
+    """Numbers stretches of about `seconds` within each trajectory: groups to leave out of a single one.
+
+    Neighbouring samples are never split at random: they are nearly equal, and would hide any overfit.
+    """
+    if not seconds > 0:
+        raise UsageError("Blocks must have a positive length", where=f"{seconds} s")
+    blocks = np.zeros(len(t), dtype=np.int64)
+    next_number = 0
+    for number in np.unique(group):
+        own = group == number
+        span = float(np.ptp(t[own]))
+        count = max(1, round(span / seconds))
+        inside = np.minimum(((t[own] - t[own].min()) / max(span, 1e-12) * count).astype(np.int64), count - 1)
+        blocks[own] = next_number + inside
+        next_number += count
+    return blocks

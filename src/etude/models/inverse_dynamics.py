@@ -1,0 +1,175 @@
+"""The inverse dynamics model: a mean function and one Gaussian process for each output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import DataError, UsageError
+from etude.models.dataset import Dataset
+from etude.models.exact import ExactPosterior
+from etude.models.features import FeatureMap
+from etude.models.geometry import Geometry, read_geometry
+from etude.models.model_config import Kind, ModelConfig
+from etude.models.output_process import train_output
+from etude.models.rigid_body import RigidBodyModel, identify
+from etude.models.selection import in_order
+from etude.robots.spec import RobotSpec
+
+__all__ = ["InverseDynamicsModel", "ModelConfig", "train_model"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InverseDynamicsModel:
+    """Commands from motion. Thesis chapter 2 and (6.1), one process per output.
+
+    Attributes:
+        kind: "gp": process on the centred command; "identified": rigid body, transmission and friction by
+            least squares; "identified+gp": process on what that leaves.
+        features: map from motion to the processes' inputs.
+        posteriors: one process per output. The kind "identified" does not predict with them, but they still say
+            where the robot has not been, for the design of the next trajectory.
+        offset: (dof,) constant part of the mean, command units.
+        scale: (dof,) factor on the variances from held-out trajectories (1: not needed, or not yet known).
+        prior_deviation: (dof,) deviation of what the processes learn, before any data, command units.
+        stick_velocity: (dof,) joints slower than this are stuck, rad/s.
+        fallback: the identified model, which is also the mean function of the other two kinds; None for "gp".
+        residual_variance: (dof,) mean squared error of the identified model on trajectories held out.
+    """
+
+    kind: Kind
+    features: FeatureMap
+    posteriors: tuple[ExactPosterior, ...]
+    offset: Array
+    scale: Array
+    prior_deviation: Array
+    stick_velocity: Array
+    fallback: RigidBodyModel | None = None
+    residual_variance: Array | None = None
+
+    @property
+    def dof(self) -> int:
+        return self.features.dof
+
+    def mean_function(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """What the processes are added to, (n, dof)."""
+        if self.fallback is None:
+            return np.tile(self.offset, (len(q), 1))
+        return self.offset + self.fallback.predict(q, qd, qdd)
+
+    def predict(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Mean and variance (n, dof) of the measured command at q, qd, qdd (n, dof).
+
+        Thesis (2.5), (2.6); the variance includes the noise and the calibration.
+        """
+        mean = self.mean_function(q, qd, qdd)
+        if self.kind == "identified" and self.residual_variance is not None:
+            return mean, np.tile(self.residual_variance, (len(q), 1))
+        X = self.features.transform(q, qd, qdd)
+        predicted = [posterior.predict(X) for posterior in self.posteriors]
+        noise = np.array([posterior.noise_variance for posterior in self.posteriors])
+        latent = np.stack([variance for _, variance in predicted], axis=1)
+        return mean + np.stack([m for m, _ in predicted], axis=1), self.scale * (latent + noise)
+
+
+def train_model(
+    dataset: Dataset,
+    spec: RobotSpec,
+    config: ModelConfig,
+    rng: np.random.Generator,
+    previous: InverseDynamicsModel | None = None,
+    geometry: Geometry | None = None,
+) -> InverseDynamicsModel:
+    """One model of the kind that `config` names.
+
+    Args:
+        dataset: samples of one or more trajectories.
+        spec: the robot; its limits give scales, its model file the rigid body.
+        config: kind "auto" belongs to `ladder.train_ladder`.
+        rng: draws the offsets of the thinning.
+        previous: an earlier model; training starts at its hyperparameters.
+        geometry: the robot's tree and drives, if they have been read already.
+
+    Raises:
+        UsageError: kind "auto", or an identified kind for a robot without a model file.
+        DataError: an axis never moved.
+    """
+    if config.kind == "auto":
+        raise UsageError("One model has one kind", where="model.kind = auto", next_step="Use train_ladder.")
+    if dataset.dof != spec.dof:
+        raise UsageError(f"the data set has {dataset.dof} axes, the robot {spec.name} has {spec.dof}")
+    dataset = in_order(dataset)
+    fallback, residual_variance, target = None, None, dataset.tau
+    if config.kind != "gp":
+        fallback = identified_model(dataset, spec, config, geometry)
+        target = dataset.tau - fallback.predict(dataset.q, dataset.qd, dataset.qdd)
+        residual_variance = held_out_variance(dataset, spec, fallback)
+    features = feature_map(spec, config)
+    X = features.transform(dataset.q, dataset.qd, dataset.qdd)
+    start = [None] * spec.dof if previous is None else list(previous.posteriors)
+    outputs = [
+        train_output(dataset, X, target[:, j], j, float(spec.command[j]), config, rng, start[j])
+        for j in range(spec.dof)
+    ]
+    posteriors = tuple(output.posterior for output in outputs)
+    return InverseDynamicsModel(
+        kind=config.kind,
+        features=features,
+        posteriors=posteriors,
+        offset=np.array([output.offset for output in outputs]),
+        scale=np.array([output.scale for output in outputs]),
+        prior_deviation=np.sqrt([p.signal_variance + p.noise_variance for p in posteriors]),
+        stick_velocity=config.stick_fraction * spec.velocity,
+        fallback=fallback,
+        residual_variance=residual_variance,
+    )
+
+
+def feature_map(spec: RobotSpec, config: ModelConfig) -> FeatureMap:
+    """The inputs of the processes; v0 of the friction feature is a part of the velocity limits."""
+    if config.friction_fraction == 0:
+        return FeatureMap(spec.dof)
+    return FeatureMap(spec.dof, config.friction_fraction * spec.velocity)
+
+
+def identified_model(
+    dataset: Dataset, spec: RobotSpec, config: ModelConfig, geometry: Geometry | None = None
+) -> RigidBodyModel:
+    """Rigid body, drives and friction by masked least squares.
+
+    Raises:
+        UsageError: the robot has no model file.
+    """
+    geometry = geometry or read_geometry(spec)
+    if geometry is None:
+        raise UsageError(
+            f"robot '{spec.name}' has no model_file, so nothing can be identified",
+            next_step="Add a URDF or MJCF to the robot file, or use model.kind = 'gp'.",
+        )
+    fraction = config.friction_fraction or ModelConfig().friction_fraction
+    return identify(dataset, spec, geometry.tree, geometry.drives, fraction * spec.velocity)
+
+
+def held_out_variance(dataset: Dataset, spec: RobotSpec, model: RigidBodyModel) -> Array:
+    """Mean squared error (dof,) of the identified model on each trajectory, identified from the others.
+
+    With one trajectory, that of its own residual: too small, which the prequential score then shows.
+    """
+    numbers = np.unique(dataset.group)
+    if len(numbers) < 2:
+        return model.deviation**2
+    squared = np.empty_like(dataset.tau)
+    for number in numbers:
+        own = dataset.group == number
+        try:
+            other = identify(dataset.take(~own), spec, model.tree, model.drives, model.friction_velocity)
+        except DataError:  # an axis that moved in this trajectory only
+            other = model
+        held = dataset.take(own)
+        squared[own] = (held.tau - other.predict(held.q, held.qd, held.qdd)) ** 2
+    moving = ~dataset.stuck
+    return np.array([float(np.mean(squared[moving[:, j], j])) for j in range(dataset.dof)])

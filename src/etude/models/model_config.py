@@ -1,0 +1,91 @@
+"""ModelConfig: every choice in making a model from a data set, named and visible."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from etude.errors import UsageError
+
+Kind = Literal["gp", "identified", "identified+gp"]
+KINDS: tuple[Kind, ...] = ("gp", "identified", "identified+gp")
+FLOORS = (0.004, 0.012)
+"""Noise floors tried with noise_floor = "auto", as parts of the command limit."""
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """How a data set becomes an inverse dynamics model.
+
+    Attributes:
+        kind: one of `KINDS`, or "auto": the ladder trains all that the robot allows and chooses.
+        kernel: "structured" (posture, friction, linear and remainder) or "ard_se" (thesis 2.3).
+        points: samples each output's process is conditioned on, at most.
+        fit_points: of these, samples for the hyperparameters, at most.
+        fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the likelihood
+            then takes their agreement for precision.
+        steps, method: length and method of the training (see `training.fit`).
+        prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
+        noise_floor: least noise deviation as a part of the command limit; "auto" chooses among `FLOORS` by
+            how well each trajectory is predicted from the others.
+        friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
+        stick_fraction: a joint slower than this part of its velocity limit is stuck (as in the mask).
+        calibrate: multiply variances by the held-out z^2 where that exceeds 1.
+    """
+
+    kind: Kind | Literal["auto"] = "auto"
+    kernel: Literal["structured", "ard_se"] = "structured"
+    points: int = 300
+    fit_points: int = 200
+    fit_spacing_s: float = 0.5
+    steps: int = 25
+    method: Literal["lbfgs", "minimize"] = "lbfgs"
+    prior: Literal["weak", "none"] = "weak"
+    noise_floor: float | Literal["auto"] = 0.004
+    friction_fraction: float = 0.02
+    stick_fraction: float = 0.015
+    calibrate: bool = True
+
+    def __post_init__(self) -> None:
+        _one_of("kind", self.kind, (*KINDS, "auto"))
+        _one_of("kernel", self.kernel, ("structured", "ard_se"))
+        _one_of("method", self.method, ("lbfgs", "minimize"))
+        _one_of("prior", self.prior, ("weak", "none"))
+        for name in ("points", "fit_points"):
+            if getattr(self, name) < 2:
+                raise UsageError(f"{name} must be at least 2", where=f"model.{name} = {getattr(self, name)}")
+        numbers = ["fit_spacing_s", "friction_fraction", "stick_fraction"]
+        for name in numbers if self.noise_floor == "auto" else [*numbers, "noise_floor"]:
+            value = getattr(self, name)
+            if isinstance(value, str) or not (math.isfinite(value) and value >= 0):
+                raise UsageError(f"{name} must be a number >= 0", where=f"model.{name} = {value!r}")
+        if self.kernel == "structured" and self.friction_fraction == 0:
+            raise UsageError(
+                "The structured kernel needs the friction feature",
+                where="model.friction_fraction = 0",
+                next_step="Set friction_fraction, for example to 0.02, or kernel = 'ard_se'.",
+            )
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise UsageError(f"{name} must be one of {', '.join(allowed)}", where=f"model.{name} = {value!r}")
+
+
+PRESETS = {
+    "default": ModelConfig(),
+    "thesis": ModelConfig(
+        kind="gp",
+        kernel="ard_se",
+        points=500,
+        fit_points=500,
+        fit_spacing_s=0.0,
+        method="minimize",
+        prior="none",
+        noise_floor=0.0,
+        friction_fraction=0.0,
+        stick_fraction=0.0,
+        calibrate=False,
+    ),
+}

@@ -1,0 +1,140 @@
+"""An inverse dynamics model on disk: numbers in model.npz, everything else in model.json."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import DataError
+from etude.models.exact import ExactPosterior, posterior_given
+from etude.models.features import FeatureMap
+from etude.models.inverse_dynamics import InverseDynamicsModel
+from etude.models.kernels import Kernel, Linear, Product, SquaredExponential, Sum
+from etude.models.kinematics import KinematicTree
+from etude.models.rigid_body import RigidBodyModel
+from etude.models.transmission import Drive
+from etude.storage import write_atomic
+
+Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+
+VERSION = 1
+NUMBERS, WORDS = "model.npz", "model.json"
+POINTWISE = ("offset", "scale", "prior_deviation", "stick_velocity")
+TREE = tuple(KinematicTree.__dataclass_fields__)
+RIGID = ("friction_velocity", "inertial", "extra", "rank", "deviation")
+
+
+def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
+    """Writes model.npz and then model.json into `folder`, each whole or not at all."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays: Arrays = {name: getattr(model, name) for name in POINTWISE}
+    if model.features.friction_velocity is not None:
+        arrays["friction_velocity"] = model.features.friction_velocity
+    if model.residual_variance is not None:
+        arrays["residual_variance"] = model.residual_variance
+    for j, posterior in enumerate(model.posteriors):
+        arrays |= {f"output{j}.{name}": getattr(posterior, name) for name in ("theta", "X", "y")}
+    if model.fallback is not None:
+        arrays |= _rigid_arrays(model.fallback)
+    words = {
+        "version": VERSION,
+        "kind": model.kind,
+        "dof": model.dof,
+        "outputs": [
+            {"kernel": _kernel_words(p.kernel), "noise_variance": p.noise_variance} for p in model.posteriors
+        ],
+    }
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    write_atomic(folder / NUMBERS, buffer.getvalue())
+    write_atomic(folder / WORDS, json.dumps(words, indent=1).encode())
+
+
+def load_model(folder: str | Path) -> InverseDynamicsModel:
+    """The model that `save_model` wrote; predictions are the same to rounding.
+
+    Raises:
+        DataError: no model there, or a damaged or foreign one.
+    """
+    folder = Path(folder)
+    try:
+        words = json.loads((folder / WORDS).read_text(encoding="utf-8"))
+        with np.load(folder / NUMBERS, allow_pickle=False) as file:
+            arrays = dict(file)
+        if words["version"] != VERSION:
+            raise ValueError(f"version {words['version']}")
+        return _model(words, arrays)
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        raise DataError(
+            f"this is no model that can be read ({error})",
+            where=str(folder),
+            next_step="Remove the folder and learn the logs again.",
+        ) from error
+
+
+def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:
+    posteriors = tuple(_posterior(row, arrays, f"output{j}.") for j, row in enumerate(words["outputs"]))
+    return InverseDynamicsModel(
+        kind=words["kind"],
+        features=FeatureMap(words["dof"], arrays.get("friction_velocity")),
+        posteriors=posteriors,
+        fallback=_rigid_model(arrays) if "rigid.inertial" in arrays else None,
+        residual_variance=arrays.get("residual_variance"),
+        **{name: arrays[name] for name in POINTWISE},
+    )
+
+
+def _posterior(row: dict[str, Any], arrays: Arrays, prefix: str) -> ExactPosterior:
+    theta, X, y = (arrays[prefix + name] for name in ("theta", "X", "y"))
+    return posterior_given(_kernel(row["kernel"]), theta, float(row["noise_variance"]), X, y)
+
+
+def _kernel_words(kernel: Kernel) -> dict[str, Any]:
+    if isinstance(kernel, Sum | Product):
+        return {"type": type(kernel).__name__, "parts": [_kernel_words(part) for part in kernel.parts]}
+    if isinstance(kernel, SquaredExponential):
+        return {"type": "SquaredExponential", "dims": list(kernel.dims), "unit": kernel.unit}
+    if isinstance(kernel, Linear):
+        return {"type": "Linear", "dims": list(kernel.dims)}
+    raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
+
+
+def _kernel(words: dict[str, Any]) -> Kernel:
+    kind = words["type"]
+    if kind in ("Sum", "Product"):
+        parts = tuple(_kernel(part) for part in words["parts"])
+        return Sum(parts) if kind == "Sum" else Product(parts)
+    if kind == "SquaredExponential":
+        return SquaredExponential(tuple(words["dims"]), bool(words["unit"]))
+    if kind == "Linear":
+        return Linear(tuple(words["dims"]))
+    raise ValueError(f"unknown kernel {kind!r}")
+
+
+def _rigid_arrays(model: RigidBodyModel) -> Arrays:
+    arrays: Arrays = {f"rigid.{name}": getattr(model, name) for name in RIGID}
+    arrays |= {f"tree.{name}": getattr(model.tree, name) for name in TREE}
+    for j, drive in enumerate(model.drives):
+        arrays |= {
+            f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in Drive.__dataclass_fields__
+        }
+    return arrays
+
+
+def _rigid_model(arrays: Arrays) -> RigidBodyModel:
+    tree = KinematicTree(**{name: arrays[f"tree.{name}"] for name in TREE})
+    drives = tuple(
+        Drive(
+            float(arrays[f"drive{j}.gear"]),
+            *(arrays[f"drive{j}.{name}"] for name in ("coefficients", "bodies", "points")),
+        )
+        for j in range(tree.joints)
+    )
+    return RigidBodyModel(tree, drives, **{name: arrays[f"rigid.{name}"] for name in RIGID})
