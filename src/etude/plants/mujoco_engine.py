@@ -65,7 +65,7 @@ def _add_tendon(spec: Any, joint: Any, motor: Motor) -> str:
     return str(tendon.name)
 
 
-class _Friction:
+class PositionFriction:
     """Position-dependent friction, which MuJoCo has no field for: rewrites the levels before each step."""
 
     def __init__(self, arm: ArmParameters, model: mujoco.MjModel) -> None:
@@ -82,7 +82,7 @@ class _Friction:
         self.levels[:] = self.nominal * (1.0 + self.amplitude * wave)
 
 
-def advance(model: mujoco.MjModel, data: mujoco.MjData, friction: _Friction, steps: int) -> None:
+def advance(model: mujoco.MjModel, data: mujoco.MjData, friction: PositionFriction, steps: int) -> None:
     """`steps` physics steps under data.ctrl (V)."""
     if not friction.varies:
         mujoco.mj_step(model, data, steps)
@@ -96,7 +96,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, friction: _Friction, ste
 def simulate(arm: ArmParameters, inputs: LoopInputs) -> Trace:
     """The closed loop over all control ticks, from rest at the first desired position."""
     model = build_model(arm)
-    data, friction, c = mujoco.MjData(model), _Friction(arm, model), arm.controller
+    data, friction, c = mujoco.MjData(model), PositionFriction(arm, model), arm.controller
     kp, kd, tick = np.array(c.kp), np.array(c.kd), c.encoder_tick
     period = inputs.substeps * arm.timestep
     data.qpos[:] = inputs.q_des[0]
