@@ -6,15 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from etude.campaign.config_file import CONFIG, config_text, load_config
-from etude.campaign.folder import ROBOT, Campaign, open_campaign
+from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import commit, read_events
 from etude.campaign.presets import preset
+from etude.campaign.robot_copy import copy_robot, robot_from
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
-from etude.robots.toml_file import load_robot, robot_to_toml
 from etude.storage import write_atomic, writer_lock
-
-MODEL_SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 
 def create_campaign(
@@ -45,33 +42,10 @@ def create_campaign(
             raise UsageError(
                 "there is a campaign here already", where=str(path), next_step="Name another folder."
             )
-        files = _copy_robot(path, spec, confirm)
+        files = copy_robot(path, spec, confirm)
         write_atomic(path / CONFIG, config_text(config).encode())
         _, digest = load_config(path)
         facts = {"seed": seed, "preset": preset_name, "robot": spec.name, "axes": list(spec.names)}
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, digest, files, **facts)
     return open_campaign(path), confirm
-
-
-def robot_from(robot: str) -> tuple[RobotSpec, tuple[str, ...]]:
-    """The robot of a built-in name, a TOML, or a URDF or MJCF; and what a person should confirm of it."""
-    if Path(robot).suffix.lower() in MODEL_SUFFIXES:
-        from etude.robots.model_file import spec_from_model
-
-        found = spec_from_model(Path(robot))
-        return found.spec, found.confirm
-    return load_robot(robot), ()
-
-
-def _copy_robot(path: Path, spec: RobotSpec, confirm: tuple[str, ...]) -> list[Path]:
-    """Copies the model file, then writes a robot.toml that points to the copy."""
-    files = []
-    if spec.model_file is not None:
-        copy = path / f"robot_model{spec.model_file.suffix}"
-        write_atomic(copy, spec.model_file.read_bytes())
-        files.append(copy)
-        spec = replace(spec, model_file=copy.resolve())
-    text = robot_to_toml(spec, folder=path, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
-    write_atomic(path / ROBOT, text.encode())
-    return [path / ROBOT, *files]

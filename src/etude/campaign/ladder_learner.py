@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,10 @@ def learn_ladder(campaign: Campaign, state: State, number: int) -> Learned:
     before = load_models(campaign.model_folder(trained[-1].number)) if trained else {}
     new = _dataset(campaign, number)
     scores = prequential(before, new) if before else {}
-    logs = sorted(
-        {r.number for r in trained} | {number} | {r.number for r in state.pending if r.number < number}
-    )
-    dataset = concatenate([new if n == number else _dataset(campaign, n) for n in logs])
+    waiting = [r.number for r in state.pending if r.number < number]
+    logs = [*(r.number for r in trained), *waiting, number]
+    # the ladder takes the highest group for the newest, whatever the order in which logs arrive
+    dataset = concatenate([_grouped(campaign, n, order) for order, n in enumerate(logs)])
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     ladder = train_ladder(dataset, campaign.spec, campaign.config.model, rng, previous=before)
     files = save_models(campaign.model_folder(number), ladder.models, ladder.chosen)
@@ -57,12 +58,16 @@ def held_out(campaign: Campaign, log: Dataset, rng: np.random.Generator) -> dict
     train, test = split_blocks(log)
     ladder: Ladder = train_ladder(train, campaign.spec, campaign.config.model, rng)
     moving = ~test.stuck
-    nmse = {
-        kind: _nmse(test.tau, model.predict(test.q, test.qd, test.qdd)[0], moving)
-        for kind, model in ladder.models.items()
-    }
+    nmse: dict[str, list[float | None]] = {}
+    for kind, model in ladder.models.items():
+        nmse[kind] = _nmse(test.tau, model.predict(test.q, test.qd, test.qdd)[0], moving)
     nmse["linear regression"] = _nmse(test.tau, linear_regression(train, test), moving)
     return {"blocks": list(held_out_blocks()), "of": COUNT, "chosen": ladder.chosen, "nmse": nmse}
+
+
+def _grouped(campaign: Campaign, number: int, group: int) -> Dataset:
+    dataset = _dataset(campaign, number)
+    return replace(dataset, group=np.full(len(dataset), group, dtype=np.int64))
 
 
 def _dataset(campaign: Campaign, number: int) -> Dataset:
