@@ -28,11 +28,18 @@ def test_every_fifth_block_is_held_out() -> None:
     assert abs(len(test) / len(data) - 0.2) < 0.01
 
 
-def test_unequal_sampling_splits_by_time() -> None:
-    data = dataset(400)
-    thinned = data.take((data.t < 10.0) | (np.arange(400) % 7 == 0))
-    _, test = split_blocks(thinned)
-    assert set(((test.t - 5.0) // 1.0).astype(int).tolist()) == {3, 8, 13, 18}
+def test_a_part_can_be_split_again() -> None:
+    train, _ = split_blocks(dataset(2000))
+    inner, held = split_blocks(train)
+    assert len(held) == 320
+    assert set(held.t) < set(train.t)
+    assert not set(held.t) & set(inner.t)
+
+
+def test_the_order_of_samples_does_not_matter() -> None:
+    data = dataset(500)
+    shuffled = data.take(np.random.default_rng(0).permutation(500))
+    assert set(split_blocks(shuffled)[1].t) == set(split_blocks(data)[1].t)
 
 
 def test_too_short_a_log_is_refused() -> None:

@@ -11,7 +11,7 @@ from etude.models.dataset import Dataset
 Array = NDArray[np.float64]
 
 COUNT, FIRST, EVERY = 20, 3, 5
-"""20 blocks of equal duration; blocks 3, 8, 13 and 18, counted from 0, are held out."""
+"""20 blocks of equally many samples; blocks 3, 8, 13 and 18, counted from 0, are held out."""
 
 
 def held_out_blocks() -> tuple[int, ...]:
@@ -20,16 +20,16 @@ def held_out_blocks() -> tuple[int, ...]:
 
 
 def split_blocks(dataset: Dataset) -> tuple[Dataset, Dataset]:
-    """Training and test samples of one log, split into contiguous blocks of time.
+    """Training and test samples of one log, split into contiguous blocks.
 
     Neighbouring samples are nearly equal, so a random split would test memory; whole blocks test prediction.
 
     Raises:
         DataError: a part would be empty.
     """
-    start, stop = float(dataset.t.min()), float(dataset.t.max())
-    place = (dataset.t - start) / max(stop - start, 1e-12) * COUNT
-    block = np.minimum(place.astype(np.int64), COUNT - 1)
+    # by rank, not by time, so that a log with pauses, or a part of a split one, still has 20 blocks
+    rank = np.argsort(np.argsort(dataset.t, kind="stable"))
+    block = rank * COUNT // len(dataset)
     test = np.isin(block, held_out_blocks())
     if not test.any() or test.all():
         raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
