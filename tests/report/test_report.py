@@ -360,3 +360,25 @@ def test_a_run_without_feedforward_is_not_said_to_have_one(tmp_path: Path) -> No
     log = read_parquet(path)
     write_parquet(replace(log, tau_ff=np.zeros_like(log.tau)), path)
     assert "run without a feedforward" in drawn(tmp_path).text
+
+
+def test_one_real_log_is_scored_on_its_held_out_blocks(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=0, evaluated=False)
+    nmse = {"gp": [0.011, 0.012, 0.013, None], "linear regression": [0.31, 0.32, 0.33, None]}
+    blocks = {"blocks": [1, 3], "of": 5, "chosen": "gp", "nmse": nmse}
+    facts = {"models": {}, "chosen": "gp", "robot_seconds": 60.0, "held_out": blocks}
+    commit(tmp_path, "trained", 2, CONFIG, [], **facts)
+    text = drawn(tmp_path).text
+    assert "explained 98.8 % of the variance" in text
+    assert "Linear regression on the same data explained 68.0 %" in text
+    assert "cut into 5 blocks" in text
+    for value in (0.011, 0.012, 0.013, 0.31, 0.32, 0.33):
+        assert number(value) in text
+
+
+def test_calibration_is_that_of_the_model_that_predicted(tmp_path: Path) -> None:
+    write_campaign(tmp_path, rounds=0, evaluated=False)
+    good, bad = ({"nmse": [0.1] * 4, "z2": [z2] * 4, "coverage": [0.95] * 4} for z2 in (1.0, 9.0))
+    facts = {"models": {"gp": good, "identified": bad}, "chosen": "identified", "predicted_by": "gp"}
+    commit(tmp_path, "trained", 2, CONFIG, [], **facts, robot_seconds=60.0)
+    assert "every joint is inside both bands" in drawn(tmp_path).text

@@ -105,8 +105,19 @@ def score(event: Facts | None, kind: str | None, quantity: str) -> Array | None:
     values = (models.get(kind) or {}).get(quantity)
     if values is None:
         return None
-    table = np.array([np.nan if value is None else float(value) for value in np.atleast_1d(values).tolist()])
+    table = _numbers(values)
     return table if np.isfinite(table).any() else None
+
+
+def held_out(event: Facts | None) -> dict[str, Array]:
+    """(dof,) nMSE on held-out blocks of one log for each model that was scored so; empty if none was."""
+    blocks = ((event or {}).get("held_out") or {}).get("nmse") or {}
+    scores = {str(kind): _numbers(values) for kind, values in blocks.items()}
+    return {kind: values for kind, values in scores.items() if np.isfinite(values).any()}
+
+
+def _numbers(values: object) -> Array:
+    return np.array([np.nan if v is None else float(v) for v in np.atleast_1d(np.asarray(values, object))])
 
 
 def scored_kinds(record: Record) -> tuple[str, ...]:

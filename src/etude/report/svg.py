@@ -203,12 +203,13 @@ def panel(
     longest = max((len(mark.label) for mark in named), default=0)
     right = width - (12.0 + BOLD_CHARACTER * longest * end_labels)
     top = 30.0 + 20.0 * len(rows) + header
+    height += 20 * max(0, len(rows) - 1)  # a long legend must not squeeze the drawing
     extents = [mark.extent() for mark in marks]
     sx = fitted_scale(x, np.concatenate([e[0] for e in extents] or [np.empty(0)]), 62.0, right - 2.0)
     sy = fitted_scale(y, np.concatenate([e[1] for e in extents] or [np.empty(0)]), height - 44.0, top)
     drawn = "".join(mark.draw(sx, sy) for mark in marks)
     names = _end_labels(named, sx, sy) if end_labels else _legend(rows)
-    frame = _title(title) + _grid(sx, sy) + drawn + _axis_labels(x, y, sx, sy, size) + names
+    frame = _title(title) + _grid(sx, sy) + drawn + _axis_labels(x, y, sx, sy, height) + names
     scale = " ".join(
         f"{v:.7g}" for v in (sx.low, sx.high, sx.start, sx.end, sy.low, sy.high, sy.start, sy.end)
     )
@@ -269,10 +270,10 @@ def _grid(sx: Scale, sy: Scale) -> str:
     return "".join(parts)
 
 
-def _axis_labels(x: Axis, y: Axis, sx: Scale, sy: Scale, size: tuple[int, int]) -> str:
+def _axis_labels(x: Axis, y: Axis, sx: Scale, sy: Scale, height: int) -> str:
     middle_x, middle_y = (sx.start + sx.end) / 2, (sy.start + sy.end) / 2
     return (
-        f'<text class="axis" x="{middle_x:.1f}" y="{size[1] - 8}" text-anchor="middle">{text(x.label)}</text>'
+        f'<text class="axis" x="{middle_x:.1f}" y="{height - 8}" text-anchor="middle">{text(x.label)}</text>'
         f'<text class="axis" transform="translate(15,{middle_y:.1f})rotate(-90)" text-anchor="middle">'
         f"{text(y.label)}</text>"
     )

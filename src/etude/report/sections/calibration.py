@@ -24,9 +24,10 @@ def calibration(record: Record) -> Html:
     if not any(_in_use(r.trained, "z2") is not None for r in record.state.trained):
         return section("calibration", title, missing("No held-out score yet: it comes with the second log."))
     text = paragraph(
-        "Each model predicts each new log before it learns from it. z² is the mean squared error over the "
-        "predicted variance: 1 is honest, more is too sure of itself, less too cautious. Coverage is "
-        "the share of the commands inside the predicted 95 % interval. The bands show what is good enough."
+        "The model in use predicts each new log before it learns from it. z² is the mean squared "
+        "error over the predicted variance: 1 is honest, more is too sure of itself, less too "
+        "cautious. Coverage is the share of the commands inside the predicted 95 % interval. The "
+        "bands show what is good enough."
     )
     return section("calibration", title, text, paragraph(_verdict(record)), grid(_panels(record)))
 
@@ -48,9 +49,10 @@ def _panels(record: Record) -> list[Html]:
 
 
 def _in_use(trained: Facts | None, quantity: str) -> Array | None:
-    """The score of the model in use, or of the last kind that has one if that one was not scored."""
-    kinds = [*((trained or {}).get("models") or {}), chosen_kind(trained)]
-    scores = (score(trained, kind, quantity) for kind in reversed(kinds))
+    """The score of the model in use when the log came, or of the nearest kind that has one."""
+    facts = trained or {}
+    kinds = [*(facts.get("models") or {}), facts.get("chosen"), facts.get("predicted_by")]
+    scores = (score(trained, kind, quantity) for kind in reversed(kinds) if kind)
     return next((found for found in scores if found is not None), None)
 
 

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.report.curves import BASELINES, TESTS, Test, chosen_kind, kind_name, robot_seconds, score, tests
+from etude.report.curves import (
+    BASELINES,
+    TESTS,
+    Array,
+    Test,
+    chosen_kind,
+    held_out,
+    kind_name,
+    robot_seconds,
+    score,
+    tests,
+)
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
 
@@ -54,10 +65,7 @@ def _comparisons(test: Test, now: float) -> list[str]:
         )
         sentences.append(f"PD with an identified rigid-body model has {number(rigid.mean)}° ({relation}).")
     if perfect:
-        sentences.append(
-            f"A perfect model of this robot would reach {number(perfect.mean)}°: the floor for any "
-            f"feedforward."
-        )
+        sentences.append(f"A perfect model of this robot has {number(perfect.mean)}°, about the floor.")
     return sentences
 
 
@@ -70,7 +78,7 @@ def _cards(record: Record, test: Test) -> Html:
     for name, style, label in (
         ("pd", "c2", "with PD alone"),
         ("rigid_body", "c5", "with an identified rigid body"),
-        ("perfect", "c3", "with a perfect model, the floor"),
+        ("perfect", "c3", "with a perfect model"),
     ):
         found = test.baseline(name)
         if found:
@@ -94,10 +102,20 @@ def _untrained(record: Record) -> Html:
     return missing("Nothing has been asked yet. `etude ask` writes the first trajectory.")
 
 
+def _held_out(record: Record, kind: str | None) -> tuple[Array | None, Array | None]:
+    """(dof,) nMSE of the model in use and of linear regression: on a new log, else on held-out blocks."""
+    last = record.state.trained[-1].trained
+    error, linear = score(last, kind, "nmse"), score(last, "linear", "nmse")
+    if error is not None:
+        return error, linear
+    newest = next((b for r in reversed(record.state.trained) if (b := held_out(r.trained))), {})
+    return newest.get(str(kind)), newest.get("linear regression")
+
+
 def _prequential(record: Record) -> Html:
     last = record.state.trained[-1].trained
     kind = chosen_kind(last)
-    error, linear = score(last, kind, "nmse"), score(last, "linear", "nmse")
+    error, linear = _held_out(record, kind)
     seconds = robot_seconds(record)
     count = len(record.state.told) or len(record.state.trained)
     logs = f"{count} {'log' if count == 1 else 'logs'} ({duration(seconds)} of robot time)"

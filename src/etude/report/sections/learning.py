@@ -11,6 +11,7 @@ from etude.report.curves import (
     Evaluation,
     Test,
     chosen_kind,
+    held_out,
     kind_name,
     score,
     scored_kinds,
@@ -34,26 +35,24 @@ def learning(record: Record) -> Html:
     title = "Learning curve"
     found = [test for test in tests(record) if test.learned or test.baselines]
     if found:
-        panels = [learning_panel(test) for test in found] + [
-            _joints_of(test, record.names) for test in found if test.learned
-        ]
-        text = paragraph(
-            "Mean tracking error over joints on a motion that is never trained on, after each trajectory. "
-            "“Rigid body” is PD with a feedforward from an identified rigid-body model; the lowest "
-            "line is what a perfect model reaches: noise and delay of the loop set it.",
-        )
-        return section("learning", title, text, grid(panels), *(_table_of(t) for t in found if t.learned))
-    if any(
-        score(r.trained, kind, "nmse") is not None
-        for r in record.state.trained
-        for kind in scored_kinds(record)
-    ):
-        return section("learning", title, *_prequential(record, record.names))
-    return section(
-        "learning",
-        title,
-        missing("No evaluation yet: there is neither a simulated test nor a held-out score."),
+        return section("learning", title, *_simulated(found, record.names))
+    kinds = scored_kinds(record)
+    parts = _blocks(record)
+    if any(score(r.trained, kind, "nmse") is not None for r in record.state.trained for kind in kinds):
+        parts = _prequential(record, record.names) + parts
+    nothing = missing("No evaluation yet: there is neither a simulated test nor a held-out score.")
+    return section("learning", title, *(parts or [nothing]))
+
+
+def _simulated(found: list[Test], names: tuple[str, ...]) -> list[Html]:
+    learned = [test for test in found if test.learned]
+    panels = [*map(learning_panel, found), *(_joints_of(test, names) for test in learned)]
+    text = paragraph(
+        "Mean tracking error over joints on a motion that is never trained on, after each trajectory. "
+        "“Rigid body” is PD with a feedforward from an identified rigid-body model; “perfect model” has the "
+        "exact inverse dynamics: what it leaves is set by noise, delay and stiction."
     )
+    return [text, grid(panels), *map(_table_of, learned)]
 
 
 def curve_marks(test: Test) -> list[Mark]:
@@ -107,6 +106,23 @@ def _table_of(test: Test) -> Html:
     header = ["controller", "mean (°)", *(f"joint {j + 1} (°)" for j in range(dof))]
     title = f"All numbers on {TESTS.get(test.name, test.name)}"
     return element("details", element("summary", title), table(header, rows, highlight=len(rows) - 1))
+
+
+def _blocks(record: Record) -> list[Html]:
+    """Scores on held-out blocks of the newest log that has them, beside linear regression."""
+    scored = [r for r in record.state.trained if held_out(r.trained)]
+    if not scored:
+        return []
+    scores = held_out(scored[-1].trained)
+    facts = (scored[-1].trained or {})["held_out"]
+    text = paragraph(
+        f"Log {scored[-1].number} was cut into {facts.get('of', 'several')} blocks; models that "
+        "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
+        "the command's variance: 0 is perfect, 1 is no better than the mean."
+    )
+    rows = [[kind_name(kind), float(np.nanmean(v)), *map(float, v)] for kind, v in scores.items()]
+    chosen = list(scores).index(facts["chosen"]) if facts.get("chosen") in scores else None
+    return [text, table(["model", "mean", *record.names], rows, highlight=chosen)]
 
 
 def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:

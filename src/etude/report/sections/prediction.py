@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etude.campaign.config_file import load_config
 from etude.errors import EtudeError
@@ -34,8 +35,8 @@ def prediction(record: Record) -> Html:
         return section("prediction", title, missing(f"The prediction could not be made: {error}"))
     text = paragraph(
         f"Log {trained[-1].number}, predicted by the model learned from the logs before it. The band "
-        "should hold 95 % of the measured commands; where the joint stands still, friction makes its "
-        "command arbitrary."
+        "should hold 95 % of the measured commands. Where a joint stands still friction makes its command "
+        "arbitrary, so nothing is learned or predicted there."
     )
     names, unit = record.names, record.spec.command_unit
     panels = [command_panel(data, mean, variance, j, (name, unit)) for j, name in enumerate(names)]
@@ -46,11 +47,20 @@ def command_panel(data: Dataset, mean: Array, variance: Array, joint: int, names
     """Measured and predicted command of one joint over time, smoothed alike; `names` are joint and unit."""
     t, expected = data.t, mean[:, joint]
     half = Z95 * np.sqrt(np.maximum(variance[:, joint], 0.0))
-    (tl, low), (th, high) = thinned(t, expected - half, 400), thinned(t, expected + half, 400)
-    marks: list[Mark] = [
-        Area(tl, low, th, high, "95 % interval"),
-        Line(*thinned(t, data.tau[:, joint], 600), "measured", "c8"),
-        Line(*thinned(t, expected, 600), "predicted", "c2 dash"),
-    ]
+    areas: list[Mark] = []
+    lines: list[Mark] = [Line(*thinned(t, data.tau[:, joint], 600), "measured", "c8")]
+    for piece in _moving(data.stuck[:, joint]):
+        low, high = (thinned(t[piece], (expected + sign * half)[piece], 300) for sign in (-1.0, 1.0))
+        areas.append(Area(*low, *high, "" if areas else "95 % interval"))
+        label = "predicted while moving" if len(lines) == 1 else ""
+        lines.append(Line(*thinned(t[piece], expected[piece], 400), label, "c2 dash"))
+    marks = [*areas, *lines]
     axes = Axis("time (s)", limits=(float(t[0]), float(t[-1]))), Axis(f"command ({names[1]})")
     return panel(names[0], *axes, marks, size=(560, 260))
+
+
+def _moving(stuck: NDArray[np.bool_]) -> list[slice]:
+    """Stretches of at least three samples in which the joint moves."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], stuck, [True]]).astype(int)))
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [slice(int(start), int(stop)) for start, stop in pairs if stop - start >= 3]
