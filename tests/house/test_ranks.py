@@ -33,6 +33,7 @@ RANKS = {
 # Within one rank a package imports no other, but for these: a robot's description is read by everything
 # that moves or records it, and a study may draw its own page.
 SIDEWAYS = {
+    ("storage", "errors"),
     ("logs", "robots"),
     ("trajectories", "robots"),
     ("plants", "robots"),

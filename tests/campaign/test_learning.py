@@ -1,0 +1,131 @@
+"""Learning for real, on a small robot: scores before learning, facts for the stop rule, models on disk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import make_campaign, write_log
+
+from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.evidence import calibration_factor, collect
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import newest_model
+from etude.campaign.status import status
+from etude.campaign.tell import tell
+from etude.errors import StopRuleReached
+from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.random import random_trajectory
+
+CONFIG = """\
+[trajectory]
+duration = 20.0
+[data]
+cutoff_hz = 5.0
+[model]
+kind = "gp"
+points = 100
+fit_points = 60
+steps = 5
+[design]
+candidates = 4
+refine = 1
+steps = 3
+points = 20
+reference_points = 20
+"""
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """A foreign log, then two answered proposals."""
+    folder = tmp_path_factory.mktemp("learning")
+    campaign = make_campaign(folder, config=CONFIG)
+    rng = np.random.default_rng(8)
+    motion = random_trajectory(rng, campaign.spec, TrajectoryFamily(duration=20.0))
+    tell(campaign, write_log(folder / "foreign.csv", motion))
+    for _ in range(2):
+        number = ask(campaign).number
+        tell(campaign, write_log(folder / f"{number}.csv", stored_trajectory(campaign, number), number))
+    return campaign
+
+
+def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
+    first, second, third = learned.state().trained
+    assert first.trained is not None
+    assert second.trained is not None
+    assert third.trained is not None
+    assert first.trained["models"] == {}
+    assert set(second.trained["models"]["gp"]) == {"nmse", "z2", "coverage"}
+    assert max(third.trained["models"]["gp"]["nmse"]) < 0.2
+    assert third.trained["logs"] == [1, 2, 3]
+    assert third.trained["robot_seconds"] == pytest.approx(3 * 20.5, abs=2.0)
+
+
+def test_later_trajectories_are_designed(learned: Campaign) -> None:
+    facts = learned.state().rounds[3].asked
+    assert facts is not None
+    assert facts["criterion"] == "log_ivr"
+    assert facts["learned"] == 2
+    assert 0.0 < facts["gain"] < 1.0
+
+
+def test_evidence_joins_what_was_asked_and_learned(learned: Campaign) -> None:
+    state = learned.state()
+    evidence = collect(learned, state)
+    assert [e.number for e in evidence] == [1, 2, 3]
+    gains = [state.rounds[n].asked["gain"] for n in (2, 3)]  # type: ignore[index]
+    assert [e.gain for e in evidence] == [*gains, None]
+    assert collect(learned, state, 0.25)[-1].gain == 0.25
+    assert [e.robot_minutes for e in evidence] == sorted(e.robot_minutes for e in evidence)
+    z2 = [z for n in (2, 3) for z in state.rounds[n].trained["models"]["gp"]["z2"]]  # type: ignore[index]
+    assert calibration_factor(state.trained) == pytest.approx(np.mean(z2))
+
+
+def test_a_foreign_log_is_scored_on_held_out_blocks(learned: Campaign) -> None:
+    found = status(learned)["held_out"]
+    assert (found["number"], found["blocks"], found["of"]) == (1, [3, 8, 13, 18], 20)
+    assert max(found["nmse"]["gp"]) < max(found["nmse"]["linear regression"])
+
+
+def test_the_stored_model_predicts(learned: Campaign) -> None:
+    model = newest_model(learned, learned.state())
+    s = stored_trajectory(learned, 3).sample(np.linspace(2.0, 18.0, 40))
+    mean, variance = model.predict(s.q, s.qd, s.qdd)
+    tau = 2.0 * s.qdd + 1.5 * np.tanh(s.qd / 0.05) + 3.0 * np.sin(s.q)
+    assert np.mean((mean - tau) ** 2) < 0.1 * np.var(tau)
+    assert (variance > 0).all()
+
+
+def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path) -> None:
+    """Two copies of a campaign design the same trajectory, to the last bit."""
+    import shutil
+
+    from etude.campaign.folder import open_campaign
+
+    texts = []
+    for name in ("a", "b"):
+        shutil.copytree(learned.path, tmp_path / name)
+        proposal = ask(open_campaign(tmp_path / name))
+        texts.append((proposal.folder / "trajectory.json").read_text())
+    assert texts[0] == texts[1]
+    assert json.loads(texts[0])["kind"] == "fourier"
+
+
+def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_path: Path) -> None:
+    import shutil
+
+    from etude.campaign.folder import open_campaign
+
+    shutil.copytree(learned.path, tmp_path / "lab")
+    path = tmp_path / "lab" / "campaign.toml"
+    path.write_text(
+        path.read_text() + "[stop]\ngain_per_minute = 1e6\ncommand_tolerance = 0\nnoise_fraction = 0\n"
+    )
+    campaign = open_campaign(tmp_path / "lab")
+    with pytest.raises(StopRuleReached, match=r"\(gain\)"):
+        ask(campaign)
+    assert not campaign.proposal(4).exists()
+    assert ask(campaign, go_on=True).number == 4
