@@ -219,7 +219,7 @@ def test_damaged_files_are_named_and_the_rest_is_drawn(tmp_path: Path) -> None:
     text = drawn(tmp_path).text
     for name in ("runs/0002.parquet", "proposals/0001/trajectory.json", "proposals/0002/certificate.json"):
         assert f"{name} could not be read" in text
-    assert "The newest log, of trajectory 1." in text
+    assert "The newest log, number 1." in text
 
 
 def test_a_log_of_a_real_robot_needs_no_desired_motion(tmp_path: Path) -> None:

@@ -32,13 +32,18 @@ def tracking(record: Record) -> Html:
         newest, told_log = next(readable, (0, None))
         if told_log is None:
             return section("tracking", title, missing("No log that can be read has come back yet."))
-        text, log, before = f"The newest log, of trajectory {newest}.", told_log, None
+        text, log, before = f"The newest log, number {newest}.", told_log, None
     alone = before[1] if before is not None else None
+    columns = 3 if log.q_des is not None else 2
     panels = [p for joint in range(log.dof) for p in joint_panels(log, joint, alone)]
-    return section("tracking", title, paragraph(f"{text} {_reading(log)}"), *_absent(log), grid(panels, 3))
+    return section(
+        "tracking", title, paragraph(f"{text} {_reading(log)}"), *_absent(log), grid(panels, columns)
+    )
 
 
 def _reading(log: RobotLog) -> str:
+    if log.q_des is None:
+        return ""
     position = "noise-free position" if log.q_true is not None else "measured position"
     sentence = f"Error is the desired position minus the {position}."
     if log.tau_ff is None or not log.tau_ff.any():
