@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.plants import SimulatedRobot, plant_names, simulated_robot
+from etude.plants.registry import plant_names, simulated_robot
+from etude.plants.robot import SimulatedRobot
 from etude.trajectories.samples import TrajectorySamples
 
 ENGINES = ("mujoco", "compiled")

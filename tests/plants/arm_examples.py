@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import mujoco
 import msgspec
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,9 @@ from arm_examples import MIDDLE, actuator_length, moment_arm, open_loop
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.plants import mujoco_engine, simulated_robot
+from etude.plants import mujoco_engine
 from etude.plants.parameters import ArmParameters, load_parameters
+from etude.plants.registry import simulated_robot
 
 ARMS = ("arm4", "arm4_rough")
 four = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)

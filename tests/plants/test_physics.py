@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from arm_examples import ENGINES, MIDDLE, actuator_length, energy, moment_arm, open_loop, with_motors
 
-from etude.plants import simulated_robot
 from etude.plants.parameters import ArmParameters, Sine, load_parameters
+from etude.plants.registry import simulated_robot
 
 ARMS = ("arm4", "arm4_rough")
 

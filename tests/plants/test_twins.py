@@ -9,9 +9,11 @@ from arm_examples import MIDDLE, Sines, open_loop
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.control import no_feedforward, perfect_feedforward, run_closed_loop, tracking_error
-from etude.plants import compiled, mujoco_engine, simulated_robot
+from etude.control.closed_loop import run_closed_loop, tracking_error
+from etude.control.feedforward import no_feedforward, perfect_feedforward
+from etude.plants import compiled, mujoco_engine
 from etude.plants.parameters import load_parameters
+from etude.plants.registry import simulated_robot
 from etude.robots.toml_file import load_robot
 
 ARMS = ("arm4", "arm4_rough")
@@ -79,6 +81,14 @@ def test_inertia_and_bias_forces_are_those_of_the_shipped_model_file(q: np.ndarr
     compiled._rigid(MIDDLE + q, v, compiled.arrays(arm), M, bias)
     np.testing.assert_allclose(M, inertia, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(bias, data.qfrc_bias, rtol=1e-10, atol=1e-12)
+
+
+def test_the_pivots_of_the_shipped_model_file_are_the_plants() -> None:
+    model = mujoco.MjModel.from_xml_path(str(load_robot("arm4").model_file))
+    for motor in load_parameters("arm4").motors[1:]:
+        for end, pivot in (("base", motor.fixed), ("end", motor.moving)):
+            x, y, z = model.site(f"{motor.joint}_rod_{end}").pos
+            assert (x, y, z) == (pivot[0], 0.0, pivot[1])
 
 
 def test_the_model_files_limits_are_the_robots() -> None:

@@ -36,20 +36,20 @@ def arm_robot(name: str, spec: RobotSpec, engine: str) -> SimulatedRobot:
 def _engine(engine: str, arm: ArmParameters) -> Callable[[LoopInputs], Trace]:
     """One engine's closed loop; its heavy package is imported only when chosen."""
     if engine == "mujoco":
-        from etude.plants import mujoco_engine
+        from etude.plants.mujoco_engine import simulate as simulate_in_mujoco
 
-        return partial(mujoco_engine.simulate, arm)
+        return partial(simulate_in_mujoco, arm)
     if engine == "compiled":
-        from etude.plants import compiled
+        from etude.plants.compiled import simulate
 
-        return partial(compiled.simulate, arm)
+        return partial(simulate, arm)
     raise UsageError(f"there is no engine {engine!r}", next_step="Choose one of: mujoco, compiled.")
 
 
 def _inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:
-    from etude.plants import compiled
+    from etude.plants.compiled import inverse
 
-    return compiled.inverse(arm, q, qd, qdd)
+    return inverse(arm, q, qd, qdd)
 
 
 def _check(name: str, spec: RobotSpec, arm: ArmParameters) -> None:
