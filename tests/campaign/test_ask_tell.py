@@ -229,6 +229,18 @@ class TestTell:
         result = tell(campaign, log_of(campaign, 2, tmp_path), learner=picky)  # type: ignore[arg-type]
         assert result.learned == (2,)
 
+    def test_asking_finishes_interrupted_learning(self, campaign: Campaign, tmp_path: Path) -> None:
+        asked(campaign, 2)
+
+        def killed(*_: object) -> object:
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            tell(campaign, log_of(campaign, 1, tmp_path), learner=killed)  # type: ignore[arg-type]
+        assert [r.number for r in campaign.state().pending] == [1]
+        assert ask(campaign, learner=stub_learner).number == 2
+        assert campaign.state().pending == []
+
 
 class TestAbandon:
     def test_an_open_proposal(self, campaign: Campaign, tmp_path: Path) -> None:

@@ -19,7 +19,9 @@ def test_a_model_without_includes_is_copied_byte_by_byte(tmp_path: Path) -> None
 def test_includes_take_their_places(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "a.xml").write_text("<mujoco><a/><include file='parts/b.xml'/><d/></mujoco>")
-    (tmp_path / "parts" / "b.xml").write_text("<mujocoinclude><b><include file='c.xml'/></b></mujocoinclude>")
+    (tmp_path / "parts" / "b.xml").write_text(
+        "<mujocoinclude><b><include file='parts/c.xml'/></b></mujocoinclude>"
+    )
     (tmp_path / "parts" / "c.xml").write_text("<mujoco><c/></mujoco>")
     assert model_bytes(tmp_path / "a.xml").endswith(b"<mujoco><a /><b><c /></b><d /></mujoco>")
 

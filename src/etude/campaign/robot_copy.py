@@ -55,7 +55,10 @@ def model_bytes(path: Path) -> bytes:
 
 
 def _expand(element: ElementTree.Element, folder: Path, depth: int) -> None:
-    """Replaces each <include file="..."> below `element` by the children of that file's root."""
+    """Replaces each <include file="..."> below `element` by the children of that file's root.
+
+    `folder` is the main file's: MuJoCo means every path from there, in included files too.
+    """
     if depth > DEEPEST:
         raise UsageError("the model's files include each other in a circle", where=str(folder))
     children: list[ElementTree.Element] = []
