@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import make_campaign, stub_learner
+from small_robot import make_campaign, stub_learner
 
 from etude import storage
 from etude.campaign import ask as asking

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROBOT, make_campaign, stub_learner, write_log
+from small_robot import ROBOT, make_campaign, stub_learner, write_log
 
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory

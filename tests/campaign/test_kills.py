@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import make_campaign, stub_learner, write_log
+from small_robot import make_campaign, stub_learner, write_log
 
 from etude import storage
 from etude.campaign.ask import ask, stored_trajectory

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_campaign, write_log
+from small_robot import make_campaign, write_log
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.evidence import calibration_factor, collect

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_campaign
+from small_robot import make_campaign
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign

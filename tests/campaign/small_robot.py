@@ -1,0 +1,78 @@
+"""A small robot, its logs, and a learner that costs nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from etude.campaign.create import create_campaign
+from etude.campaign.folder import Campaign
+from etude.campaign.learner import Learned
+from etude.campaign.state import State
+from etude.storage import write_atomic
+from etude.trajectories.fourier import FourierTrajectory
+
+ROBOT = """\
+name = "pair"
+command_unit = "N m"
+rate = 50.0
+[[axis]]
+name = "hip"
+lower = -1.0
+upper = 1.0
+velocity = 1.0
+acceleration = 2.0
+command = 20.0
+[[axis]]
+name = "knee"
+lower = -1.5
+upper = 0.5
+velocity = 1.0
+acceleration = 2.0
+command = 10.0
+"""
+SHORT = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n"
+
+
+def stub_learner(campaign: Campaign, state: State, number: int) -> Learned:
+    """Stores one small file and scores nothing; the forecast improves with each log."""
+    path = campaign.model_folder(number) / "model.json"
+    write_atomic(path, f'{{"logs": {[r.number for r in state.told]}}}'.encode())
+    deviation = [20.0 * 0.5 ** (1 + len(state.trained)), 10.0 * 0.5 ** (1 + len(state.trained))]
+    seconds = sum(r.told["robot_seconds"] for r in state.told if r.told)
+    facts = {
+        "models": {"gp": {"nmse": [0.1, 0.2], "z2": [1.0, 1.0], "coverage": [0.95, 0.95]}},
+        "chosen": "gp",
+        "robot_seconds": seconds,
+        "forecast_deviation": deviation,
+        "latent_deviation": deviation,
+        "noise_deviation": [0.1, 0.1],
+        "moved": None,
+    }
+    return Learned([path], facts)
+
+
+def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
+    """A campaign of 12 s trajectories for the pair."""
+    from etude.campaign.folder import open_campaign
+
+    folder.mkdir(parents=True, exist_ok=True)
+    robot = folder / "pair.toml"
+    robot.write_text(ROBOT)
+    path = create_campaign(folder / "lab", str(robot), seed=seed)[0].path
+    (path / "campaign.toml").write_text(f"seed = {seed}\n{config}")
+    return open_campaign(path)
+
+
+def write_log(path: Path, trajectory: FourierTrajectory, seed: int = 0, start: float = 1.7e9) -> Path:
+    """A CSV of a robot that follows the trajectory after 1 s of standing still."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(-1.0, trajectory.duration + 0.5, 0.02)
+    s = trajectory.sample(t)
+    q = s.q + 1e-4 * rng.standard_normal(s.q.shape)
+    tau = 2.0 * s.qdd + 1.5 * np.tanh(s.qd / 0.05) + 3.0 * np.sin(s.q)
+    rows = np.column_stack([t + start, q, tau])
+    lines = ["time,q_hip,q_knee,tau_hip,tau_knee", *(",".join(map(repr, row)) for row in rows.tolist())]
+    path.write_text("\n".join(lines) + "\n")
+    return path
