@@ -24,9 +24,9 @@ class DesignConfig:
     """
 
     criterion: str = "log_ivr"
-    candidates: int = 32
+    candidates: int = 24
     refine: int = 2
-    steps: int = 20
+    steps: int = 30
     points: int = 50
     reference_points: int = 100
     random_share: float = 0.0

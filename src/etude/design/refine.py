@@ -111,8 +111,8 @@ class Variables:
 class Search:
     """The objective on variables that cannot leave the limits.
 
-    A joint whose coefficients use its limits by a factor g > 1 is drawn back to rest in the middle by 1/g, the
-    exact edge of the certified set; so every evaluation is of a certified trajectory.
+    A joint whose coefficients use its limits by a factor g > 1 is drawn by 1/g towards rest in the middle,
+    to the exact edge of the certified set; so every evaluation is of a certified trajectory.
     """
 
     objective: Objective

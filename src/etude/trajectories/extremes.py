@@ -11,6 +11,8 @@ from etude.errors import UsageError
 
 Array = NDArray[np.float64]
 
+ROOM = 1.0 - 1e-9
+"""Part of each limit that is used, so that rounding never leaves a proposed trajectory just outside."""
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Allowance for rounding in evaluating a series, relative to the sum of its amplitudes."""
 

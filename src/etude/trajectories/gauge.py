@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 from etude.errors import UnsafeTrajectoryError
 from etude.robots.spec import RobotSpec
 from etude.trajectories.certificate import OVERSAMPLING
-from etude.trajectories.extremes import grid
+from etude.trajectories.extremes import ROOM, grid
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.fourier import series
 from etude.trajectories.ramp import PEAK_RATE
 
 Array = NDArray[np.float64]
-
-ROOM = 1.0 - 1e-9
-"""Part of each limit that is used, so that rounding never leaves a designed trajectory just outside."""
 
 
 @dataclass(frozen=True)

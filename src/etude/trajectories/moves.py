@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.robots.spec import RobotSpec
+from etude.trajectories.extremes import ROOM
 from etude.trajectories.json_text import from_text, to_text
 from etude.trajectories.samples import TrajectorySamples
 
@@ -133,5 +134,5 @@ def random_moves(
         )
     middle, half = 0.5 * (spec.upper + spec.lower), 0.5 * box_fraction * (spec.upper - spec.lower)
     waypoints = middle + half * rng.uniform(-1.0, 1.0, (count + 1, spec.dof))
-    speed = rng.uniform(low, high, (count, 1)) * spec.velocity
-    return PointToPoint(waypoints, speed, dwell, spec.acceleration)
+    speed = ROOM * rng.uniform(low, high, (count, 1)) * spec.velocity
+    return PointToPoint(waypoints, speed, dwell, ROOM * spec.acceleration)

@@ -9,9 +9,10 @@ import numpy as np
 from etude.errors import UsageError
 from etude.robots.spec import RobotSpec
 from etude.trajectories.certificate import series_ranges
+from etude.trajectories.extremes import ROOM
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.gauge import ROOM, check_room
+from etude.trajectories.gauge import check_room
 from etude.trajectories.ramp import PEAK_RATE
 
 

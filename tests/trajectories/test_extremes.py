@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from etude.errors import UsageError
+from etude.trajectories.certificate import OVERSAMPLING, series_ranges
+from etude.trajectories.extremes import exact_range, grid, riesz_range
+from etude.trajectories.fourier import series
+
+
+def test_closed_forms() -> None:
+    low, high = exact_range(0.0, np.zeros(2), np.array([1.0, 0.5]))  # sin x + sin(2x)/2
+    assert high == pytest.approx(3.0 * math.sqrt(3.0) / 4.0, abs=1e-14)
+    assert low == pytest.approx(-3.0 * math.sqrt(3.0) / 4.0, abs=1e-14)
+    low, high = exact_range(0.0, np.array([1.0, 1.0]), np.zeros(2))  # cos x + cos 2x
+    assert low == pytest.approx(-9.0 / 8.0, abs=1e-14)
+    assert high == pytest.approx(2.0, abs=1e-14)
+    assert exact_range(0.7, np.zeros(3), np.zeros(3)) == (0.7, 0.7)
+
+
+def test_the_bound_holds_the_closed_forms() -> None:
+    for cosine, sine, high in (
+        ([0.0, 0.0], [1.0, 0.5], 3.0 * math.sqrt(3.0) / 4.0),
+        ([1.0, 1.0], [0.0, 0.0], 2.0),
+    ):
+        for oversampling in (3, 8, 16, 64):
+            x, kappa = grid(2, oversampling)
+            k = np.arange(1, 3)
+            values = np.cos(np.outer(x, k)) @ cosine + np.sin(np.outer(x, k)) @ sine
+            lower, upper = riesz_range(values[:, None], kappa)
+            true_low, true_high = exact_range(0.0, np.array(cosine), np.array(sine))
+            assert lower[0] <= true_low <= true_high <= upper[0]
+            assert upper[0] - lower[0] <= (true_high - true_low) / kappa * (1.0 + 1e-12)
+            assert true_high == pytest.approx(high, abs=1e-12)
+
+
+@given(st.integers(1, 10), st.integers(3, 20), st.integers(0, 10**6))
+@settings(max_examples=60, deadline=None)
+def test_the_bound_is_never_too_small_nor_larger_than_the_theorem_says(
+    degree: int, oversampling: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    cosine, sine = rng.standard_normal((2, degree)) * 10.0 ** rng.uniform(-3, 3, (2, degree))
+    x, kappa = grid(degree, oversampling)
+    k = np.arange(1, degree + 1)
+    values = np.cos(np.outer(x, k)) @ cosine + np.sin(np.outer(x, k)) @ sine
+    (low,), (high,) = riesz_range(values[:, None], kappa, float(np.abs(cosine).sum() + np.abs(sine).sum()))
+    true_low, true_high = exact_range(0.0, cosine, sine)
+    assert low <= true_low
+    assert true_high <= high
+    assert high - low <= (true_high - true_low) / kappa * (1.0 + 1e-9)
+
+
+def violations(count: int, harmonics: int, rng: np.random.Generator) -> tuple[int, float]:
+    """Columns outside their proved ranges at 100 times more samples, and the worst ratio to true extremes."""
+    table = rng.standard_normal((2 * harmonics + 1, count)) * 10.0 ** rng.uniform(
+        -1, 1, (2 * harmonics + 1, count)
+    )
+    omega0 = float(10.0 ** rng.uniform(-1, 1))
+    proved, exact = series_ranges(table, omega0), series_ranges(table, omega0, "roots")
+    bad, worst = np.zeros(count, dtype=bool), 0.0
+    angles = 2.0 * np.pi * np.arange(100 * OVERSAMPLING * harmonics) / (100 * OVERSAMPLING * harmonics)
+    for name in proved:
+        (low, high), (true_low, true_high) = proved[name], exact[name]
+        bad |= (true_low < low) | (true_high > high)
+        worst = max(worst, float(np.max((high - low) / (true_high - true_low))))
+    for part in np.array_split(angles, max(1, len(angles) * count // 2_000_000)):
+        for name, rows in zip(proved, series(part, harmonics, omega0), strict=False):
+            values = rows @ table
+            bad |= (values.min(axis=0) < proved[name][0]) | (values.max(axis=0) > proved[name][1])
+    return int(bad.sum()), worst
+
+
+def check_violations(count: int) -> None:
+    rng = np.random.default_rng(count)
+    for harmonics in range(1, 11):
+        bad, worst = violations(count // 10, harmonics, rng)
+        assert bad == 0
+        assert 1.0 <= worst <= 1.0 / math.cos(math.pi / OVERSAMPLING) * (1.0 + 1e-9)
+
+
+def test_no_violation_in_several_hundred_trajectories() -> None:
+    check_violations(400)
+
+
+@pytest.mark.slow
+def test_no_violation_in_ten_thousand_trajectories() -> None:
+    check_violations(10_000)
+
+
+def test_a_coarse_grid_alone_would_miss_extremes() -> None:
+    """Why the bound is needed: the samples themselves stay below the true extreme."""
+    x, kappa = grid(5, 3)
+    values = np.cos(5.0 * (x - math.pi / 15.0))[:, None]
+    assert values.max() < 0.51
+    assert riesz_range(values, kappa)[1][0] >= 1.0 - 1e-12
+
+
+@pytest.mark.parametrize(("degree", "oversampling"), [(0, 8), (3, 2)])
+def test_bad_grids(degree: int, oversampling: int) -> None:
+    with pytest.raises(UsageError, match="degree >= 1 and oversampling >= 3"):
+        grid(degree, oversampling)
