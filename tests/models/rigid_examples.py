@@ -9,8 +9,8 @@ from etude.robots.spec import Axis, RobotSpec
 
 NAMES = ("turn", "slide", "tilt", "reach", "lone")
 
-# Skew axes off the body origins, a sliding joint, two joints on one body, a body without joint, a second branch,
-# a non-zero joint reference, tilted gravity; a drive between two sites, one that couples joints, gears, and none.
+# Skew axes off the body origins, a sliding joint, two joints on one body, a body without joint, a second
+# branch, a non-zero joint reference, tilted gravity; a drive between sites, one that couples joints, gears.
 AWKWARD = """
 <mujoco><option gravity="1 -2 -9.81"><flag contact="disable"/></option><worldbody>
   <body name="a" pos="0 .1 .3" euler="10 20 30">

@@ -1,7 +1,7 @@
 """The identified model: rigid body, transmission and friction by least squares, any GP's competitor.
 
     command_j = [M(q)^-T Y(q, qd, qdd)]_j phi_j
-              + armature_j l''_j + viscous_j l'_j + Coulomb_j tanh(l'_j / v0) + offset_j
+              + armature_j l''_j + viscous_j l'_j + sum_s friction_js tanh(l'_j / (s v0)) + offset_j
 
 with l the drive's own coordinate (the joint itself where no transmission is known). The unit of the command
 and the gain of the motor are unknown, so each output has parameters of its own, in command units.
@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-EXTRA = ("armature", "viscous", "Coulomb", "offset")
+FRICTION_SCALES = (1.0, 4.0, 16.0)
+"""Multiples of v0, one friction column each: a curve over speed, so that static may exceed kinetic friction.
+
+A single column stalls at twice the tracking error on a simulated arm with Stribeck friction.
+"""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,9 @@ class RigidBodyModel:
 
     Attributes:
         tree, drives: the robot's geometry.
-        friction_velocity: (dof,) v0 of the Coulomb column, rad/s.
+        friction_velocity: (dof,) v0 of the friction columns, rad/s.
         inertial: (dof, P) parameters phi_j of each output, command units per N m (or N).
-        extra: (dof, 4) armature, viscous, Coulomb and offset terms of each output.
+        extra: (dof, E) armature, viscous, friction (one for each scale) and offset terms of each output.
         rank: (dof,) number of base parameters of each output.
         deviation: (dof,) standard deviation of the residual on the samples used, command units.
     """
@@ -61,13 +65,14 @@ class RigidBodyModel:
 def command_regressors(
     tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array, q: Array, qd: Array, qdd: Array
 ) -> tuple[Array, Array]:
-    """Regressors of the commands: rigid (n, dof, P) and extra (n, dof, 4), in the drives' coordinates."""
+    """Regressors of the commands: rigid (n, dof, P) and extra (n, dof, E), in the drives' coordinates."""
     motion = body_motion(tree, q, qd, qdd)
     drive = drive_motion(tree, drives, motion, qd, qdd)
     rigid = drive.to_drive(regressor_of_motion(tree, motion))
     threshold = np.abs(drive.moment) @ friction_velocity
-    friction = np.tanh(drive.speed / threshold)
-    return rigid, np.stack([drive.acceleration, drive.speed, friction, np.ones_like(friction)], axis=2)
+    friction = [np.tanh(drive.speed / (scale * threshold)) for scale in FRICTION_SCALES]
+    constant = np.ones_like(drive.speed)
+    return rigid, np.stack([drive.acceleration, drive.speed, *friction, constant], axis=2)
 
 
 def identify(
@@ -118,7 +123,7 @@ class _Prior:
     Attributes:
         nominal: (P,) the model file's parameters; directions: (P, r) base directions, z ~ N(0, 1) per unit
         of gain.
-        gain: prior deviation of the command per N m; extra: (4,) of the extra terms.
+        gain: prior deviation of the command per N m; extra: (E,) of the extra terms.
         command: the command limit.
     """
 
@@ -146,7 +151,7 @@ class _Prior:
 def _fit_output(
     rigid: Array, extra: Array, y: Array, prior: _Prior, weight: float
 ) -> tuple[Array, Array, float, int]:
-    """phi (P,), extra (4,), residual deviation and rank of one output.
+    """phi (P,), extra (E,), residual deviation and rank of one output.
 
     First the nominal model with a free gain; then every base parameter, as far from the nominal one as
     `prior` allows.
@@ -160,7 +165,8 @@ def _fit_output(
     rank = prior.directions.shape[1]
     deviations = np.concatenate([deviations, np.full(rank, gain)])
     fine, _, deviation = _map_estimate(columns, y, deviations, prior.command, weight)
-    return fine[0] * prior.nominal + prior.directions @ fine[5:], fine[1:5], deviation, rank
+    last = 1 + extra.shape[1]
+    return fine[0] * prior.nominal + prior.directions @ fine[last:], fine[1:last], deviation, rank
 
 
 def _map_estimate(
