@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 
 MOTIONS = 12
 """Random motions that stand in for tasks; more than that changes reference averages little."""
-STATES_PER_MOTION = 200
+STATES_PER_MOTION = 1000
+"""Enough to see the short moves between long dwells."""
 
 
 def reference_states(

@@ -132,15 +132,14 @@ def _objective(
 ) -> Objective:
     stick = np.asarray(model.stick_velocity, dtype=float)
     standing_in = random_motions(rng, spec, family)
-    from_random = config.reference_points
-    references = [np.zeros((0, model.features.width))] * spec.dof
-    if tasks:
-        from_random = round(config.random_share * config.reference_points)
-        from_tasks = max(config.reference_points - from_random, 1)
-        references = reference_states(model.features, stick, from_tasks, tasks, standing_in)
+    from_random = round(config.random_share * config.reference_points) if tasks else config.reference_points
+    from_tasks = config.reference_points - from_random
+    parts = []
+    if from_tasks:
+        parts.append(reference_states(model.features, stick, from_tasks, tasks, standing_in))
     if from_random:
-        others = reference_states(model.features, stick, from_random, standing_in)
-        references = [np.concatenate(pair) for pair in zip(references, others, strict=True)]
+        parts.append(reference_states(model.features, stick, from_random, standing_in))
+    references = [np.concatenate(of_output) for of_output in zip(*parts, strict=True)]
     outputs = tuple(
         Output.of(posterior, reference, raw_units=config.raw_units)
         for posterior, reference in zip(model.posteriors, references, strict=True)

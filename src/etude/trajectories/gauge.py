@@ -17,14 +17,17 @@ from etude.trajectories.ramp import PEAK_RATE
 
 Array = NDArray[np.float64]
 
+SHARPNESS = 48
+"""Exponent of the p-norms of `smooth_gauge`."""
+
 
 @dataclass(frozen=True)
 class CertifiedRows:
     """Limits as rows in the coefficients, valid for all times: |row . x - middle| <= kappa * half width.
 
     Attributes:
-        position, velocity, acceleration: (M, 2N+1) rows at omega0 = 1; position amplitudes scale with
-            1/omega0 and accelerations with omega0.
+        position, velocity, acceleration: (M, 2N+1) rows at omega0 = 1 without the constant q0; position
+            amplitudes scale with 1/omega0 and accelerations with omega0.
         middle, half, speed, bend: (dof,) middle and kappa times half width of the position limits, and kappa
             times the velocity and acceleration limits.
         ramp_gain: (15/8)/Tr in 1/s, which adds to accelerations on a phase ramp, or 0.
@@ -45,60 +48,62 @@ class CertifiedRows:
         table[0] = self.middle
         return table
 
-    def gauge(self, coefficients: Array, omega0: float) -> tuple[Array, Array, Array]:
-        """Largest use of any limit per joint; <= 1 means certified.
+    def gauge(self, coefficients: Array, omega0: float) -> Array:
+        """Largest use of any limit by each joint (dof,); <= 1 means certified. Coefficients (2N+1, dof)."""
+        position, velocity, acceleration = (np.abs(u).max(axis=0) for u in self._uses(coefficients, omega0))
+        turned = acceleration + self._ramp_share * velocity
+        return np.asarray(np.maximum(np.maximum(position, velocity), turned))
 
-        Args:
-            coefficients: (2N+1, dof).
-            omega0: rad/s.
+    def smooth_gauge(self, coefficients: Array, omega0: float) -> tuple[Array, Array, Array]:
+        """A smooth upper bound of `gauge`, a few per cent above it: p-norms in place of maxima.
+
+        Optima lie where several limits are touched at once, where the gauge itself has corners that stop a
+        quasi-Newton search; so does a start that was scaled to the limits.
 
         Returns:
-            gauge (dof,), its derivative in the coefficients (2N+1, dof) and in omega0 (dof,). Where several
-            rows are equally used the derivative is that of one of them.
+            bound (dof,), its derivative in the coefficients (2N+1, dof) and in omega0 (dof,).
         """
-        joints = np.arange(coefficients.shape[1])
-        series_part = coefficients.copy()
-        series_part[0] = 0.0
-        wave = self.position @ series_part / omega0
-        at_q, q, _ = _peak(coefficients[0] - self.middle + wave)
-        at_v, v, _ = _peak(self.velocity @ coefficients)
-        at_a, a, _ = _peak(omega0 * (self.acceleration @ coefficients))
-        sign_q, sign_v, sign_a = np.sign(q), np.sign(v), np.sign(a)
-        uses = np.array(
-            [
-                np.abs(q) / self.half,
-                np.abs(v) / self.speed,
-                (np.abs(a) + self.ramp_gain * np.abs(v)) / self.bend,
-            ]
-        )
-        row_q = self.position[at_q] / omega0
-        row_q[:, 0] = 1.0
-        row_v = sign_v[:, None] * self.velocity[at_v]
-        row_a = sign_a[:, None] * self.acceleration[at_a] * omega0
-        gradients = np.array(
-            [
-                sign_q[:, None] * row_q / self.half[:, None],
-                row_v / self.speed[:, None],
-                (row_a + self.ramp_gain * row_v) / self.bend[:, None],
-            ]
-        )
-        in_omega0 = np.array(
-            [-sign_q * wave[at_q, joints] / (omega0 * self.half), 0.0 * q, np.abs(a) / (omega0 * self.bend)]
-        )
-        which = uses.argmax(axis=0)
-        return uses[which, joints], gradients[which, joints].T, in_omega0[which, joints]
+        uses = self._uses(coefficients, omega0)
+        (q, in_q), (v, in_v), (a, in_a) = (_norm(use) for use in uses)
+        total, (by_q, by_v, by_a) = _norm(np.array([q, v, a + self._ramp_share * v]))
+        in_q, in_a = in_q * by_q, in_a * by_a
+        in_v = in_v * (by_v + self._ramp_share * by_a)
+        offset = np.zeros_like(coefficients)
+        offset[0] = (in_q / self.half).sum(axis=0)
+        gradient = offset + self.position.T @ (in_q / (omega0 * self.half))
+        gradient += self.velocity.T @ (in_v / self.speed) + self.acceleration.T @ (in_a * omega0 / self.bend)
+        wave = uses[0] - (coefficients[0] - self.middle) / self.half
+        return total, gradient, ((in_a * uses[2]).sum(axis=0) - (in_q * wave).sum(axis=0)) / omega0
 
-    def scale_back(self, coefficients: Array, omega0: float) -> Array:
-        """The coefficients, each joint drawn towards rest in the middle just enough to be certified."""
-        use, _, _ = self.gauge(coefficients, omega0)
+    @property
+    def _ramp_share(self) -> Array:
+        """Use of the acceleration limit on a ramp by a motion that uses the whole velocity limit, (dof,)."""
+        return self.ramp_gain * self.speed / self.bend
+
+    def _uses(self, coefficients: Array, omega0: float) -> tuple[Array, Array, Array]:
+        """Signed uses (M, dof) of the position, velocity and acceleration limits at the grid's angles."""
+        offset = coefficients[0] - self.middle
+        return (
+            (offset + self.position @ coefficients / omega0) / self.half,
+            self.velocity @ coefficients / self.speed,
+            self.acceleration @ coefficients * omega0 / self.bend,
+        )
+
+    def scale_to(self, coefficients: Array, omega0: float, *, enlarge: bool = False) -> Array:
+        """The coefficients, each joint drawn towards rest in the middle just enough to be certified.
+
+        With `enlarge`, joints inside their limits grow until they touch one.
+        """
+        use = self.gauge(coefficients, omega0)
         centre = self.centre((len(coefficients) - 1) // 2)
-        return centre + (coefficients - centre) / np.maximum(use, 1.0)
+        return centre + (coefficients - centre) / (use if enlarge else np.maximum(use, 1.0))
 
 
-def _peak(values: Array) -> tuple[NDArray[np.intp], Array, Array]:
-    """Row of the largest modulus of each column, the signed value there, and all values."""
-    at = np.abs(values).argmax(axis=0)
-    return at, values[at, np.arange(values.shape[1])], values
+def _norm(values: Array) -> tuple[Array, Array]:
+    """p-norm over the first axis, never below the largest modulus, and its derivative."""
+    peak = np.maximum(np.abs(values).max(axis=0), np.finfo(float).tiny)
+    norm = peak * ((np.abs(values) / peak) ** SHARPNESS).sum(axis=0) ** (1.0 / SHARPNESS)
+    return norm, np.sign(values) * (np.abs(values) / norm) ** (SHARPNESS - 1)
 
 
 def certified_rows(
@@ -112,6 +117,7 @@ def certified_rows(
     check_room(spec)
     angles, kappa = grid(family.harmonics, oversampling)
     position, velocity, acceleration, _ = series(angles, family.harmonics, 1.0)
+    position[:, 0] = 0.0
     room = kappa * ROOM
     ramp_gain = PEAK_RATE / family.phase_ramp if family.phase_ramp > 0.0 else 0.0
     return CertifiedRows(
