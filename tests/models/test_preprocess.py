@@ -44,7 +44,18 @@ def test_default_inputs_are_the_motion() -> None:
     np.testing.assert_allclose(data.qdd, qdd, atol=0.15)
     np.testing.assert_allclose(data.tau, 2 * qdd + 3 * qd + q, atol=0.1)
     assert set(data.group) == {4}
-    np.testing.assert_array_equal(data.stuck, np.abs(data.qd) < 0.015 * SPEC.velocity)
+    # half a percent of room: the top speed is that of all samples, before thinning
+    top = np.minimum(SPEC.velocity, np.abs(data.qd).max(axis=0))
+    assert not np.any(data.stuck & (np.abs(data.qd) > 1.005 * 0.05 * top))
+    assert np.all(data.stuck | (np.abs(data.qd) > 0.995 * 0.05 * top))
+
+
+def test_the_stick_mask_never_exceeds_its_part_of_the_velocity_limit() -> None:
+    slow = RobotSpec(
+        SPEC.name, tuple(replace(a, velocity=0.1) for a in SPEC.axes), SPEC.command_unit, SPEC.rate
+    )
+    data = build_dataset(LOG, slow, preset("default"))
+    np.testing.assert_array_equal(data.stuck, np.abs(data.qd) < 0.05 * 0.1)
 
 
 def test_position_and_command_pass_the_same_filter() -> None:

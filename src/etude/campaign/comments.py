@@ -21,7 +21,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
         "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
         "rate_hz": "samples kept per second of log",
-        "stick_fraction": "a joint slower than this fraction of its limit counts as stuck; 0: no mask",
+        "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
         "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
     },
     "model": {
@@ -35,7 +35,6 @@ COMMENTS: dict[str, dict[str, str]] = {
         "prior": '"weak" priors on the hyperparameters, or "none"',
         "noise_floor": 'least noise, fraction of the command limit; or "auto"',
         "friction_fraction": "width of the friction feature, fraction of the velocity limit; 0 for none",
-        "stick_fraction": "as in [data]",
         "calibrate": "widen variances that held-out trajectories show to be too small",
     },
     "design": {

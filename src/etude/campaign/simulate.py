@@ -28,6 +28,7 @@ from etude.logs.log import RobotLog
 from etude.logs.parquet import write_parquet
 from etude.plants.registry import plant_names, simulated_robot
 from etude.plants.robot import SimulatedRobot
+from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.moves import random_moves
 from etude.trajectories.random import random_trajectory
 from etude.trajectories.samples import Trajectory
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
 MOVES = 12
+TEST_DURATION = 60.0  # s
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,16 @@ def simulate(
 
 
 def test_motions(campaign: Campaign) -> dict[str, Trajectory]:
-    """The campaign's test motions by name; fixed by its seed, never trained on."""
+    """The campaign's test motions by name; fixed by its seed, never trained on.
+
+    They do not depend on which family the campaign trains on, so that settings can be compared: the thesis's
+    own form (3.5) with N = 2, one to two periods long, and point-to-point moves.
+    """
     rng = np.random.default_rng([campaign.state().seed, TEST_STREAM])
+    period = 2.0 * np.pi / TEST_DURATION
+    thesis = TrajectoryFamily(2, TEST_DURATION, (period, 2.0 * period), rest="ramp", ramp=2.0)
     return {
-        "fourier": random_trajectory(rng, campaign.spec, campaign.config.trajectory),
+        "fourier": random_trajectory(rng, campaign.spec, thesis),
         "moves": random_moves(rng, campaign.spec, MOVES),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -19,10 +20,16 @@ class Study(Common):
     """Which one; an unknown name lists them."""
 
     seed: int = 0
-    """Of every random number."""
+    """The first seed."""
+
+    seeds: int = 4
+    """How many seeds, counted from the first."""
+
+    folder: Path = Path("results")
+    """Where campaigns are kept; a study that was interrupted goes on from there."""
 
     def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_study
 
-        run_study(self.name, json=self.json, seed=self.seed)
+        run_study(self.name, json=self.json, seed=self.seed, seeds=self.seeds, folder=self.folder)
         return Outcome("")

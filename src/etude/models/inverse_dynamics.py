@@ -31,12 +31,12 @@ class InverseDynamicsModel:
         kind: "gp": process on the centred command; "identified": rigid body, transmission and friction by
             least squares; "identified+gp": process on what that leaves.
         features: map from motion to the processes' inputs.
-        posteriors: one process per output. The kind "identified" does not predict with them, but they still say
-            where the robot has not been, for the design of the next trajectory.
+        posteriors: one process per output. The kind "identified" does not predict with them, but they
+            still say where the robot has not been, for the design of the next trajectory.
         offset: (dof,) constant part of the mean, command units.
         scale: (dof,) factor on the variances from held-out trajectories (1: not needed, or not yet known).
         prior_deviation: (dof,) deviation of what the processes learn, before any data, command units.
-        stick_velocity: (dof,) joints slower than this are stuck, rad/s.
+        stick_velocity: (dof,) top speed of the samples that were masked as stuck, rad/s; 0 without a mask.
         fallback: the identified model, which is also the mean function of the other two kinds; None for "gp".
         residual_variance: (dof,) mean squared error of the identified model on trajectories held out.
     """
@@ -123,10 +123,15 @@ def train_model(
         offset=np.array([output.offset for output in outputs]),
         scale=np.array([output.scale for output in outputs]),
         prior_deviation=np.sqrt([p.signal_variance + p.noise_variance for p in posteriors]),
-        stick_velocity=config.stick_fraction * spec.velocity,
+        stick_velocity=stick_velocity(dataset),
         fallback=fallback,
         residual_variance=residual_variance,
     )
+
+
+def stick_velocity(dataset: Dataset) -> Array:
+    """Top speed (dof,) of the samples masked as stuck: slower planned samples will be masked too."""
+    return np.asarray(np.where(dataset.stuck, np.abs(dataset.qd), 0.0).max(axis=0))
 
 
 def feature_map(spec: RobotSpec, config: ModelConfig) -> FeatureMap:

@@ -23,28 +23,26 @@ class ModelConfig:
         kernel: "structured" (posture, friction, linear and remainder) or "ard_se" (thesis 2.3).
         points: samples each output's process is conditioned on, at most.
         fit_points: of these, samples for the hyperparameters, at most.
-        fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the likelihood
-            then takes their agreement for precision.
+        fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
+            likelihood then takes their agreement for precision.
         steps, method: length and method of the training (see `training.fit`).
         prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
         noise_floor: least noise deviation as a part of the command limit; "auto" chooses among `FLOORS` by
             how well each trajectory is predicted from the others.
         friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
-        stick_fraction: a joint slower than this part of its velocity limit is stuck (as in the mask).
         calibrate: multiply variances by the held-out z^2 where that exceeds 1.
     """
 
     kind: Kind | Literal["auto"] = "auto"
     kernel: Literal["structured", "ard_se"] = "structured"
-    points: int = 300
-    fit_points: int = 200
+    points: int = 600
+    fit_points: int = 300
     fit_spacing_s: float = 0.5
-    steps: int = 25
+    steps: int = 60
     method: Literal["lbfgs", "minimize"] = "lbfgs"
     prior: Literal["weak", "none"] = "weak"
     noise_floor: float | Literal["auto"] = 0.004
     friction_fraction: float = 0.02
-    stick_fraction: float = 0.015
     calibrate: bool = True
 
     def __post_init__(self) -> None:
@@ -55,7 +53,7 @@ class ModelConfig:
         for name in ("points", "fit_points"):
             if getattr(self, name) < 2:
                 raise UsageError(f"{name} must be at least 2", where=f"model.{name} = {getattr(self, name)}")
-        numbers = ["fit_spacing_s", "friction_fraction", "stick_fraction"]
+        numbers = ["fit_spacing_s", "friction_fraction"]
         for name in numbers if self.noise_floor == "auto" else [*numbers, "noise_floor"]:
             value = getattr(self, name)
             if isinstance(value, str) or not (math.isfinite(value) and value >= 0):
@@ -81,11 +79,11 @@ PRESETS = {
         points=500,
         fit_points=500,
         fit_spacing_s=0.0,
+        steps=25,
         method="minimize",
         prior="none",
         noise_floor=0.0,
         friction_fraction=0.0,
-        stick_fraction=0.0,
         calibrate=False,
     ),
 }

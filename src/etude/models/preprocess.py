@@ -39,7 +39,9 @@ class DataConfig:
         cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `derivatives.auto_cutoff`,
             "none" leaves both as measured.
         rate_hz: samples kept per second at least, evenly spaced (thesis: every 12th of 100 Hz).
-        stick_fraction: a joint slower than this part of its velocity limit counts as stuck; 0 masks nothing.
+        stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
+            less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
+            speed below which samples lie about the friction is far above the encoder's noise.
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
     """
@@ -47,7 +49,7 @@ class DataConfig:
     inputs: Literal["measured", "desired"] = "measured"
     cutoff_hz: float | Literal["auto", "none"] = "auto"
     rate_hz: float = 8.0
-    stick_fraction: float = 0.015
+    stick_fraction: float = 0.05
     trim_s: float | Literal["auto"] = "auto"
 
     def __post_init__(self) -> None:
@@ -148,7 +150,8 @@ def _segment(
     keep = np.flatnonzero(inside)[_offset(rate, config.rate_hz, group) :: _step(rate, config.rate_hz)]
     if not len(keep):
         return None
-    stuck = np.abs(motion.first[keep]) < config.stick_fraction * spec.velocity
+    top = np.minimum(spec.velocity, np.abs(motion.first[inside]).max(axis=0))
+    stuck = np.abs(motion.first[keep]) < config.stick_fraction * top
     return Dataset(
         grid[keep],
         motion.value[keep],

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from etude.errors import UsageError
 
-# name -> "module:function"; the function takes json and seed, and prints a table or the line of `rows_json`
+# name -> "module:function"; the function takes json and seed (a study also seeds and folder), and prints a
+# table or the line of `rows_json`
 BENCHES = {"gp": "etude.studies.bench_gp:run"}
-STUDIES: dict[str, str] = {}
+STUDIES = {"arm": "etude.studies.arm:run"}
 
 
 def run_bench(name: str, *, json: bool, seed: int) -> None:
     """Runs the bench of that name, which prints its rows. UsageError if there is none."""
-    _run("bench", BENCHES, name, json, seed)
+    _run("bench", BENCHES, name, json=json, seed=seed)
 
 
-def run_study(name: str, *, json: bool, seed: int) -> None:
+def run_study(name: str, *, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs the study of that name, which prints its rows. UsageError if there is none."""
-    _run("study", STUDIES, name, json, seed)
+    _run("study", STUDIES, name, json=json, seed=seed, seeds=seeds, folder=folder / name)
 
 
-def _run(kind: str, registry: Mapping[str, str], name: str, json: bool, seed: int) -> None:
+def _run(kind: str, registry: Mapping[str, str], name: str, **options: Any) -> None:
     if name not in registry:
         known = ", ".join(sorted(registry)) or "none yet"
         raise UsageError(f"there is no {kind} {name!r}", next_step=f"Known: {known}.")
     module, function = registry[name].split(":")
-    getattr(importlib.import_module(module), function)(json=json, seed=seed)
+    getattr(importlib.import_module(module), function)(**options)
