@@ -9,7 +9,7 @@ from design_examples import FAMILIES, Model, assert_same, differences, model, ro
 from etude.design.criteria import CRITERIA, Output
 from etude.design.mask import stick_gains
 from etude.design.objective import Objective
-from etude.design.refine import Search, Variables
+from etude.design.refine import Search, Variables, refine
 from etude.trajectories.certificate import certify
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.gauge import certified_rows
@@ -46,7 +46,7 @@ def test_gradient_in_coefficients_and_omega0(criterion: str, family: TrajectoryF
 
 @EVERY
 @FAMILY
-@pytest.mark.parametrize("stretch", [0.5, 3.0])
+@pytest.mark.parametrize("stretch", [0.5, 1.0, 3.0])
 def test_gradient_of_the_search_inside_and_outside_the_limits(
     criterion: str, family: TrajectoryFamily, stretch: float
 ) -> None:
@@ -101,3 +101,12 @@ def test_slow_motion_teaches_less_where_slow_samples_are_masked() -> None:
     motion = random_trajectory(np.random.default_rng(5), robot(), family)
     plain = objective("ivr", family, known).value(motion.coefficients, motion.omega0)
     assert objective("ivr", family, masked).value(motion.coefficients, motion.omega0) < plain
+
+
+@FAMILY
+def test_refinement_ends_on_the_exact_edge_where_more_motion_is_better(family: TrajectoryFamily) -> None:
+    aim, rows = objective("mean_variance", family, model()), certified_rows(robot(), family)
+    start = random_trajectory(np.random.default_rng(6), robot(), family)
+    found, value, _ = refine(aim, rows, robot(), family, start, 15)
+    np.testing.assert_allclose(rows.gauge(found.coefficients, found.omega0), 1.0, atol=1e-9)
+    assert value == pytest.approx(aim.value(found.coefficients, found.omega0), rel=1e-12)

@@ -49,6 +49,20 @@ def test_refinement_improves(criterion: str) -> None:
     assert run(criterion, family, refine=0).value == run(criterion, family, refine=0).baseline
 
 
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())
+def test_a_refinement_that_loses_is_thrown_away(family: TrajectoryFamily) -> None:
+    """Without a step the search only draws the start a little inwards, which is worse."""
+    for seed in range(6):
+        found = run("ivr", family, seed, steps=0, candidates=3)
+        assert found.value >= found.baseline
+
+
+def test_more_candidates_never_lower_the_baseline() -> None:
+    values = [run("ivr", FAMILIES["nullspace"], candidates=k, refine=0).baseline for k in (1, 2, 4, 8)]
+    assert values == sorted(values)
+    assert values[-1] > values[0]
+
+
 def test_the_same_seed_gives_the_same_design() -> None:
     one, two = (run("log_ivr", FAMILIES["ramp, omega0 free"]) for _ in range(2))
     assert one.trajectory == two.trajectory
