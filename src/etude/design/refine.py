@@ -43,11 +43,22 @@ def refine(
     options = {"maxiter": steps, "maxcor": 20, "maxls": 10}
     minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     coefficients, omega0 = search.certified(best.y)
-    enlarged = rows.scale_to(coefficients, omega0, enlarge=True)
-    value = objective.value(enlarged, omega0)
-    if value > best.value:
-        return family.trajectory(enlarged, omega0), value, best.count + 1
-    return family.trajectory(coefficients, omega0), best.value, best.count + 1
+    coefficients, value = _to_the_edge(objective, rows, coefficients, omega0, best.value)
+    return family.trajectory(coefficients, omega0), value, best.count + spec.dof
+
+
+def _to_the_edge(
+    objective: Objective, rows: CertifiedRows, coefficients: Array, omega0: float, value: float
+) -> tuple[Array, float]:
+    """Each joint in turn enlarged to the exact edge of its limits, where that raises the value."""
+    full = rows.scale_to(coefficients, omega0, enlarge=True)
+    for joint in range(full.shape[1]):
+        trial = coefficients.copy()
+        trial[:, joint] = full[:, joint]
+        trial_value = objective.value(trial, omega0)
+        if trial_value > value:
+            coefficients, value = trial, trial_value
+    return coefficients, value
 
 
 @dataclass
