@@ -43,7 +43,8 @@ def test_differentiated_positions_agree_with_the_drivers_velocity(log: RobotLog,
     assert log.qd is not None
     reported = log.qd[np.searchsorted(log.t, data.t - 1e-6)]
     np.testing.assert_allclose(data.qd, reported, atol=0.02)
-    assert data.stuck.mean() < 0.1
+    # A sine is slower than 5 % of its top speed 3 % of the time; a sum of them more often.
+    assert data.stuck.mean() < 0.15
 
 
 def test_linear_regression_reaches_the_published_level(log: RobotLog, spec: RobotSpec) -> None:
