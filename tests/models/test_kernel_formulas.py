@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.kernels import Linear, Product, SquaredExponential, Sum, structured_kernel
+from etude.models.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum, structured_kernel
 
 
 def test_squared_exponential_is_its_formula() -> None:
@@ -36,12 +36,16 @@ def test_sums_and_products_flatten() -> None:
 def test_structured_kernel_has_the_terms_it_says() -> None:
     kernel = structured_kernel(3, 1)
     assert isinstance(kernel, Sum)
-    posture, friction, motion, everything = kernel.parts
+    posture, own, friction, motion, everything = kernel.parts
     assert posture == SquaredExponential((0, 1, 2))
-    assert friction == Linear((10,)) * SquaredExponential((0, 1, 2), unit=True)
+    assert own == SquaredExponential((1,), share=OWN_SHARE)
+    assert friction == Linear((10,)) * SquaredExponential((1,), unit=True, share=OWN_SHARE)
     assert motion == Linear(tuple(range(3, 12)))
     assert everything == SquaredExponential(tuple(range(12)))
-    assert kernel.size == 4 + 4 + 9 + 13
+    assert kernel.size == 4 + 2 + 2 + 9 + 13
+    two = structured_kernel(3, 1, frictions=2)
+    assert two.parts[2] == Linear((10, 13)) * SquaredExponential((1,), unit=True, share=OWN_SHARE)
+    assert two.parts[4] == SquaredExponential(tuple(range(15)))
     with pytest.raises(UsageError, match="axis 3 is not one of the 3 axes"):
         structured_kernel(3, 3)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.models.dataset import Dataset
 from etude.models.exact import ExactPosterior
-from etude.models.features import FeatureMap
+from etude.models.features import FRICTION_SCALES, FeatureMap
 from etude.models.geometry import Geometry, read_geometry
 from etude.models.model_config import Kind, ModelConfig
 from etude.models.output_process import train_output
@@ -138,7 +138,7 @@ def feature_map(spec: RobotSpec, config: ModelConfig) -> FeatureMap:
     """The inputs of the processes; v0 of the friction feature is a part of the velocity limits."""
     if config.friction_fraction == 0:
         return FeatureMap(spec.dof)
-    return FeatureMap(spec.dof, config.friction_fraction * spec.velocity)
+    return FeatureMap(spec.dof, config.friction_fraction * spec.velocity, FRICTION_SCALES)
 
 
 def identified_model(

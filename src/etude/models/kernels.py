@@ -9,6 +9,9 @@ import numpy as np
 from etude.errors import UsageError
 from etude.models.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
 
+OWN_SHARE = 0.25
+"""First length of what depends on the joint's own position alone, as a part of the half range."""
+
 __all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "structured_kernel"]
 
 BLOCK = 512
@@ -20,13 +23,17 @@ class SquaredExponential(Kernel):
     """ARD squared exponential s0² exp(-1/2 Σ_d (x_d - z_d)² / ℓ_d²), thesis (2.3), over the columns `dims`.
 
     theta = log s0 (absent with `unit=True`, where s0 = 1: for a factor of a product), then log ℓ_d.
+    `share` is the part of an input's half range that training starts from as its length.
     """
 
     dims: tuple[int, ...]
     unit: bool = False
+    share: float = 1.0
 
     def __post_init__(self) -> None:
         _check_dims(self.dims)
+        if not (np.isfinite(self.share) and self.share > 0.0):
+            raise UsageError(f"a length starts at a positive share of its half range, not {self.share}")
 
     def names(self) -> tuple[str, ...]:
         lengths = [f"length[{d}]" for d in self.dims]
@@ -37,7 +44,7 @@ class SquaredExponential(Kernel):
         return tuple(lengths if self.unit else ["amplitude", *lengths])
 
     def initial(self, half_range: Array, scale: float) -> Array:
-        lengths = np.log(half_range[list(self.dims)])
+        lengths = np.log(self.share * half_range[list(self.dims)])
         return lengths if self.unit else np.concatenate([[np.log(scale)], lengths])
 
     def _split(self, theta: Array) -> tuple[float, Array]:
@@ -132,18 +139,25 @@ class Linear(Kernel):
         return out
 
 
-def structured_kernel(dof: int, axis: int) -> Kernel:
-    """SE(q) + tanh_j · SE(q) + linear(qd, qdd, tanh) + SE(all), for output `axis` of a robot with `dof` axes.
+def structured_kernel(dof: int, axis: int, frictions: int = 1) -> Kernel:
+    """SE(q) + SE(q_j) + friction_j · SE(q_j) + linear(qd, qdd, friction) + SE(all), for output `axis` = j.
 
-    Inputs in the layout [q, qd, qdd, tanh(qd/v0)], D = 4 dof: gravity and posture, a friction step whose
-    height changes with posture, viscous, inertial and Coulomb terms, and a remainder of everything.
+    Inputs in the layout [q, qd, qdd, friction columns], D = (3 + frictions) dof. Gravity and transmission
+    depend on the posture; cogging and friction on the joint's own position, often over a short distance, so
+    these two terms start from a short length: one sweep of the joint teaches them for all postures. Viscous,
+    inertial and friction terms are linear, and a remainder sees everything.
     """
     if not 0 <= axis < dof:
         raise UsageError(f"axis {axis} is not one of the {dof} axes")
-    posture, motion = tuple(range(dof)), tuple(range(dof, 4 * dof))
-    friction = Linear((3 * dof + axis,)) * SquaredExponential(posture, unit=True)
-    everything = SquaredExponential((*posture, *motion))
-    return SquaredExponential(posture) + friction + Linear(motion) + everything
+    posture, motion = tuple(range(dof)), tuple(range(dof, (3 + frictions) * dof))
+    step = Linear(tuple((3 + k) * dof + axis for k in range(frictions)))
+    return (
+        SquaredExponential(posture)
+        + SquaredExponential((axis,), share=OWN_SHARE)
+        + step * SquaredExponential((axis,), unit=True, share=OWN_SHARE)
+        + Linear(motion)
+        + SquaredExponential((*posture, *motion))
+    )
 
 
 def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:

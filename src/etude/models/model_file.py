@@ -47,6 +47,7 @@ def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
         "version": VERSION,
         "kind": model.kind,
         "dof": model.dof,
+        "friction_scales": model.features.friction_scales,
         "outputs": [
             {"kernel": _kernel_words(p.kernel), "noise_variance": p.noise_variance} for p in model.posteriors
         ],
@@ -83,7 +84,9 @@ def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:
     posteriors = tuple(_posterior(row, arrays, f"output{j}.") for j, row in enumerate(words["outputs"]))
     return InverseDynamicsModel(
         kind=words["kind"],
-        features=FeatureMap(words["dof"], arrays.get("friction_velocity")),
+        features=FeatureMap(
+            words["dof"], arrays.get("friction_velocity"), tuple(map(float, words["friction_scales"]))
+        ),
         posteriors=posteriors,
         fallback=_rigid_model(arrays) if "rigid.inertial" in arrays else None,
         residual_variance=arrays.get("residual_variance"),
@@ -100,7 +103,12 @@ def _kernel_words(kernel: Kernel) -> dict[str, Any]:
     if isinstance(kernel, Sum | Product):
         return {"type": type(kernel).__name__, "parts": [_kernel_words(part) for part in kernel.parts]}
     if isinstance(kernel, SquaredExponential):
-        return {"type": "SquaredExponential", "dims": list(kernel.dims), "unit": kernel.unit}
+        return {
+            "type": "SquaredExponential",
+            "dims": list(kernel.dims),
+            "unit": kernel.unit,
+            "share": kernel.share,
+        }
     if isinstance(kernel, Linear):
         return {"type": "Linear", "dims": list(kernel.dims)}
     raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
@@ -112,7 +120,7 @@ def _kernel(words: dict[str, Any]) -> Kernel:
         parts = tuple(_kernel(part) for part in words["parts"])
         return Sum(parts) if kind == "Sum" else Product(parts)
     if kind == "SquaredExponential":
-        return SquaredExponential(tuple(words["dims"]), bool(words["unit"]))
+        return SquaredExponential(tuple(words["dims"]), bool(words["unit"]), float(words["share"]))
     if kind == "Linear":
         return Linear(tuple(words["dims"]))
     raise ValueError(f"unknown kernel {kind!r}")

@@ -70,7 +70,9 @@ def train_output(
     best: tuple[float, OutputProcess] | None = None
     for floor in floors:
         gp = fit(
-            _start(_kernel(config, dataset.dof, axis), X[chosen], y[chosen], floor * command, start),
+            _start(
+                _kernel(config, dataset.dof, X.shape[1], axis), X[chosen], y[chosen], floor * command, start
+            ),
             X[chosen],
             y[chosen],
             method=config.method,
@@ -86,10 +88,10 @@ def train_output(
     return best[1]
 
 
-def _kernel(config: ModelConfig, dof: int, axis: int) -> Kernel:
+def _kernel(config: ModelConfig, dof: int, width: int, axis: int) -> Kernel:
     if config.kernel == "structured":
-        return structured_kernel(dof, axis)
-    return SquaredExponential(tuple(range(dof * (4 if config.friction_fraction > 0 else 3))))
+        return structured_kernel(dof, axis, width // dof - 3)
+    return SquaredExponential(tuple(range(width)))
 
 
 def _start(kernel: Kernel, X: Array, y: Array, floor: float, start: ExactPosterior | None) -> ExactGP:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.models.base_parameters import base_directions, parameter_scale, spread_states
 from etude.models.dataset import Dataset
+from etude.models.features import FRICTION_SCALES
 from etude.models.kinematics import KinematicTree, body_motion
 from etude.models.regressor import nominal_parameters, regressor_of_motion
 from etude.models.transmission import Drive, drive_motion
@@ -26,12 +27,6 @@ if TYPE_CHECKING:
     from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]
-
-FRICTION_SCALES = (1.0, 4.0, 16.0)
-"""Multiples of v0, one friction column each: a curve over speed, so that static may exceed kinetic friction.
-
-A single column stalls at twice the tracking error on a simulated arm with Stribeck friction.
-"""
 
 
 @dataclass(frozen=True)
