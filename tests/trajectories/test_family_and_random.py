@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from trajectory_examples import FAMILIES, robot
 
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.robots.spec import Axis, RobotSpec
 from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.family import TrajectoryFamily, suited_to
 from etude.trajectories.gauge import certified_rows
 from etude.trajectories.random import random_trajectory
 
@@ -112,3 +113,32 @@ def test_limits_without_room(change: dict[str, float], quantity: str) -> None:
 def test_unknown_scale() -> None:
     with pytest.raises(UsageError, match="'limits' or 'amplitude'"):
         random_trajectory(np.random.default_rng(0), robot(), TrajectoryFamily(), "half")
+
+
+def robot_with(velocity: float, acceleration: float) -> RobotSpec:
+    return RobotSpec("r", (Axis("a", -1.0, 1.0, velocity, acceleration, 9.0),), "N m", 100.0)
+
+
+def test_a_fast_robot_gets_several_periods_and_a_slow_one_a_single_one() -> None:
+    def periods(spec: RobotSpec) -> float:
+        return suited_to(TrajectoryFamily(), spec).omega0_range[0] * 60.0 / (2.0 * np.pi)
+
+    assert periods(robot_with(0.05, 10.0)) == pytest.approx(1.0)
+    assert periods(robot_with(2.0, 100.0)) == pytest.approx(8.0)
+    assert periods(robot_with(2.0, 1.0)) == pytest.approx(4.0), "the acceleration limit binds first"
+
+
+def test_an_omega0_that_was_given_stays() -> None:
+    family = TrajectoryFamily(omega0=0.3, rest="ramp")
+    assert suited_to(family, robot_with(2.0, 100.0)) is family
+
+
+def test_a_suited_random_motion_comes_near_position_and_velocity_limits_alike() -> None:
+    spec = robot_with(2.0, 100.0)
+    family = suited_to(TrajectoryFamily(), spec)
+    used = []
+    for seed in range(20):
+        s = random_trajectory(np.random.default_rng(seed), spec, family).sample(np.linspace(0.0, 60.0, 3000))
+        used.append([np.ptp(s.q) / 2.0, np.abs(s.qd).max() / 2.0])
+    # the plain family, one period a minute, uses less than a fifth of this robot's speed
+    assert np.all(np.mean(used, axis=0) > 0.4)

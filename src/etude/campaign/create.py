@@ -12,6 +12,7 @@ from etude.campaign.presets import preset
 from etude.campaign.robot_copy import copy_robot, robot_from
 from etude.errors import UsageError
 from etude.storage import write_atomic, writer_lock
+from etude.trajectories.family import suited_to
 
 
 def create_campaign(
@@ -32,8 +33,9 @@ def create_campaign(
         UsageError: there is a campaign already, or the robot is unknown or impossible.
     """
     path = Path(path)
-    config = replace(preset(preset_name), seed=seed)
     spec, confirm = robot_from(robot)
+    start = preset(preset_name)
+    config = replace(start, seed=seed, trajectory=suited_to(start.trajectory, spec))
     if path.exists() and not path.is_dir():
         raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
     path.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ class StopConfig:
 
     Attributes:
         command_tolerance: forecast command error that is good enough, as a fraction of each axis's command
-            limit; every axis must be below.
+            limit; every axis must be below. Off by default: only the user knows what is good enough.
         noise_fraction: stop when the variance that is left is below this fraction of the noise variance.
         gain_per_minute: stop when the next trajectory removes less than this fraction of the variance
             left per minute of robot time, set-up included.
@@ -24,7 +24,7 @@ class StopConfig:
         consecutive: how many logs in a row must agree before the first three criteria stop the campaign.
     """
 
-    command_tolerance: float = 0.02
+    command_tolerance: float = 0.0
     noise_fraction: float = 0.1
     gain_per_minute: float = 0.05
     setup_s: float = 30.0

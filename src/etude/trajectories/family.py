@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
+from etude.robots.spec import RobotSpec
 from etude.trajectories.fourier import FourierTrajectory, rest_nullspace
 
 Array = NDArray[np.float64]
@@ -104,3 +105,21 @@ class TrajectoryFamily:
     def trajectory(self, coefficients: Array, omega0: float) -> FourierTrajectory:
         """The member of the family with these coefficients (2N+1, dof)."""
         return FourierTrajectory(coefficients, omega0, self.duration, self.phase_ramp)
+
+
+def suited_to(family: TrajectoryFamily, spec: RobotSpec) -> TrajectoryFamily:
+    """The family with omega0 chosen for a robot, if it was left open.
+
+    At one period in `duration` a fast robot would use a few per cent of its velocity limits, and show
+    nothing of its inertia. So the motion makes as many whole periods as the joint with the longest way for its speed
+    allows: a joint that swings over its range in the middle harmonics then comes near its limits of position
+    and of velocity (or acceleration) alike.
+    """
+    if family.omega0 is not None:
+        return family
+    half_range, middle = 0.5 * (spec.upper - spec.lower), 0.5 * max(family.harmonics, 2)
+    by_velocity = spec.velocity / half_range / middle
+    by_acceleration = np.sqrt(spec.acceleration / half_range) / middle
+    omega0 = float(np.min(np.minimum(by_velocity, by_acceleration)))
+    periods = max(1, round(omega0 * family.duration / (2.0 * math.pi)))
+    return replace(family, omega0=2.0 * math.pi * periods / family.duration)
