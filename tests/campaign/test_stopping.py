@@ -12,7 +12,7 @@ from etude.campaign.stop_config import StopConfig
 from etude.campaign.stopping import Evidence, judge
 from etude.errors import UsageError
 
-CONFIG = StopConfig()
+CONFIG = StopConfig(command_tolerance=0.02)
 OPEN = Evidence(1, 0.2, 5.0, 0.5, 1.5, 1.0, 0.1, 1.0)
 """Worth going on in every respect."""
 

@@ -111,9 +111,9 @@ def suited_to(family: TrajectoryFamily, spec: RobotSpec) -> TrajectoryFamily:
     """The family with omega0 chosen for a robot, if it was left open.
 
     At one period in `duration` a fast robot would use a few per cent of its velocity limits, and show
-    nothing of its inertia. So the motion makes as many whole periods as the joint with the longest way for its speed
-    allows: a joint that swings over its range in the middle harmonics then comes near its limits of position
-    and of velocity (or acceleration) alike.
+    nothing of its inertia. So the motion makes as many whole periods as the joint with the longest way for
+    its speed allows: a joint that swings over its range in the middle harmonics then comes near its limits
+    of position and of velocity (or acceleration) alike.
     """
     if family.omega0 is not None:
         return family
