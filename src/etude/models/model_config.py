@@ -10,7 +10,7 @@ from etude.errors import UsageError
 
 Kind = Literal["gp", "identified", "identified+gp"]
 KINDS: tuple[Kind, ...] = ("gp", "identified", "identified+gp")
-FLOORS = (0.004, 0.012)
+FLOORS = (0.001, 0.002, 0.004, 0.012)
 """Noise floors tried with noise_floor = "auto", as parts of the command limit."""
 
 
@@ -27,8 +27,9 @@ class ModelConfig:
             likelihood then takes their agreement for precision.
         steps, method: length and method of the training (see `training.fit`).
         prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
-        noise_floor: least noise deviation as a part of the command limit; "auto" chooses among `FLOORS` by
-            how well each trajectory is predicted from the others.
+        noise_floor: least noise deviation as a part of the command limit (never more than a tenth of the
+            command's own deviation); "auto" chooses among `FLOORS` by how well each trajectory is predicted
+            from the others, at four times the cost.
         friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
         calibrate: multiply variances by the held-out z^2 where that exceeds 1.
     """
@@ -41,7 +42,7 @@ class ModelConfig:
     steps: int = 60
     method: Literal["lbfgs", "minimize"] = "lbfgs"
     prior: Literal["weak", "none"] = "weak"
-    noise_floor: float | Literal["auto"] = 0.004
+    noise_floor: float | Literal["auto"] = 0.002
     friction_fraction: float = 0.02
     calibrate: bool = True
 

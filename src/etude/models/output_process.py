@@ -18,6 +18,8 @@ from etude.models.training import fit, initial_gp
 
 Array = NDArray[np.float64]
 
+LARGEST_FLOOR = 0.1
+"""Limit of the noise floor as a part of the command's own deviation."""
 BLOCK_S = 8.0
 """With a single trajectory, stretches of this length are held out instead of whole trajectories."""
 
@@ -67,12 +69,12 @@ def train_output(
     y = target - offset
     groups = _held_out_groups(dataset, kept)
     floors = FLOORS if config.noise_floor == "auto" else (config.noise_floor,)
+    largest = LARGEST_FLOOR * float(np.std(dataset.tau[moving, axis]))  # a joint may use little of its range
+    kernel = _kernel(config, dataset.dof, X.shape[1], axis)
     best: tuple[float, OutputProcess] | None = None
     for floor in floors:
         gp = fit(
-            _start(
-                _kernel(config, dataset.dof, X.shape[1], axis), X[chosen], y[chosen], floor * command, start
-            ),
+            _start(kernel, X[chosen], y[chosen], min(floor * command, largest), start),
             X[chosen],
             y[chosen],
             method=config.method,
