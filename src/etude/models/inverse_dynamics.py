@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,9 @@ from etude.models.dataset import Dataset
 from etude.models.exact import ExactPosterior
 from etude.models.features import FRICTION_SCALES, FeatureMap
 from etude.models.geometry import Geometry, read_geometry
-from etude.models.model_config import Kind, ModelConfig
+from etude.models.model_config import PHYSICS, Kind, ModelConfig
 from etude.models.output_process import train_output
-from etude.models.rigid_body import RigidBodyModel, identify
+from etude.models.rigid_body import RigidBodyModel, identify, nominal_model
 from etude.models.selection import in_order
 from etude.robots.spec import RobotSpec
 
@@ -28,17 +28,17 @@ class InverseDynamicsModel:
     """Commands from motion. Thesis chapter 2 and (6.1), one process per output.
 
     Attributes:
-        kind: "gp": process on the centred command; "identified": rigid body, transmission and friction by
-            least squares; "identified+gp": process on what that leaves.
+        kind: "nominal": the model file alone; "identified": rigid body, transmission and friction by least
+            squares; "gp": process on the centred command; "identified+gp": process on what the second leaves.
         features: map from motion to the processes' inputs.
-        posteriors: one process per output. The kind "identified" does not predict with them, but they
-            still say where the robot has not been, for the design of the next trajectory.
+        posteriors: one process per output. The first two kinds do not predict with them, but they still say
+            where the robot has not been, for the design of the next trajectory.
         offset: (dof,) constant part of the mean, command units.
         scale: (dof,) factor on the variances from held-out trajectories (1: not needed, or not yet known).
         prior_deviation: (dof,) deviation of what the processes learn, before any data, command units.
         stick_velocity: (dof,) top speed of the samples that were masked as stuck, rad/s; 0 without a mask.
-        fallback: the identified model, which is also the mean function of the other two kinds; None for "gp".
-        residual_variance: (dof,) mean squared error of the identified model on trajectories held out.
+        fallback: the rigid-body model, which is also the mean function; None for "gp".
+        residual_variance: (dof,) mean squared error of the rigid-body model on trajectories held out.
     """
 
     kind: Kind
@@ -66,9 +66,11 @@ class InverseDynamicsModel:
 
         Thesis (2.5), (2.6); the variance includes the noise and the calibration.
         """
+        if self.kind in PHYSICS:
+            assert self.fallback is not None
+            assert self.residual_variance is not None
+            return self.fallback.predict(q, qd, qdd), np.tile(self.residual_variance, (len(q), 1))
         mean = self.mean_function(q, qd, qdd)
-        if self.kind == "identified" and self.residual_variance is not None:
-            return mean, np.tile(self.residual_variance, (len(q), 1))
         X = self.features.transform(q, qd, qdd)
         predicted = [posterior.predict(X) for posterior in self.posteriors]
         noise = np.array([posterior.noise_variance for posterior in self.posteriors])
@@ -105,9 +107,9 @@ def train_model(
     dataset = in_order(dataset)
     fallback, residual_variance, target = None, None, dataset.tau
     if config.kind != "gp":
-        fallback = identified_model(dataset, spec, config, geometry)
+        fallback = physics_model(dataset, spec, config, geometry)
         target = dataset.tau - fallback.predict(dataset.q, dataset.qd, dataset.qdd)
-        residual_variance = held_out_variance(dataset, spec, fallback)
+        residual_variance = held_out_variance(dataset, spec, fallback, config)
     features = feature_map(spec, config)
     X = features.transform(dataset.q, dataset.qd, dataset.qdd)
     start = [None] * spec.dof if previous is None else list(previous.posteriors)
@@ -129,6 +131,18 @@ def train_model(
     )
 
 
+def physics_alone(
+    twin: InverseDynamicsModel, kind: Kind, dataset: Dataset, spec: RobotSpec, geometry: Geometry
+) -> InverseDynamicsModel:
+    """A rung that predicts by its physics; its processes, for the design, are those of `twin`."""
+    if kind == "identified":
+        return replace(twin, kind=kind)
+    config = ModelConfig(kind=kind)
+    nominal = physics_model(dataset, spec, config, geometry)
+    variance = held_out_variance(dataset, spec, nominal, config)
+    return replace(twin, kind=kind, fallback=nominal, residual_variance=variance)
+
+
 def stick_velocity(dataset: Dataset) -> Array:
     """Top speed (dof,) of the samples masked as stuck: slower planned samples will be masked too."""
     return np.asarray(np.where(dataset.stuck, np.abs(dataset.qd), 0.0).max(axis=0))
@@ -141,10 +155,10 @@ def feature_map(spec: RobotSpec, config: ModelConfig) -> FeatureMap:
     return FeatureMap(spec.dof, config.friction_fraction * spec.velocity, FRICTION_SCALES)
 
 
-def identified_model(
+def physics_model(
     dataset: Dataset, spec: RobotSpec, config: ModelConfig, geometry: Geometry | None = None
 ) -> RigidBodyModel:
-    """Rigid body, drives and friction by masked least squares.
+    """The mean function of `config.kind`: the model file alone, or identified by masked least squares.
 
     Raises:
         UsageError: the robot has no model file.
@@ -152,22 +166,25 @@ def identified_model(
     geometry = geometry or read_geometry(spec)
     if geometry is None:
         raise UsageError(
-            f"robot '{spec.name}' has no model_file, so nothing can be identified",
+            f"robot '{spec.name}' has no model_file, so it has no physics to learn from",
             next_step="Add a URDF or MJCF to the robot file, or use model.kind = 'gp'.",
         )
     fraction = config.friction_fraction or ModelConfig().friction_fraction
+    if config.kind == "nominal":
+        return nominal_model(geometry.tree, geometry.drives, fraction * spec.velocity)
     return identify(dataset, spec, geometry.tree, geometry.drives, fraction * spec.velocity)
 
 
-def held_out_variance(dataset: Dataset, spec: RobotSpec, model: RigidBodyModel) -> Array:
-    """Mean squared error (dof,) of the identified model on each trajectory, identified from the others.
+def held_out_variance(dataset: Dataset, spec: RobotSpec, model: RigidBodyModel, config: ModelConfig) -> Array:
+    """Mean squared error (dof,) of the rigid-body model on each trajectory, identified from the others.
 
-    With one trajectory, that of its own residual: too small, which the prequential score then shows.
+    With one trajectory, that of its own residual: too small, which the prequential score then shows. A
+    nominal model has seen no data, so all of it is held out.
     """
+    squared = (dataset.tau - model.predict(dataset.q, dataset.qd, dataset.qdd)) ** 2
     numbers = np.unique(dataset.group)
-    if len(numbers) < 2:
-        return model.deviation**2
-    squared = np.empty_like(dataset.tau)
+    if len(numbers) < 2 or config.kind == "nominal":
+        numbers = np.zeros(0, dtype=np.int64)
     for number in numbers:
         own = dataset.group == number
         try:

@@ -12,12 +12,15 @@ from etude.models.blocks import split_blocks
 from etude.models.calibration import Score, score
 from etude.models.dataset import Dataset
 from etude.models.geometry import Geometry, read_geometry
-from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
-from etude.models.model_config import Kind, ModelConfig
+from etude.models.inverse_dynamics import InverseDynamicsModel, physics_alone, train_model
+from etude.models.model_config import PHYSICS, Kind, ModelConfig
 from etude.models.selection import in_order
 from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]
+
+FORCES = ("N m", "N")
+"""Command units that a model file's inertial parameters predict by themselves."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def train_ladder(
     """
     dataset = in_order(dataset)
     geometry = None if config.kind == "gp" else read_geometry(spec)
-    kinds = _kinds(config, geometry)
+    kinds = _kinds(config, spec, geometry)
     if len(kinds) == 1 and not previous:
         return Ladder(_train(kinds, dataset, spec, config, rng, geometry, {}), kinds[0], {})
     newest = dataset.group == dataset.group.max()
@@ -79,10 +82,14 @@ def train_ladder(
     return Ladder(models, _choose(kinds, scores), scores)
 
 
-def _kinds(config: ModelConfig, geometry: Geometry | None) -> tuple[Kind, ...]:
+def _kinds(config: ModelConfig, spec: RobotSpec, geometry: Geometry | None) -> tuple[Kind, ...]:
+    """The rungs; the model file alone predicts commands only where they are forces."""
     if config.kind != "auto":
         return (config.kind,)
-    return ("gp",) if geometry is None else ("gp", "identified", "identified+gp")
+    if geometry is None:
+        return ("gp",)
+    rungs: tuple[Kind, ...] = ("gp", "identified+gp", "identified")
+    return (*rungs, "nominal") if spec.command_unit in FORCES else rungs
 
 
 def _train(
@@ -95,10 +102,10 @@ def _train(
     previous: Mapping[Kind, InverseDynamicsModel],
 ) -> dict[Kind, InverseDynamicsModel]:
     models: dict[Kind, InverseDynamicsModel] = {}
-    for kind in sorted(kinds, key=lambda name: name == "identified"):
+    for kind in kinds:
         twin = models.get("identified+gp")
-        if kind == "identified" and twin is not None:
-            models[kind] = replace(twin, kind=kind)  # the same mean function, predicting alone
+        if kind in PHYSICS and twin is not None and geometry is not None:
+            models[kind] = physics_alone(twin, kind, dataset, spec, geometry)
             continue
         own = replace(config, kind=kind)
         models[kind] = train_model(dataset, spec, own, rng, previous.get(kind), geometry)

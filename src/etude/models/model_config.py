@@ -8,8 +8,10 @@ from typing import Literal
 
 from etude.errors import UsageError
 
-Kind = Literal["gp", "identified", "identified+gp"]
-KINDS: tuple[Kind, ...] = ("gp", "identified", "identified+gp")
+Kind = Literal["nominal", "identified", "gp", "identified+gp"]
+KINDS: tuple[Kind, ...] = ("nominal", "identified", "gp", "identified+gp")
+PHYSICS: tuple[Kind, ...] = ("nominal", "identified")
+"""Kinds that predict without a process."""
 FLOORS = (0.001, 0.002, 0.004, 0.012)
 """Noise floors tried with noise_floor = "auto", as parts of the command limit."""
 

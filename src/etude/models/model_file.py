@@ -6,6 +6,7 @@ import io
 import json
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +68,13 @@ def load_model(folder: str | Path) -> InverseDynamicsModel:
     folder = Path(folder)
     try:
         words = json.loads((folder / WORDS).read_text(encoding="utf-8"))
-        with np.load(folder / NUMBERS, allow_pickle=False) as file:
+        # from memory: NumPy leaves a damaged file open
+        with np.load(io.BytesIO((folder / NUMBERS).read_bytes()), allow_pickle=False) as file:
             arrays = dict(file)
         if words["version"] != VERSION:
             raise ValueError(f"version {words['version']}")
         return _model(words, arrays)
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
         raise DataError(
             f"this is no model that can be read ({error})",
             where=str(folder),

@@ -57,6 +57,16 @@ class RigidBodyModel:
         return np.asarray(command)
 
 
+def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:
+    """What the model file alone says, for commands in N m or N: its inertial parameters, no friction."""
+    inertial = np.tile(nominal_parameters(tree), (tree.joints, 1))
+    extra = np.zeros((tree.joints, 3 + len(FRICTION_SCALES)))
+    unknown = np.zeros(tree.joints)
+    return RigidBodyModel(
+        tree, drives, friction_velocity, inertial, extra, np.zeros(tree.joints, dtype=np.int64), unknown
+    )
+
+
 def command_regressors(
     tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array, q: Array, qd: Array, qdd: Array
 ) -> tuple[Array, Array]:
