@@ -121,6 +121,7 @@ def test_points_are_spread_apart_and_over_all_trajectories(data) -> None:
     assert len(index) <= 30
     assert np.all(use[index])
     assert set(data.group[index]) == {0, 1, 2}
+    index = spread_points(data, use, 10**6, 1.0, rng)
     same = np.diff(data.group[index]) == 0
     assert np.all(np.diff(data.t[index])[same] >= 1.0 - 1e-9)
     assert len(spread_points(data, use, 10**6, 0.0, rng)) == np.count_nonzero(use)
