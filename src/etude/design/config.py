@@ -26,7 +26,7 @@ class DesignConfig:
     criterion: str = "log_ivr"
     candidates: int = 24
     refine: int = 2
-    steps: int = 30
+    steps: int = 15
     points: int = 50
     reference_points: int = 100
     random_share: float = 0.0
