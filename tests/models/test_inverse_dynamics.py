@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.models.learning_examples import NOISE, SMALL, pendulum, trajectories, trajectory
+from learning_examples import NOISE, SMALL, pendulum, trajectories, trajectory
 
 from etude.errors import DataError, UsageError
 from etude.models.calibration import score

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.models.learning_examples import SMALL, pendulum, trajectories, trajectory
+from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.models.inverse_dynamics import train_model
 from etude.models.ladder import prequential, train_ladder

@@ -9,7 +9,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from tests.models.rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
+from rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
 
 from etude.errors import DataError, UsageError
 from etude.models.base_parameters import base_directions, parameter_scale, spread_states

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from tests.models.rigid_examples import ACTUATOR_OF_AXIS, AWKWARD, NAMES
+from rigid_examples import ACTUATOR_OF_AXIS, AWKWARD, NAMES
 
 from etude.errors import NumericalError, UsageError
 from etude.models.kinematics import body_motion

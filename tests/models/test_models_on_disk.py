@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.models.learning_examples import SMALL, pendulum, trajectories, trajectory
+from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.errors import DataError
 from etude.models.inverse_dynamics import train_model
