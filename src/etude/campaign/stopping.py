@@ -67,17 +67,17 @@ def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
     if len(recent) < config.consecutive:
         missing = config.consecutive - len(recent)
         return Verdict(False, "", f"{missing} more log{'s' * (missing > 1)} before a rule can fire.")
-    if all(_tolerable(e, config) for e in recent):
-        doubt = _doubt(recent[-1])
-        if not doubt:
-            return Verdict(True, "tolerance", f"The forecast error is {_tolerance(recent[-1], config)}.")
-        return Verdict(False, "", f"The forecast error is {_tolerance(recent[-1], config)}, but {doubt}.")
+    tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
+    if tolerable and not doubt:
+        return Verdict(True, "tolerance", f"The forecast error is {_tolerance(recent[-1], config)}.")
     if all(_in_noise(e, config) for e in recent):
         limit = f"{config.noise_fraction:g} of the noise variance"
         return Verdict(True, "noise", f"The variance left is below {limit} on every axis.")
     if all(_not_worth_it(e, config) for e in recent):
         limit = f"{100 * config.gain_per_minute:g} % of the variance left per minute of robot time"
         return Verdict(True, "gain", f"The next trajectory would remove less than {limit}.")
+    if tolerable:
+        return Verdict(False, "", f"The forecast error is {_tolerance(recent[-1], config)}, but {doubt}.")
     return Verdict(False, "", f"Another trajectory is worth it: {_open_points(recent[-1], config)}.")
 
 
