@@ -30,11 +30,15 @@ def learn_ladder(campaign: Campaign, state: State, number: int) -> Learned:
     trained = state.trained
     before = load_models(campaign.model_folder(trained[-1].number)) if trained else {}
     new = _dataset(campaign, number)
-    scores = prequential(before, new) if before else {}
+    scores: dict[str, Score] = {**prequential(before, new)} if before else {}
     waiting = [r.number for r in state.pending if r.number < number]
     logs = [*(r.number for r in trained), *waiting, number]
     # the ladder takes the highest group for the newest, whatever the order in which logs arrive
-    dataset = concatenate([_grouped(campaign, n, order) for order, n in enumerate(logs)])
+    parts = [_grouped(campaign, n, order) for order, n in enumerate(logs)]
+    if len(parts) > 1:  # the least that every model has to beat, fitted to the same logs
+        linear = linear_regression(concatenate(parts[:-1]), new)
+        scores["linear"] = score(new.tau, linear, None, ~new.stuck)
+    dataset = concatenate(parts)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     ladder = train_ladder(dataset, campaign.spec, campaign.config.model, rng, previous=before)
     files = save_models(campaign.model_folder(number), ladder.models, ladder.chosen)

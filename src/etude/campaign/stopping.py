@@ -78,7 +78,7 @@ def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
         return Verdict(True, "gain", f"The next trajectory would remove less than {limit}.")
     if tolerable:
         return Verdict(False, "", f"The forecast error is {_tolerance(recent[-1], config)}, but {doubt}.")
-    return Verdict(False, "", f"Another trajectory is worth it: {_open_points(recent[-1], config)}.")
+    return Verdict(False, "", f"No rule has fired: {_open_points(recent[-1], config)}.")
 
 
 def _budget(evidence: Sequence[Evidence], config: StopConfig) -> str:
@@ -127,4 +127,6 @@ def _open_points(e: Evidence, config: StopConfig) -> str:
         parts.append(
             f"{rate:.2g} % of the variance left per minute (threshold {100 * config.gain_per_minute:g} %)"
         )
+    if config.gain_per_minute and e.gain is None:
+        parts.append("what the next one would add is known once it is designed")
     return "; ".join(parts) or "no rule but the budget is switched on"
