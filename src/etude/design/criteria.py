@@ -122,7 +122,7 @@ class Reduction:
     """
 
     gain: Array
-    own: Array
+    noise: float
     cross: Array
     solved: Array
     values: Array
@@ -134,18 +134,19 @@ class Reduction:
         noisy[np.diag_indices_from(noisy)] += output.posterior.noise_variance
         scaled = gain[:, None] * cross
         solved: Array = cho_solve(cho_factor(noisy.T, lower=True, overwrite_a=True), scaled)
-        return cls(gain, own, cross, solved, np.einsum("tr,tr->r", scaled, solved))
+        noise = output.posterior.noise_variance
+        return cls(gain, noise, cross, solved, np.einsum("tr,tr->r", scaled, solved))
 
     def score(self, value: float, weights: Array) -> Score:
         """The score of a criterion with derivative `weights` (r,) in `values`."""
-        d = self.gain
+        d = self.gain[:, None]
         weighted = self.solved * weights
-        in_scaled = 2.0 * weighted
-        in_noisy = -weighted @ self.solved.T
+        # C_TT d solved, from M solved = d C_TR without another product; where d is zero, `weighted` is too
+        through_own = (d * self.cross - self.noise * self.solved) / np.where(d == 0.0, 1.0, d)
         return Score(
             value=value,
-            gain=np.einsum("tr,tr->t", in_scaled, self.cross) + 2.0 * (in_noisy * self.own) @ d,
-            reduction=(d[:, None] * weighted, d[:, None] * self.solved),
+            gain=2.0 * np.einsum("tr,tr->t", weighted, self.cross - through_own),
+            reduction=(d * weighted, d * self.solved),
         )
 
 
