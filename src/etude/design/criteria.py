@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from etude.design.batch import Batch
-from etude.design.information import info_gain, mi_region, sum_log
+from etude.design.information import d_opt, info_gain, mi_region, sum_log
 from etude.design.score import Criterion, Output, Score, evaluate, value_of
 
 __all__ = [
     "CRITERIA",
     "LOG_FLOOR",
+    "NEEDS_IDENTIFIED",
     "NEEDS_REFERENCE",
     "Criterion",
     "Output",
@@ -75,8 +76,11 @@ CRITERIA: dict[str, Criterion] = {
     "sum_log": sum_log,
     "info_gain": info_gain,
     "mi_region": mi_region,
+    "d_opt": d_opt,
 }
 NEEDS_REFERENCE = frozenset({"ivr", "log_ivr", "mi_region"})
+NEEDS_IDENTIFIED = frozenset({"d_opt"})
+"""Criteria that judge the identified model's parameters instead of the model's own processes."""
 
 
 @dataclass(frozen=True)

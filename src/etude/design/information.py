@@ -37,9 +37,24 @@ def sum_log(output: Output, batch: Batch, gain: Array) -> Score:
 
 def info_gain(output: Output, batch: Batch, gain: Array) -> Score:
     """Information that all samples together give about the function, 1/2 log det(S/sn^2) (D-optimality)."""
+    return _joint(output, batch, gain, 1.0)
+
+
+def d_opt(output: Output, batch: Batch, gain: Array) -> Score:
+    """Growth of the log determinant of the parameters' information (Swevers et al. 1997), per output.
+
+    log det(Y^T Sigma^-1 Y + Lambda0) - log det Lambda0 for the regressor Y of the planned samples. With the
+    weights of a linear regression as parameters and what is known of them as Lambda0, the determinant lemma
+    makes that log det(S/sn^2): twice `info_gain`. What makes it d_opt is the process: `design` gives it the
+    identified model (`identified.identified_posteriors`) in place of the model's own.
+    """
+    return _joint(output, batch, gain, 2.0)
+
+
+def _joint(output: Output, batch: Batch, gain: Array, factor: float) -> Score:
     joint = Entropy.of(batch.covariance(), gain, output.noise)
     own, in_gain = joint.back()
-    return Score(value=joint.value, gain=in_gain, own=own)
+    return Score(value=factor * joint.value, gain=factor * in_gain, own=factor * own)
 
 
 def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
