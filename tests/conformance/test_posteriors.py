@@ -9,6 +9,7 @@ import pytest
 
 from etude.models.contracts import Posterior
 from etude.models.exact import ExactGP
+from etude.models.inducing import Form, InducingGP
 from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
 
 D = 8
@@ -22,9 +23,19 @@ def exact(kernel: Kernel) -> Callable[[np.ndarray, np.ndarray], Posterior]:
     return condition
 
 
+def inducing(kernel: Kernel, form: Form) -> Callable[[np.ndarray, np.ndarray], Posterior]:
+    def condition(X: np.ndarray, y: np.ndarray) -> Posterior:
+        Z = np.random.default_rng(1).uniform(-1.0, 1.0, size=(12, D))
+        return InducingGP(kernel, kernel.initial(np.ones(D), 1.5), np.log(0.05), Z, form, 0.1).condition(X, y)
+
+    return condition
+
+
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(structured_kernel(2, 0)),
+    "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
+    "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
 }
 ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
