@@ -121,9 +121,9 @@ def test_gradient_of_the_regressor(regressors) -> None:
 
 
 def test_every_inertial_parameter_acts_through_the_features(regressors) -> None:
-    X, first = inputs(400), regressors[0]
+    X, robot = inputs(400), regressors[0].motion
     motion = np.split(X[:, :15], 3, axis=1)
-    rigid, extra = command_regressors(first.tree, first.drives, first.friction_velocity, *motion)
+    rigid, extra = command_regressors(robot.tree, robot.drives, robot.friction_velocity, *motion)
     for j, regressor in enumerate(regressors):
         phi = regressor.transform(X)
         for columns in (rigid[:, j], extra[:, j]):
@@ -135,7 +135,16 @@ def test_every_inertial_parameter_acts_through_the_features(regressors) -> None:
 def test_prior_deviations_fill_the_command_limit(regressors) -> None:
     """The nominal model and each drive or friction term, over states that fill the robot's limits."""
     spec = awkward_spec()
-    spread = np.concatenate(spread_states(spec, 64 + 24 * regressors[0].tree.bodies), axis=1)
+    spread = np.concatenate(spread_states(spec, 64 + 24 * regressors[0].motion.tree.bodies), axis=1)
     for regressor in regressors:
         size = np.sqrt(np.mean(regressor.transform(spread) ** 2, axis=0))
         np.testing.assert_allclose(size[[0, *range(-6, 0)]], spec.command[0], rtol=1e-9)
+
+
+def test_answers_kept_are_those_of_the_inputs_asked_for(regressors) -> None:
+    X, Z, G = inputs(4), inputs(4) + 0.1, np.ones(regressors[0].transform(inputs(4)).shape)
+    first = [regressors[0].transform(X), regressors[0].pullback(X, G)]
+    assert not np.allclose(regressors[0].transform(Z), first[0])
+    assert not np.allclose(regressors[0].pullback(Z, G), first[1])
+    np.testing.assert_array_equal(regressors[0].transform(X), first[0])
+    np.testing.assert_array_equal(regressors[0].pullback(X, G), first[1])
