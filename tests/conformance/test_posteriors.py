@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from etude.models.bayesian_linear import BayesianLinear
 from etude.models.contracts import Posterior
 from etude.models.exact import ExactGP
 from etude.models.inducing import Form, InducingGP
@@ -31,9 +32,20 @@ def inducing(kernel: Kernel, form: Form) -> Callable[[np.ndarray, np.ndarray], P
     return condition
 
 
+class Waves:
+    """phi(x) = (x, sin 2x): the features of the linear regression."""
+
+    def transform(self, X: np.ndarray) -> np.ndarray:
+        return np.concatenate([X, np.sin(2.0 * X)], axis=1)
+
+    def pullback(self, X: np.ndarray, G: np.ndarray) -> np.ndarray:
+        return G[:, :D] + 2.0 * np.cos(2.0 * X) * G[:, D:]
+
+
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(structured_kernel(2, 0)),
+    "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
     "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
 }
