@@ -9,6 +9,8 @@ import pytest
 
 from etude.models.bayesian_linear import BayesianLinear
 from etude.models.contracts import Posterior
+from etude.models.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.downsampled import DownsampledGP
 from etude.models.exact import ExactGP
 from etude.models.inducing import Form, InducingGP
 from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
@@ -42,12 +44,16 @@ class Waves:
         return G[:, :D] + 2.0 * np.cos(2.0 * X) * G[:, D:]
 
 
+SE = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.5, *[1.0] * D]), np.log(0.05), noise_floor=0.1)
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(structured_kernel(2, 0)),
     "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
     "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
+    "downsampled": DownsampledGP(SE, every=3).condition,
+    # what a full dictionary drops may have told more about one place, so the row has room for all points
+    "dictionary": DictionaryGP(SE, DictionaryConfig(size=64)).condition,
 }
 ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
