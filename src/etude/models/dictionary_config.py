@@ -18,10 +18,10 @@ class DictionaryConfig:
         rule: "variance", thesis (2.7): a candidate replaces the member that the others determine best, if
             they determine the candidate less; log det (K + d I) then never falls. "error", thesis (2.8): the
             same with the error |y* - y| of the prediction from the others.
-        guard: of the error rule, which by itself collects outliers and noise, forgets the rest, and diverges
-            online. A point is then worth its latent variance, and up to 1 + guard² times that if its error
-            is large: as far as data there could reduce the error, and less again beyond `guard` standard
-            deviations, where it is rather an outlier. None is the bare rule of the thesis.
+        guard: of the error rule, which by itself collects outliers and noise and forgets the rest. A point is
+            then worth its latent variance, and up to 1 + guard² times that if its error is large: as far as
+            data there could reduce the error, and less again beyond `guard` standard deviations, where it
+            is rather an outlier. None is the bare rule of the thesis.
         threshold: a candidate enters only if its deviation (variance rule) or error (error rule) exceeds this
             part of the prior deviation; the thesis's delta_t, for which it gives no number.
         gain: part by which a swap has to raise the score. With 0, the thesis's, members are dragged along the

@@ -181,14 +181,15 @@ class DictionaryStream:
     def _offer_block(self, X: Array, y: Array, t: Array) -> None:
         kernel, theta, n = self.gp.kernel, self.gp.theta, len(self)
         rows = kernel.value(theta, X, self._members.X[:n]) if n else np.zeros((len(y), 0))
+        prior = kernel.diagonal(theta, X)
         block = steps.Candidates(
             X=_plain(X),
             y=_plain(y),
             t=_plain(t),
             number=self.offered + np.arange(len(y)),
             rows=_plain(rows),
-            own=_plain(kernel.value(theta, X, X)),
-            prior=_plain(kernel.diagonal(theta, X)),
+            own=_plain(kernel.value(theta, X, X) if len(y) > 1 else prior[:, None]),
+            prior=_plain(prior),
             taken=np.full(self.config.size, -1, dtype=np.int64),
         )
         done, skip = 0, -1
