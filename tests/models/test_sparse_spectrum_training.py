@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import etude.models.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
 from etude.models.priors import Prior
 from etude.models.sparse_spectrum import SparseSpectrumGP
 from etude.models.sparse_spectrum_training import (
     fit_sparse_spectrum,
-    held_out_density,
+    held_out_error,
     initial_sparse_spectrum,
     redrawn,
 )
@@ -69,10 +70,22 @@ def test_training_predicts_another_motion(method) -> None:
 def test_the_prior_on_points_holds_them() -> None:
     X, y = motion(0, 60)
     begun = start(X, y, count=30, learned=True)
-    free = fit_sparse_spectrum(begun, X, y, steps=60, prior=None, point_prior=False)
     held = fit_sparse_spectrum(begun, X, y, steps=60, prior=None, point_prior=True)
+    free = fit_sparse_spectrum(held, X, y, steps=60, prior=None, point_prior=False)
     assert free.evidence(X, y) > held.evidence(X, y)
-    assert np.sum(held.points**2) < np.sum(free.points**2)
+    assert np.sum(held.features.frequencies**2) < np.sum(free.features.frequencies**2)
+
+
+@METHODS
+def test_the_most_probable_points_balance_likelihood_and_prior(method) -> None:
+    X, y = motion(0, 40)
+    begun = start(X, y, count=3, learned=True)
+    gp = fit_sparse_spectrum(begun, X, y, method=method, steps=400, prior=None)
+    slope = gp.log_marginal_likelihood(X, y)[1][5:]
+    np.testing.assert_allclose(slope, gp.points.ravel(), atol=2e-2)
+    # points and lengths do not shrink together
+    np.testing.assert_array_equal(gp.theta[1:], begun.theta[1:])
+    assert np.abs(gp.points).max() > 0.3
 
 
 def test_a_held_out_trajectory_stops_the_memorising() -> None:
@@ -84,33 +97,40 @@ def test_a_held_out_trajectory_stops_the_memorising() -> None:
     alone = fit_sparse_spectrum(begun, X, y, **options)
     stopped = fit_sparse_spectrum(begun, X, y, held_out=held_out, **options)
     assert alone.evidence(X, y) > stopped.evidence(X, y)
-    scores = [held_out_density(gp, (X, y), held_out) for gp in (begun, alone, stopped)]
-    assert scores[2] > scores[1] + 0.2
-    assert scores[2] >= scores[0]
+    scores = [held_out_error(gp, (X, y), held_out) for gp in (begun, alone, stopped)]
+    assert scores[2] < 0.8 * scores[1]
+    assert scores[2] <= scores[0]
     longer = fit_sparse_spectrum(begun, X, y, held_out=held_out, patience=10**6, **options)
-    assert held_out_density(longer, (X, y), held_out) >= scores[2]
+    assert held_out_error(longer, (X, y), held_out) <= scores[2]
 
 
 @METHODS
 def test_patience_ends_the_training(method, monkeypatch) -> None:
     X, y = motion(0, 50)
-    calls = []
+    calls, scored = [], []
     likelihood = SparseSpectrumGP.log_marginal_likelihood
 
     def counted(self, X, y):
         calls.append(1)
         return likelihood(self, X, y)
 
+    def scoring(*arguments):
+        scored.append(1)
+        return held_out_error(*arguments)
+
     monkeypatch.setattr(SparseSpectrumGP, "log_marginal_likelihood", counted)
+    monkeypatch.setattr(module, "held_out_error", scoring)
     begun = start(X, y, count=40, learned=True)
     counts = []
     for patience in (1, 10**6):
         calls.clear()
+        scored.clear()
         fit_sparse_spectrum(
             begun, X, y, method=method, steps=100, prior=None, point_prior=False,
             held_out=motion(2), patience=patience,
         )  # fmt: skip
         counts.append(len(calls))
+        assert 0 < len(scored) < len(calls)  # only where the objective fell
     assert counts[0] < 0.5 * counts[1]
 
 
