@@ -12,8 +12,10 @@ from etude.models.contracts import Posterior
 from etude.models.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.downsampled import DownsampledGP
 from etude.models.exact import ExactGP
+from etude.models.incremental_spectrum import IncrementalSpectrum
 from etude.models.inducing import Form, InducingGP
 from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.sparse_spectrum import SparseSpectrumGP
 
 D = 8
 
@@ -32,6 +34,21 @@ def inducing(kernel: Kernel, form: Form) -> Callable[[np.ndarray, np.ndarray], P
         return InducingGP(kernel, kernel.initial(np.ones(D), 1.5), np.log(0.05), Z, form, 0.1).condition(X, y)
 
     return condition
+
+
+SPECTRUM = SparseSpectrumGP(
+    np.random.default_rng(2).standard_normal((15, D)),
+    np.log([1.5, *[1.0] * D]),
+    np.log(0.05),
+    noise_floor=0.1,
+)
+
+
+def online(X: np.ndarray, y: np.ndarray) -> Posterior:
+    model = IncrementalSpectrum.start(SPECTRUM)
+    for x, value in zip(X, y, strict=True):
+        model.update(x, value)
+    return model.posterior
 
 
 class Waves:
@@ -54,6 +71,8 @@ MODELS = {
     "downsampled": DownsampledGP(SE, every=3).condition,
     # what a full dictionary drops may have told more about one place, so the row has room for all points
     "dictionary": DictionaryGP(SE, DictionaryConfig(size=64)).condition,
+    "sparse spectrum": SPECTRUM.condition,
+    "sparse spectrum, on line": online,
 }
 ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
