@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SpectralFeatures:
-    """phi(x) = [cos ω_1ᵀx .. cos ω_mᵀx, sin ω_1ᵀx .. sin ω_mᵀx], thesis (2.10).
+    """phi(x) = [cos ω_1ᵀx .. cos ω_mᵀx, sin ω_1ᵀx .. sin ω_mᵀx], thesis 2.4.
 
     Attributes:
         frequencies: (m, D) angular frequencies ω, radians per unit of each input.
