@@ -15,6 +15,7 @@ from etude.models.exact import ExactGP
 from etude.models.incremental_spectrum import IncrementalSpectrum
 from etude.models.inducing import Form, InducingGP
 from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.sogp import SOGP
 from etude.models.sparse_spectrum import SparseSpectrumGP
 
 D = 8
@@ -68,6 +69,9 @@ MODELS = {
     "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
     "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
+    # deleting a basis point may raise the variance, so the rows have room; the second projects samples
+    "sparse online": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, capacity=64).condition,
+    "sparse online, projecting": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, tolerance=0.5).condition,
     "downsampled": DownsampledGP(SE, every=3).condition,
     # what a full dictionary drops may have told more about one place, so the row has room for all points
     "dictionary": DictionaryGP(SE, DictionaryConfig(size=64)).condition,
