@@ -70,6 +70,19 @@ def test_repeated_samples_are_projected_without_loss() -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-8)
 
 
+def test_only_novel_samples_join_the_basis() -> None:
+    X, y = data(60)
+    process = replace(PRIOR, tolerance=0.3).begin(D)
+    process.update(X[0], y[0])
+    noise_free = ExactGP(KERNEL, THETA, -12.0)
+    for x, target in zip(X[1:], y[1:], strict=True):
+        known = process.basis
+        novelty = noise_free.condition(known, known[:, 0]).predict(x[None])[1][0]
+        process.update(x, target)
+        assert len(process.basis) - len(known) == (novelty > 0.3 * 1.2**2)
+    assert 5 < len(process.basis) < 55
+
+
 def test_each_update_predicts_before_it_learns() -> None:
     X, y = data(10)
     process = fed(PRIOR, X[:9], y[:9])
