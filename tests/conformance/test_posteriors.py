@@ -7,9 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from etude.models.bayesian_linear import BayesianLinear
 from etude.models.contracts import Posterior
+from etude.models.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.downsampled import DownsampledGP
 from etude.models.exact import ExactGP
+from etude.models.incremental_spectrum import IncrementalSpectrum
+from etude.models.inducing import Form, InducingGP
 from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.sogp import SOGP
+from etude.models.sparse_spectrum import SparseSpectrumGP
 
 D = 8
 
@@ -22,9 +29,54 @@ def exact(kernel: Kernel) -> Callable[[np.ndarray, np.ndarray], Posterior]:
     return condition
 
 
+def inducing(kernel: Kernel, form: Form) -> Callable[[np.ndarray, np.ndarray], Posterior]:
+    def condition(X: np.ndarray, y: np.ndarray) -> Posterior:
+        Z = np.random.default_rng(1).uniform(-1.0, 1.0, size=(12, D))
+        return InducingGP(kernel, kernel.initial(np.ones(D), 1.5), np.log(0.05), Z, form, 0.1).condition(X, y)
+
+    return condition
+
+
+SPECTRUM = SparseSpectrumGP(
+    np.random.default_rng(2).standard_normal((15, D)),
+    np.log([1.5, *[1.0] * D]),
+    np.log(0.05),
+    noise_floor=0.1,
+)
+
+
+def online(X: np.ndarray, y: np.ndarray) -> Posterior:
+    model = IncrementalSpectrum.start(SPECTRUM)
+    for x, value in zip(X, y, strict=True):
+        model.update(x, value)
+    return model.posterior
+
+
+class Waves:
+    """phi(x) = (x, sin 2x): the features of the linear regression."""
+
+    def transform(self, X: np.ndarray) -> np.ndarray:
+        return np.concatenate([X, np.sin(2.0 * X)], axis=1)
+
+    def pullback(self, X: np.ndarray, G: np.ndarray) -> np.ndarray:
+        return G[:, :D] + 2.0 * np.cos(2.0 * X) * G[:, D:]
+
+
+SE = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.5, *[1.0] * D]), np.log(0.05), noise_floor=0.1)
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(structured_kernel(2, 0)),
+    "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
+    "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
+    "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
+    # deleting a basis point may raise the variance, so the rows have room; the second projects samples
+    "sparse online": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, capacity=64).condition,
+    "sparse online, projecting": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, tolerance=0.5).condition,
+    "downsampled": DownsampledGP(SE, every=3).condition,
+    # what a full dictionary drops may have told more about one place, so the row has room for all points
+    "dictionary": DictionaryGP(SE, DictionaryConfig(size=64)).condition,
+    "sparse spectrum": SPECTRUM.condition,
+    "sparse spectrum, on line": online,
 }
 ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 

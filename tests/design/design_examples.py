@@ -11,6 +11,9 @@ from etude.models.contracts import Posterior
 from etude.models.exact import ExactGP
 from etude.models.features import FeatureMap
 from etude.models.kernels import structured_kernel
+from etude.models.kinematics import KinematicTree
+from etude.models.rigid_body import RigidBodyModel
+from etude.models.transmission import joint_drives
 from etude.robots.spec import Axis, RobotSpec
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
@@ -26,11 +29,41 @@ class Model:
     features: FeatureMap
     posteriors: tuple[Posterior, ...]
     stick_velocity: np.ndarray
+    fallback: RigidBodyModel | None = None
 
 
 def robot() -> RobotSpec:
     axes = (Axis("base", -0.9, 0.7, 0.5, 1.0, 50.0), Axis("tip", 0.2, 1.6, 0.8, 2.0, 20.0))
     return RobotSpec("pair", axes, "N m", 100.0)
+
+
+def arm() -> RigidBodyModel:
+    """Two links of 0.4 m in a vertical plane, 2 kg and 1 kg with their mass half-way."""
+    link = np.zeros((3, 10))
+    for body, mass in ((1, 2.0), (2, 1.0)):
+        link[body] = [mass, 0.2 * mass, 0.0, 0.0, 0.001, 0.05 * mass, 0.05 * mass, 0.0, 0.0, 0.0]
+    tree = KinematicTree(
+        parent=np.array([0, 0, 1]),
+        position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]),
+        rotation=np.tile(np.eye(3), (3, 1, 1)),
+        joint_body=np.array([1, 2]),
+        joint_axis=np.tile([0.0, 1.0, 0.0], (2, 1)),
+        joint_anchor=np.zeros((2, 3)),
+        joint_slides=np.zeros(2, dtype=bool),
+        joint_zero=np.zeros(2),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        nominal=link,
+    )
+    unknown = np.zeros(2)
+    return RigidBodyModel(
+        tree,
+        joint_drives(2),
+        np.full(2, 0.05),
+        np.zeros((2, 20)),
+        np.zeros((2, 6)),
+        unknown.astype(int),
+        unknown,
+    )
 
 
 def model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
@@ -46,7 +79,7 @@ def model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
         kernel = structured_kernel(2, j)
         theta = kernel.initial(0.5 * np.ptp(X, axis=0), size)
         posteriors.append(ExactGP(kernel, theta, np.log(0.03 * size)).condition(X, y - y.mean()))
-    return Model(features, tuple(posteriors), np.full(2, stick))
+    return Model(features, tuple(posteriors), np.full(2, stick), arm())
 
 
 def differences(function: Callable[[np.ndarray], float], at: np.ndarray, step: float = 1e-5) -> np.ndarray:

@@ -135,7 +135,7 @@ def test_a_model_of_another_robot() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"criterion": "entropy"}, "no criterion 'entropy'; known: ivr, log_ivr, mean_variance"),
+        ({"criterion": "entropy"}, "no criterion 'entropy'; known: d_opt, info_gain, ivr, log_ivr"),
         ({"candidates": 0}, "must be >= 1"),
         ({"steps": -1}, "refine and steps >= 0"),
         ({"random_share": 1.5}, "random_share"),

@@ -38,7 +38,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "calibrate": "widen variances that held-out trajectories show to be too small",
     },
     "design": {
-        "criterion": '"log_ivr", "ivr" (variance left where the tasks are), "mean_variance" (thesis 3.2)',
+        "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
         "candidates": "certified random candidates that are scored",
         "refine": "how many of the best are refined",
         "steps": "iterations of each refinement",

@@ -1,84 +1,43 @@
 """Design criteria: how much a batch of planned samples would teach one output of the model.
 
 A criterion is a function of covariances and returns its value and its derivatives with respect to them; the
-chain from covariances to inputs is the same for all and lives in `evaluate`. To add one, write such a
+chain from covariances to inputs is the same for all and lives in `score.evaluate`. To add one, write such a
 function and a row in CRITERIA; the conformance suite tests/conformance/test_criteria.py checks its gradient.
+Here are the criteria that count variances; those that count nats are in `information`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from etude.design.batch import Batch, batch_of
-from etude.models.contracts import Posterior
+from etude.design.batch import Batch
+from etude.design.information import d_opt, info_gain, mi_region, sum_log
+from etude.design.score import Criterion, Output, Score, evaluate, value_of
+
+__all__ = [
+    "CRITERIA",
+    "LOG_FLOOR",
+    "NEEDS_IDENTIFIED",
+    "NEEDS_REFERENCE",
+    "Criterion",
+    "Output",
+    "Reduction",
+    "Score",
+    "evaluate",
+    "ivr",
+    "log_ivr",
+    "mean_variance",
+    "value_of",
+]
 
 Array = NDArray[np.float64]
 
 LOG_FLOOR = 1e-4
 """Part of the signal variance that `log_ivr` adds, so that states known already stop paying."""
-
-
-@dataclass(frozen=True)
-class Output:
-    """One output of the model, as a criterion sees it.
-
-    Attributes:
-        posterior: its Gaussian process.
-        reference: (r, D) states where its variance matters; r = 0 if the criterion needs none.
-        reference_batch: the same as a batch of `posterior`.
-        reference_variance: (r,) their latent variance now.
-        scale: variances are divided by this, so that outputs can be added: the signal variance, or 1 for the
-            thesis's sum in raw squared units.
-    """
-
-    posterior: Posterior
-    reference: Array
-    reference_batch: Batch
-    reference_variance: Array
-    scale: float
-
-    @classmethod
-    def of(cls, posterior: Posterior, reference: Array, *, raw_units: bool = False) -> Output:
-        """The output with everything that is fixed during a design computed once."""
-        batch = batch_of(posterior, reference)
-        scale = 1.0 if raw_units else posterior.signal_variance
-        variance = batch.variance() if len(reference) else np.zeros(0)
-        return cls(posterior, reference, batch, variance, scale)
-
-
-@dataclass(frozen=True)
-class Score:
-    """Value of a criterion and its derivatives; None where it does not depend on that quantity.
-
-    Attributes:
-        value: to be maximised.
-        gain: (T,) derivative in the gains.
-        variance: (T,) derivative in the latent variances.
-        own: (T, T) derivative in C_TT.
-        cross: (T, r) derivative in C_TR.
-        reduction: (A, B), each (T, r): derivatives own = -A Bᵀ and cross = 2 A of a criterion that depends on
-            reference variances removed; the chain then goes back r wide instead of T.
-    """
-
-    value: float
-    gain: Array
-    variance: Array | None = None
-    own: Array | None = None
-    cross: Array | None = None
-    reduction: tuple[Array, Array] | None = None
-
-
-Criterion = Callable[[Output, Batch, Array], Score]
-"""(output, batch of T planned samples, gains (T,)) -> Score.
-
-Slow samples will be masked as stuck, so sample t counts with weight gain_t^2 in [0, 1]; its noise variance is
-sn^2/gain_t^2. All gains 1: no mask.
-"""
 
 
 def mean_variance(output: Output, batch: Batch, gain: Array) -> Score:
@@ -110,8 +69,18 @@ def log_ivr(output: Output, batch: Batch, gain: Array) -> Score:
     return reduction.score(-float(np.log(after).mean()), 1.0 / (r * output.scale * after))
 
 
-CRITERIA: dict[str, Criterion] = {"mean_variance": mean_variance, "ivr": ivr, "log_ivr": log_ivr}
-NEEDS_REFERENCE = frozenset({"ivr", "log_ivr"})
+CRITERIA: dict[str, Criterion] = {
+    "mean_variance": mean_variance,
+    "ivr": ivr,
+    "log_ivr": log_ivr,
+    "sum_log": sum_log,
+    "info_gain": info_gain,
+    "mi_region": mi_region,
+    "d_opt": d_opt,
+}
+NEEDS_REFERENCE = frozenset({"ivr", "log_ivr", "mi_region"})
+NEEDS_IDENTIFIED = frozenset({"d_opt"})
+"""Criteria that judge the identified model's parameters instead of the model's own processes."""
 
 
 @dataclass(frozen=True)
@@ -148,38 +117,3 @@ class Reduction:
             gain=2.0 * np.einsum("tr,tr->t", weighted, self.cross - through_own),
             reduction=(d * weighted, d * self.solved),
         )
-
-
-def evaluate(
-    criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array
-) -> tuple[float, Array, Array]:
-    """A criterion summed over outputs.
-
-    Args:
-        criterion: one of CRITERIA, or a function like them.
-        outputs: J outputs.
-        X: (T, D) inputs, the same for all outputs.
-        gains: (T, J) square roots of the weights of the samples, per output.
-
-    Returns:
-        value, gradient in X (T, D), gradient in the gains (T, J).
-    """
-    total, in_inputs, in_gains = 0.0, np.zeros_like(X), np.zeros_like(gains)
-    for j, output in enumerate(outputs):
-        batch = batch_of(output.posterior, X)
-        score = criterion(output, batch, gains[:, j])
-        reference = output.reference_batch
-        cross = None if score.cross is None else (reference, score.cross)
-        reduction = None if score.reduction is None else (reference, *score.reduction)
-        total += score.value
-        in_inputs += batch.gradient(variance=score.variance, own=score.own, cross=cross, reduction=reduction)
-        in_gains[:, j] = score.gain
-    return total, in_inputs, in_gains
-
-
-def value_of(criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array) -> float:
-    """The value of `evaluate` alone, at about half its price."""
-    return sum(
-        criterion(output, batch_of(output.posterior, X), gains[:, j]).value
-        for j, output in enumerate(outputs)
-    )

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from etude.design.batch import batch_of
 from etude.design.config import DesignConfig
-from etude.design.criteria import CRITERIA, Output, Reduction
+from etude.design.criteria import CRITERIA, NEEDS_IDENTIFIED, Output, Reduction
+from etude.design.identified import identified_posteriors
 from etude.design.objective import DesignModel, Objective
 from etude.design.reference import random_motions, reference_states
 from etude.design.refine import refine
@@ -94,7 +95,8 @@ def design(
         raise UsageError(f"the model has {model.features.dof} joints, the robot '{spec.name}' has {spec.dof}")
     rows = certified_rows(spec, family)
     with threads_for(0):
-        objective = _objective(model, spec, family, config, rng, tasks or ())
+        outputs = _outputs(model, spec, family, config, rng, tasks or ())
+        objective = _objective(model, spec, family, config, outputs)
         candidates = _candidates(rng, spec, family, config.candidates)
         values = [objective.value(c.coefficients, c.omega0) for c in candidates]
         order = np.argsort(values)[::-1]
@@ -105,7 +107,7 @@ def design(
             evaluations += count
             if refined_value > value:
                 best, value = refined, refined_value
-        before, after = _deviations(objective, best)
+        before, after = _deviations(outputs, *objective.inputs(best.coefficients, best.omega0))
     certificate = require_certified(best, spec)
     return Design(
         trajectory=best,
@@ -122,14 +124,15 @@ def design(
     )
 
 
-def _objective(
+def _outputs(
     model: DesignModel,
     spec: RobotSpec,
     family: TrajectoryFamily,
     config: DesignConfig,
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
-) -> Objective:
+) -> tuple[Output, ...]:
+    """The model's processes with the reference states at which their variance counts."""
     stick = np.asarray(model.stick_velocity, dtype=float)
     standing_in = random_motions(rng, spec, family)
     from_random = round(config.random_share * config.reference_points) if tasks else config.reference_points
@@ -140,10 +143,26 @@ def _objective(
     if from_random:
         parts.append(reference_states(model.features, stick, from_random, standing_in))
     references = [np.concatenate(of_output) for of_output in zip(*parts, strict=True)]
-    outputs = tuple(
+    return tuple(
         Output.of(posterior, reference, raw_units=config.raw_units)
         for posterior, reference in zip(model.posteriors, references, strict=True)
     )
+
+
+def _objective(
+    model: DesignModel,
+    spec: RobotSpec,
+    family: TrajectoryFamily,
+    config: DesignConfig,
+    outputs: tuple[Output, ...],
+) -> Objective:
+    if config.criterion in NEEDS_IDENTIFIED:
+        posteriors = identified_posteriors(model, spec)
+        outputs = tuple(
+            Output.of(posterior, output.reference)
+            for posterior, output in zip(posteriors, outputs, strict=True)
+        )
+    stick = np.asarray(model.stick_velocity, dtype=float)
     times = family.duration * (np.arange(config.points) + 0.5) / config.points
     return Objective(CRITERIA[config.criterion], outputs, model.features, stick, family, times)
 
@@ -157,11 +176,12 @@ def _candidates(
     ]
 
 
-def _deviations(objective: Objective, trajectory: FourierTrajectory) -> tuple[Array, Array]:
-    """Predicted root mean square deviation over each output's reference states, before and after."""
-    X, gains = objective.inputs(trajectory.coefficients, trajectory.omega0)
+def _deviations(outputs: Sequence[Output], X: Array, gains: Array) -> tuple[Array, Array]:
+    """Predicted root mean square deviation over each output's reference states, before and after samples X
+    (T, D) with gains (T, dof).
+    """
     before, after = [], []
-    for j, output in enumerate(objective.outputs):
+    for j, output in enumerate(outputs):
         removed = Reduction.of(output, batch_of(output.posterior, X), gains[:, j]).values
         before.append(np.sqrt(output.reference_variance.mean()))
         after.append(np.sqrt(np.maximum(output.reference_variance - removed, 0.0).mean()))

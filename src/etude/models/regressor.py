@@ -67,7 +67,7 @@ def regressor_of_motion(tree: KinematicTree, motion: BodyMotion) -> Array:
             lever = np.cross(axis, motion.position[body] - motion.anchor[j])
             twist = np.concatenate([local(lever), local(axis)], axis=1)
             Y[:, j, body - 1] = np.einsum("ni,nip->np", twist, wrench)
-    return Y.reshape(n, tree.joints, -1)
+    return Y.reshape(n, tree.joints, 10 * (tree.bodies - 1))
 
 
 def regressor(tree: KinematicTree, q: Array, qd: Array, qdd: Array) -> Array:

@@ -105,7 +105,7 @@ def identify(
         moving = ~dataset.stuck[:, j]
         if not np.any(moving):
             raise DataError("An axis never moves, so nothing of it can be identified", where=spec.names[j])
-        prior = _Prior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
+        prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
         fits.append(_fit_output(rigid[moving, j], extra[moving, j], dataset.tau[moving, j], prior, weight))
     inertial, extras, deviation, rank = (np.array(part) for part in zip(*fits, strict=True))
     return RigidBodyModel(tree, drives, friction_velocity, inertial, extras, rank, deviation)
@@ -122,7 +122,7 @@ def _information_per_sample(dataset: Dataset) -> float:
 
 
 @dataclass(frozen=True)
-class _Prior:
+class IdentificationPrior:
     """What is known of one output before any data, from its physical scales.
 
     Attributes:
@@ -139,12 +139,12 @@ class _Prior:
     command: float
 
     @staticmethod
-    def of_output(tree: KinematicTree, rigid: Array, extra: Array, command: float) -> _Prior:
+    def of_output(tree: KinematicTree, rigid: Array, extra: Array, command: float) -> IdentificationPrior:
         """Deviations such that no single term exceeds the command limit over the robot's limits."""
         nominal = nominal_parameters(tree)
         torque = float(np.sqrt(np.mean((rigid @ nominal) ** 2)))
         largest = np.sqrt(np.mean(extra**2, axis=0))
-        return _Prior(
+        return IdentificationPrior(
             nominal,
             base_directions(rigid, parameter_scale(tree)),
             command / max(torque, np.finfo(float).tiny),
@@ -154,7 +154,7 @@ class _Prior:
 
 
 def _fit_output(
-    rigid: Array, extra: Array, y: Array, prior: _Prior, weight: float
+    rigid: Array, extra: Array, y: Array, prior: IdentificationPrior, weight: float
 ) -> tuple[Array, Array, float, int]:
     """phi (P,), extra (E,), residual deviation and rank of one output.
 

@@ -61,16 +61,31 @@ def fit(
             with "lbfgs". NumericalError: the likelihood is not finite at the start.
     """
     X, y = checked_data(X, y)
-    if method not in ("lbfgs", "minimize"):
-        raise UsageError(f"unknown training method {method!r}", next_step='Use "lbfgs" or "minimize".')
+    check_method(method)
     if steps == 0:
         return gp
     chosen = weak_prior(gp.kernel, X, y) if prior == "weak" else prior
     objective = _objective(gp, X, y, chosen)
     with threads_for(len(X)):
-        if method == "minimize":
-            return gp.with_parameters(minimize(objective, gp.parameters, steps).x)
-        return gp.with_parameters(_lbfgs(objective, gp.parameters, steps))
+        return gp.with_parameters(optimise(objective, gp.parameters, method=method, steps=steps))
+
+
+def optimise(objective: Objective, start: Array, *, method: Method, steps: int) -> Array:
+    """The best parameters (P,) found from `start`, by a number of steps as `fit` counts them.
+
+    "lbfgs" moves no parameter by more than `REACH`, so each must be a logarithm or of order 1.
+
+    Raises:
+        UsageError: unknown method, negative steps with "lbfgs". NumericalError: not finite at the start.
+    """
+    check_method(method)
+    return minimize(objective, start, steps).x if method == "minimize" else _lbfgs(objective, start, steps)
+
+
+def check_method(method: str) -> None:
+    """UsageError if there is no such training method."""
+    if method not in ("lbfgs", "minimize"):
+        raise UsageError(f"unknown training method {method!r}", next_step='Use "lbfgs" or "minimize".')
 
 
 def _objective(gp: ExactGP, X: Array, y: Array, prior: Prior | None) -> Objective:

@@ -1,0 +1,212 @@
+"""Gaussian processes that see the data through a few inducing inputs: FITC (SPGP) and the variational VFE."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrs
+
+from etude.errors import NumericalError, UsageError
+from etude.models.basis_posterior import BasisPosterior, lower_root
+from etude.models.cholesky import factorise, triangular_inverse
+from etude.models.exact import checked_data
+from etude.models.kernels import Kernel
+from etude.models.prior_gradient import prior_gradient
+from etude.threads import threads_for
+
+Array = NDArray[np.float64]
+Form = Literal["vfe", "fitc"]
+
+LEAST_NOISE = 1e-10
+"""Least sn² as a part of the prior variance; below it the sums over the data cancel to nothing."""
+
+
+@dataclass(frozen=True)
+class InducingGP:
+    """A Gaussian process of O(n u²) that knows the data through u inducing inputs Z; the caller centres y.
+
+    Choose it when there are more samples than exact regression can carry (some thousands) and one model of
+    all of them is wanted, trained in one go; u = 50-300 is usual. "vfe" (Titsias 2009) bounds the exact log
+    likelihood from below, so it cannot overfit through Z, and approaches exact regression as u grows: the
+    default wherever a variance is used. Its noise absorbs what Z cannot express. "fitc" (SPGP, Snelson and
+    Ghahramani 2006) gives each sample its own extra noise: comparable with work of the thesis's era, but its
+    likelihood can exceed the exact one, the learned noise is often too small and the variance then too
+    confident between the samples. Variances of both return to the prior far from Z, so inputs that Z does not
+    cover stay uncertain however many samples lie there: safe for design, pessimistic. Neither is calibrated
+    by construction; check z² on held-out trajectories.
+
+    Attributes:
+        kernel: covariance function of the latent function.
+        theta: (P,) its log hyperparameters.
+        log_noise: log of the learned noise deviation.
+        Z: (u, D) inducing inputs.
+        form: "vfe" or "fitc".
+        noise_floor: as in ExactGP, sn² = floor² + exp(2 log_noise).
+        jitter: part of the mean prior variance at Z that is added to the diagonal of K_uu.
+    """
+
+    kernel: Kernel
+    theta: Array
+    log_noise: float
+    Z: Array
+    form: Form = "vfe"
+    noise_floor: float = 0.0
+    jitter: float = 1e-8
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "theta", self.kernel.check(self.theta))
+        Z = np.array(self.Z, dtype=float)
+        if Z.ndim != 2 or not Z.size or not np.isfinite(Z).all():
+            raise UsageError(f"inducing inputs must be a finite array (u, D), u >= 1; got shape {Z.shape}")
+        object.__setattr__(self, "Z", Z)
+        if self.form not in ("vfe", "fitc"):
+            raise UsageError(f"unknown form {self.form!r} of an inducing-point model", next_step='Use "vfe".')
+        if not np.isfinite(self.log_noise):
+            raise UsageError(f"log_noise must be finite, got {self.log_noise}")
+        for name in ("noise_floor", "jitter"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise UsageError(f"{name} must be a finite number >= 0, got {getattr(self, name)}")
+
+    @property
+    def noise_variance(self) -> float:
+        """sn², floor included."""
+        return float(self.noise_floor**2 + np.exp(2.0 * self.log_noise))
+
+    @property
+    def parameters(self) -> Array:
+        """The kernel's theta, log_noise, and Z row by row: (P + 1 + u D,)."""
+        return np.concatenate([self.theta, [self.log_noise], self.Z.ravel()])
+
+    def with_parameters(self, parameters: Array) -> InducingGP:
+        """The same model with another vector (P + 1 + u D,); UsageError if its length is wrong."""
+        parameters = np.asarray(parameters, dtype=float)
+        P = self.kernel.size
+        if parameters.shape != (P + 1 + self.Z.size,):
+            raise UsageError(
+                f"expected {P} kernel hyperparameters, log_noise and {self.Z.size} coordinates of inducing "
+                f"inputs, got a vector of shape {parameters.shape}"
+            )
+        Z = parameters[P + 1 :].reshape(self.Z.shape)
+        return replace(self, theta=parameters[:P], log_noise=float(parameters[P]), Z=Z)
+
+    def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
+        """log q(y | X) of FITC, or the evidence lower bound of VFE, and its gradient (P + 1 + u D,).
+
+        Raises DataError for unusable X (n, D) or y (n,), UsageError where D is not that of Z, NumericalError
+        if a covariance is indefinite or sn² is below 1e-10 of the prior variance.
+        """
+        X, y = checked_data(X, y)
+        with threads_for(len(self.Z)):
+            solution = _Solution.of(self, X, y, announce=False)
+            on_uu, on_uf, on_diagonal, on_noise = solution.weights()
+            on_theta, on_Z = prior_gradient(self.kernel, self.theta, self.Z, X, on_uu, on_uf, on_diagonal)
+            noise_gradient = 2.0 * np.exp(2.0 * self.log_noise) * on_noise
+            return -solution.objective(), -np.concatenate([on_theta, [noise_gradient], on_Z.ravel()])
+
+    def condition(self, X: Array, y: Array) -> BasisPosterior:
+        """The posterior given X (n, D) and centred y (n,); errors as above."""
+        X, y = checked_data(X, y)
+        with threads_for(len(self.Z)):
+            solution = _Solution.of(self, X, y, announce=True)
+            # Kuu^-1 - B^-1 = L^-T (I - A^-1) L^-1; with A - I = U diag(p) Uᵀ the middle is U diag(p/(1+p)) Uᵀ
+            p, U = np.linalg.eigh(solution.explained)
+            p = np.maximum(p, 0.0)
+            half = lower_root(p / (1.0 + p), U) @ solution.L_inverse
+            weights = solution.L_inverse.T @ solution.beta
+        return BasisPosterior(
+            self.kernel,
+            self.theta,
+            self.noise_variance,
+            float(solution.diagonal.mean()),
+            self.Z,
+            weights,
+            np.asfortranarray(half),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """What value, gradient and posterior share: S = Q + Λ, Q = VᵀV, V = L^-1 K_uf, through A = I + VΛ^-1Vᵀ.
+
+    FITC: Λ = diag(K - Q) + sn² I. VFE: Λ = sn² I, and tr(K - Q)/(2 sn²) is added to the objective.
+
+    Attributes:
+        diagonal: (n,) diag K. missing: (n,) diag(K - Q). noises: (n,) diagonal of Λ.
+        L_inverse: (u, u). V: (u, n). explained: (u, u) A - I. root: (u, u) Cholesky factor of A.
+        beta: (u,) A^-1 V Λ^-1 y. alpha: (n,) S^-1 y = (y - Vᵀ beta)/Λ.
+    """
+
+    gp: InducingGP
+    diagonal: Array
+    L_inverse: Array
+    V: Array
+    missing: Array
+    noises: Array
+    explained: Array
+    root: Array
+    beta: Array
+    alpha: Array
+
+    @classmethod
+    def of(cls, gp: InducingGP, X: Array, y: Array, *, announce: bool) -> _Solution:
+        """Everything at O(n u²); a jitter beyond that of `gp` is announced or not, as `factorise` does."""
+        diagonal = _checked_diagonal(gp, X)
+        K_uu, _ = gp.kernel.gram(gp.theta, gp.Z)
+        L, _ = factorise(K_uu, gp.jitter * float(K_uu.diagonal().mean()), announce=announce)
+        L_inverse = triangular_inverse(L)
+        V = L_inverse @ gp.kernel.value(gp.theta, gp.Z, X)
+        missing = np.maximum(diagonal - np.einsum("un,un->n", V, V), 0.0)
+        noises = gp.noise_variance + (missing if gp.form == "fitc" else np.zeros(len(y)))
+        explained = (V / noises) @ V.T
+        root, _ = factorise(np.asfortranarray(explained), 1.0, announce=announce)
+        beta, _ = dpotrs(root, V @ (y / noises), lower=1)
+        alpha = (y - V.T @ beta) / noises
+        return cls(gp, diagonal, L_inverse, V, missing, noises, explained, root, beta, alpha)
+
+    def objective(self) -> float:
+        """-log q(y), or -ELBO. yᵀS^-1y = |y - Vᵀβ|²/Λ + |β|²: a sum of squares, so nothing cancels."""
+        quadratic = float(self.alpha @ (self.noises * self.alpha)) + float(self.beta @ self.beta)
+        log_det = float(np.log(self.noises).sum() + 2.0 * np.log(self.root.diagonal()).sum())
+        value = 0.5 * (quadratic + log_det + len(self.alpha) * math.log(2.0 * math.pi))
+        if self.gp.form == "fitc":
+            return value
+        return value + 0.5 * float(self.missing.sum()) / self.gp.noise_variance
+
+    def weights(self) -> tuple[Array, Array, Array, float]:
+        """Derivatives of the objective in K_uu (u, u), K_uf (u, n), diag K (n,) and sn².
+
+        With M = S^-1 - αα' the objective moves by 1/2 tr(M dS). FITC takes the diagonal of Q out of S again,
+        VFE adds tr(K - Q)/(2 sn²): either way dQ is weighted by 1/2 (M - diag w) and diag K by w/2.
+        """
+        scaled = self.V / self.noises
+        solved, _ = dpotrs(self.root, scaled, lower=1)  # V S^-1 = A^-1 V Λ^-1
+        own = 1.0 / self.noises - np.einsum("un,un->n", scaled, solved) - self.alpha**2
+        if self.gp.form == "fitc":
+            w, on_noise = own, 0.5 * float(own.sum())
+        else:
+            noise = self.gp.noise_variance
+            w = np.full(len(own), 1.0 / noise)
+            on_noise = 0.5 * float(own.sum() - self.missing.sum() / noise**2)
+        # V α = β, so the rank-one part of V M costs nothing
+        on_uf = self.L_inverse.T @ (solved - np.outer(self.beta, self.alpha) - self.V * w)
+        on_uu = -0.5 * (on_uf @ self.V.T) @ self.L_inverse
+        on_uu[np.diag_indices_from(on_uu)] += self.gp.jitter * float(np.trace(on_uu)) / len(on_uu)
+        return 0.5 * (on_uu + on_uu.T), on_uf, 0.5 * w, on_noise
+
+
+def _checked_diagonal(gp: InducingGP, X: Array) -> Array:
+    """diag k(X, X) (n,), after a look at what would make it useless."""
+    if X.shape[1] != gp.Z.shape[1]:
+        raise UsageError(f"inputs have {X.shape[1]} columns, the inducing inputs {gp.Z.shape[1]}")
+    diagonal = gp.kernel.diagonal(gp.theta, X)
+    if not gp.noise_variance >= LEAST_NOISE * diagonal.mean():
+        raise NumericalError(
+            f"noise variance {gp.noise_variance:.1e} is below {LEAST_NOISE:.0e} of the prior variance "
+            f"{diagonal.mean():.1e}, too little for an inducing-point model",
+            next_step="Set a noise floor.",
+        )
+    return diagonal
