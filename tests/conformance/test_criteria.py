@@ -10,8 +10,8 @@ import pytest
 from etude.design.batch import PlainBatch
 from etude.design.criteria import CRITERIA, Criterion, Output, evaluate, value_of
 from etude.models.contracts import Posterior
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
 
 D, T = 8, 7
 EVERY = pytest.mark.parametrize("criterion", CRITERIA.values(), ids=CRITERIA.keys())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.kernels import Kernel, Linear, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured_kernel
 
 D = 8
 KERNELS: dict[str, Kernel] = {

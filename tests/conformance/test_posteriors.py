@@ -7,16 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from etude.models.bayesian_linear import BayesianLinear
 from etude.models.contracts import Posterior
-from etude.models.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.downsampled import DownsampledGP
-from etude.models.exact import ExactGP
-from etude.models.incremental_spectrum import IncrementalSpectrum
-from etude.models.inducing import Form, InducingGP
-from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
-from etude.models.sogp import SOGP
-from etude.models.sparse_spectrum import SparseSpectrumGP
+from etude.models.gp.bayesian_linear import BayesianLinear
+from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.gp.downsampled import DownsampledGP
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.incremental_spectrum import IncrementalSpectrum
+from etude.models.gp.inducing import Form, InducingGP
+from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.sogp import SOGP
+from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 
 D = 8
 

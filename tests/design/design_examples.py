@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.models.contracts import Posterior
-from etude.models.exact import ExactGP
 from etude.models.features import FeatureMap
-from etude.models.kernels import structured_kernel
-from etude.models.kinematics import KinematicTree
-from etude.models.rigid_body import RigidBodyModel
-from etude.models.transmission import joint_drives
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import structured_kernel
+from etude.models.physics.kinematics import KinematicTree
+from etude.models.physics.rigid_body import RigidBodyModel
+from etude.models.physics.transmission import joint_drives
 from etude.robots.spec import Axis, RobotSpec
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory

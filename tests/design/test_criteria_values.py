@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from etude.design.batch import batch_of
 from etude.design.criteria import LOG_FLOOR, Output, Reduction, ivr, log_ivr, mean_variance, value_of
-from etude.models.exact import ExactGP, ExactPosterior
-from etude.models.kernels import SquaredExponential
+from etude.models.gp.exact import ExactGP, ExactPosterior
+from etude.models.gp.kernels import SquaredExponential
 
 ONE = np.ones
 

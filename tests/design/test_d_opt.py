@@ -14,9 +14,9 @@ from etude.design.identified import identified_posteriors
 from etude.design.information import d_opt, info_gain
 from etude.design.solve import design
 from etude.errors import UsageError
-from etude.models.base_parameters import base_directions, parameter_scale, spread_states
 from etude.models.features import FeatureMap
-from etude.models.rigid_body import command_regressors
+from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.models.physics.rigid_body import command_regressors
 from etude.trajectories.random import random_trajectory
 
 QUICK = DesignConfig(criterion="d_opt", candidates=6, refine=2, steps=15, points=25, reference_points=30)
@@ -117,7 +117,7 @@ def test_without_a_model_file_it_is_refused() -> None:
 def test_a_model_file_is_enough() -> None:
     """No identified model yet: geometry from the file, friction velocity from the features or the limits."""
     import etude.design.identified as identified
-    from etude.models.geometry import Geometry
+    from etude.models.physics.geometry import Geometry
 
     expected = [p.predict(planned()[0])[1] for p in identified_posteriors(model(), robot())]
     with pytest.MonkeyPatch.context() as patch:

@@ -14,8 +14,8 @@ from etude.design.criteria import CRITERIA, NEEDS_REFERENCE, Output, evaluate, v
 from etude.design.information import Entropy, info_gain, mi_region, sum_log
 from etude.design.score import RESOLUTION
 from etude.errors import UsageError
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential
 
 SEEDS = given(st.integers(0, 10**6))
 MANY = settings(max_examples=25, deadline=None)

@@ -10,7 +10,7 @@ from etude.design.config import DesignConfig
 from etude.design.criteria import CRITERIA
 from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.models.exact import ExactGP
+from etude.models.gp.exact import ExactGP
 from etude.trajectories.certificate import certify_bytes
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.moves import random_moves

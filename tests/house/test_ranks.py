@@ -86,6 +86,14 @@ def test_imports_go_down(path: Path) -> None:
         assert allowed, f"{name} (rank {RANKS[own]}) imports etude.{other} (rank {RANKS[other]})"
 
 
+@pytest.mark.parametrize(("own", "foreign"), [("gp", "physics"), ("physics", "gp")])
+def test_processes_know_no_robot_and_physics_no_process(own: str, foreign: str) -> None:
+    allowed = {"gp": {"gp"}, "physics": {"physics", "dataset", "features"}}[own]
+    for path in sorted((SOURCE / "models" / own).glob("*.py")):
+        rooms = {name.split(".")[2] for name in imported(path) if name.startswith("etude.models.")}
+        assert rooms <= allowed, f"{path.name} imports {rooms - allowed}, {foreign} or above"
+
+
 def test_no_import_cycle() -> None:
     known = {module_name(path): path for path in modules()}
     graph = {name: imported(path) & set(known) - {name, "etude"} for name, path in known.items()}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.dictionary import DictionaryConfig
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential
+from etude.models.gp.dictionary import DictionaryConfig
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential
 
 
 def process(inputs: int, noise_variance: float, length: float = 2.0) -> ExactGP:

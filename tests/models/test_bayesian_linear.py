@@ -10,13 +10,13 @@ import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.base_parameters import spread_states
-from etude.models.base_regressor import BaseRegressor, base_regressors
-from etude.models.bayesian_linear import BayesianLinear
-from etude.models.exact import ExactGP
-from etude.models.kernels import Linear
-from etude.models.rigid_body import command_regressors
-from etude.models.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude.models.gp.bayesian_linear import BayesianLinear
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import Linear
+from etude.models.physics.base_parameters import spread_states
+from etude.models.physics.base_regressor import BaseRegressor, base_regressors
+from etude.models.physics.rigid_body import command_regressors
+from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 
 class Columns:

@@ -7,8 +7,8 @@ import pytest
 
 from etude.errors import UsageError
 from etude.models.calibration import contiguous_blocks, held_out_z2, inflation, score
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential
 
 
 def test_errors_of_the_predicted_size_score_one() -> None:

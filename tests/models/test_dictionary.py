@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
-from etude.models import dictionary_stream
-from etude.models.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential, structured_kernel
+from etude.models.gp import dictionary_stream
+from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
 
 D = 4
 

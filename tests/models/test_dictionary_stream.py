@@ -7,10 +7,10 @@ import pytest
 from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.dictionary_stream import DictionaryStream
-from etude.models.exact import ExactGP
-from etude.models.kernels import Linear, structured_kernel
+from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.gp.dictionary_stream import DictionaryStream
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import Linear, structured_kernel
 
 D = 4
 RULES = {

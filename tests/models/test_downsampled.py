@@ -8,7 +8,7 @@ from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, UsageError
 from etude.models.dataset import Dataset
-from etude.models.downsampled import DownsampledGP
+from etude.models.gp.downsampled import DownsampledGP
 from etude.models.selection import every_nth
 
 

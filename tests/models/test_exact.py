@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.cholesky import JitterWarning, factorise
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.cholesky import JitterWarning, factorise
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
 
 D = 8
 KERNEL = structured_kernel(2, 0)
@@ -52,7 +52,7 @@ def test_likelihood_is_the_normal_density_and_its_gradient_exact(floor: float) -
 def test_blocks_of_columns_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     X, y = data(50)
     whole = process().log_marginal_likelihood(X, y)[1]
-    monkeypatch.setattr("etude.models.kernels.BLOCK", 7)
+    monkeypatch.setattr("etude.models.gp.kernels.BLOCK", 7)
     np.testing.assert_allclose(process().log_marginal_likelihood(X, y)[1], whole, rtol=1e-10, atol=1e-10)
 
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.cholesky import JitterWarning
-from etude.models.exact import ExactGP
-from etude.models.inducing import InducingGP
-from etude.models.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.cholesky import JitterWarning
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.inducing import InducingGP
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
 
 D = 8
 KERNELS = {"ard": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}
@@ -173,7 +173,7 @@ def test_far_from_the_inducing_inputs_the_prior_returns(form) -> None:
     ],
     ids=["constant outputs", "repeated rows", "one sample", "fewer samples than inputs", "huge outputs"],
 )
-@pytest.mark.filterwarnings("ignore::etude.models.cholesky.JitterWarning")
+@pytest.mark.filterwarnings("ignore::etude.models.gp.cholesky.JitterWarning")
 def test_poor_data_give_finite_numbers(form, spoil) -> None:
     X, y = spoil(*data(30))
     gp = model(KERNELS["ard"], form, 12)

@@ -7,10 +7,10 @@ import pytest
 
 from etude.design.batch import PlainBatch
 from etude.design.criteria import CRITERIA, Output, evaluate, value_of
-from etude.models.basis_posterior import BasisPosterior
-from etude.models.inducing import InducingGP
-from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
-from etude.models.sogp import SOGP
+from etude.models.gp.basis_posterior import BasisPosterior
+from etude.models.gp.inducing import InducingGP
+from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.sogp import SOGP
 
 D = 8
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, UsageError
-from etude.models.inducing_training import fit_inducing, greedy_points, initial_inducing
-from etude.models.kernels import SquaredExponential, structured_kernel
-from etude.models.priors import Prior, weak_prior
+from etude.models.gp.inducing_training import fit_inducing, greedy_points, initial_inducing
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.priors import Prior, weak_prior
 
 FORMS = pytest.mark.parametrize("form", ["vfe", "fitc"])
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])
@@ -97,7 +97,7 @@ def test_units_of_the_data_change_nothing() -> None:
     ],
     ids=["constant outputs", "repeated rows", "one sample", "constant inputs", "huge", "noise-free"],
 )
-@pytest.mark.filterwarnings("ignore::etude.models.cholesky.JitterWarning")
+@pytest.mark.filterwarnings("ignore::etude.models.gp.cholesky.JitterWarning")
 def test_poor_data_train_to_something_finite(form, method, spoil) -> None:
     X, y = spoil(*data(30))
     gp = fit_inducing(initial_inducing(KERNEL, X, y, 10, form=form), X, y, method=method, steps=10)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum, structured_kernel
+from etude.models.gp.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum, structured_kernel
 
 
 def test_squared_exponential_is_its_formula() -> None:

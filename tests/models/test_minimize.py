@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import NumericalError, UsageError
-from etude.models.minimize import _between, _Probe, minimize
+from etude.models.gp.minimize import _between, _Probe, minimize
 
 
 def rosenbrock(x: np.ndarray) -> tuple[float, np.ndarray]:

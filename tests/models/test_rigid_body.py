@@ -12,10 +12,10 @@ import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
 
 from etude.errors import DataError, UsageError
-from etude.models.base_parameters import base_directions, parameter_scale, spread_states
-from etude.models.regressor import nominal_parameters, regressor
-from etude.models.rigid_body import RigidBodyModel, identify
-from etude.models.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.models.physics.regressor import nominal_parameters, regressor
+from etude.models.physics.rigid_body import RigidBodyModel, identify
+from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 V0 = np.full(5, 0.02)
 NOISE = 0.1

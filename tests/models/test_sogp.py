@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential, structured_kernel
-from etude.models.sogp import SOGP, OnlineProcess
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.sogp import SOGP, OnlineProcess
 
 D = 3
 KERNEL = SquaredExponential(tuple(range(D)))

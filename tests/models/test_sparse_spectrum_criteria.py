@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from etude.design.batch import PlainBatch
 from etude.design.criteria import CRITERIA, Output, evaluate, value_of
-from etude.models.sparse_spectrum import SparseSpectrumGP
+from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 
 ONE = np.ones
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import etude.models.sparse_spectrum_training as module
+import etude.models.gp.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
-from etude.models.priors import Prior
-from etude.models.sparse_spectrum import SparseSpectrumGP
-from etude.models.sparse_spectrum_training import (
+from etude.models.gp.priors import Prior
+from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude.models.gp.sparse_spectrum_training import (
     fit_sparse_spectrum,
     held_out_error,
     initial_sparse_spectrum,
@@ -157,7 +157,7 @@ def test_warm_start(method) -> None:
     ],
     ids=["constant outputs", "repeated rows", "one point", "n < D", "constant inputs", "huge", "noise-free"],
 )
-@pytest.mark.filterwarnings("ignore::etude.models.cholesky.JitterWarning")
+@pytest.mark.filterwarnings("ignore::etude.models.gp.cholesky.JitterWarning")
 def test_poor_data_train_to_something_finite(method, spoil) -> None:
     X, y = spoil(*motion(0, 40))
     gp = fit_sparse_spectrum(start(X, y, learned=True), X, y, method=method, steps=15)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, UsageError
-from etude.models.exact import ExactGP
-from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
-from etude.models.priors import Prior, weak_prior
-from etude.models.training import fit, initial_gp, initial_theta
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.priors import Prior, weak_prior
+from etude.models.gp.training import fit, initial_gp, initial_theta
 
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])
 KERNELS: list[Kernel] = [SquaredExponential(tuple(range(8))), structured_kernel(2, 0)]
@@ -97,7 +97,7 @@ def test_steps_warm_start_where_the_last_training_ended(method) -> None:
     ],
     ids=["constant outputs", "repeated rows", "one point", "constant inputs", "huge", "tiny", "offset"],
 )
-@pytest.mark.filterwarnings("ignore::etude.models.cholesky.JitterWarning")
+@pytest.mark.filterwarnings("ignore::etude.models.gp.cholesky.JitterWarning")
 def test_poor_data_train_to_something_finite(method, kernel, spoil) -> None:
     X, y = spoil(*arm_like(30))
     gp = fit(initial_gp(kernel, X, y), X, y, method=method, steps=10)

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from etude.models.exact import ExactGP
+from etude.models.gp.exact import ExactGP
 from etude.studies import bench_gp, rows
 from etude.studies.rows import Row, rows_json
 

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from etude.design.objective import DesignModel
 from etude.errors import UsageError
-from etude.models.base_regressor import base_regressors
-from etude.models.bayesian_linear import BayesianLinear, LinearPosterior
 from etude.models.contracts import Posterior
-from etude.models.geometry import Geometry, read_geometry
+from etude.models.gp.bayesian_linear import BayesianLinear, LinearPosterior
 from etude.models.model_config import ModelConfig
-from etude.models.rigid_body import RigidBodyModel
+from etude.models.physics.base_regressor import base_regressors
+from etude.models.physics.geometry import Geometry, read_geometry
+from etude.models.physics.rigid_body import RigidBodyModel
 from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]

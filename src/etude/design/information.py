@@ -15,7 +15,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from etude.design.batch import Batch
 from etude.design.score import Output, Score
-from etude.models.cholesky import factorise, inverse_lower
+from etude.models.gp.cholesky import factorise, inverse_lower
 
 Array = NDArray[np.float64]
 

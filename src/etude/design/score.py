@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from etude.design.batch import Batch, batch_of
 from etude.errors import UsageError
-from etude.models.cholesky import factorise
 from etude.models.contracts import Posterior
+from etude.models.gp.cholesky import factorise
 
 Array = NDArray[np.float64]
 

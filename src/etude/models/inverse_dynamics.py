@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.models.dataset import Dataset
-from etude.models.exact import ExactPosterior
 from etude.models.features import FRICTION_SCALES, FeatureMap
-from etude.models.geometry import Geometry, read_geometry
+from etude.models.gp.exact import ExactPosterior
 from etude.models.model_config import PHYSICS, Kind, ModelConfig
 from etude.models.output_process import train_output
-from etude.models.rigid_body import RigidBodyModel, identify, nominal_model
+from etude.models.physics.geometry import Geometry, read_geometry
+from etude.models.physics.rigid_body import RigidBodyModel, identify, nominal_model
 from etude.models.selection import in_order
 from etude.robots.spec import RobotSpec
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from etude.models.blocks import split_blocks
 from etude.models.calibration import Score, score
 from etude.models.dataset import Dataset
-from etude.models.geometry import Geometry, read_geometry
 from etude.models.inverse_dynamics import InverseDynamicsModel, physics_alone, train_model
 from etude.models.model_config import PHYSICS, Kind, ModelConfig
+from etude.models.physics.geometry import Geometry, read_geometry
 from etude.models.selection import in_order
 from etude.robots.spec import RobotSpec
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError
-from etude.models.exact import ExactPosterior, posterior_given
 from etude.models.features import FeatureMap
+from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.inverse_dynamics import InverseDynamicsModel
-from etude.models.kernels import Kernel, Linear, Product, SquaredExponential, Sum
-from etude.models.kinematics import KinematicTree
-from etude.models.rigid_body import RigidBodyModel
-from etude.models.transmission import Drive
+from etude.models.physics.kinematics import KinematicTree
+from etude.models.physics.rigid_body import RigidBodyModel
+from etude.models.physics.transmission import Drive
 from etude.storage import write_atomic
 
 Array = NDArray[np.float64]

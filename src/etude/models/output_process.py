@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from etude.errors import DataError
 from etude.models.calibration import contiguous_blocks, held_out_z2, inflation
 from etude.models.dataset import Dataset
-from etude.models.exact import ExactGP, ExactPosterior
-from etude.models.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.exact import ExactGP, ExactPosterior
+from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.training import fit, initial_gp
 from etude.models.model_config import FLOORS, ModelConfig
 from etude.models.selection import spread_points
-from etude.models.training import fit, initial_gp
 
 Array = NDArray[np.float64]
 

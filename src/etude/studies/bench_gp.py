@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from etude.models.exact import ExactGP, ExactPosterior
-from etude.models.kernels import SquaredExponential
-from etude.models.training import initial_gp
+from etude.models.gp.exact import ExactGP, ExactPosterior
+from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.training import initial_gp
 from etude.studies.rows import Row, rows_json, table
 from etude.threads import threads_for
 

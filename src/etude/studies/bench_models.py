@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsymv, dsyr2
 
-from etude.models.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.dictionary_stream import DictionaryStream
-from etude.models.exact import ExactGP
-from etude.models.kernels import SquaredExponential
+from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
+from etude.models.gp.dictionary_stream import DictionaryStream
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.kernels import SquaredExponential
 from etude.studies.rows import Row, rows_json, table
 from etude.threads import threads_for
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import UsageError
-from etude.models.bayesian_linear import LinearFactors
-from etude.models.cholesky import factorise, triangular_inverse
-from etude.models.spectral_features import SpectralFeatures
+from etude.models.gp.bayesian_linear import LinearFactors
+from etude.models.gp.cholesky import factorise, triangular_inverse
+from etude.models.gp.spectral_features import SpectralFeatures
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""

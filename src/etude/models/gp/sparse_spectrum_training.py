@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.exact import checked_data
-from etude.models.kernels import SquaredExponential
-from etude.models.minimize import Objective
-from etude.models.priors import Prior, data_scales, weak_prior
-from etude.models.sparse_spectrum import SparseSpectrumGP
-from etude.models.training import INITIAL_NOISE, Method, check_method, optimise
+from etude.models.gp.exact import checked_data
+from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.minimize import Objective
+from etude.models.gp.priors import Prior, data_scales, weak_prior
+from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude.models.gp.training import INITIAL_NOISE, Method, check_method, optimise
 
 Array = NDArray[np.float64]
 

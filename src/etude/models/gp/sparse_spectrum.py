@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import NumericalError, UsageError
-from etude.models.cholesky import factorise, inverse_lower
-from etude.models.exact import checked_data
-from etude.models.spectral_features import SpectralFeatures, in_phases
-from etude.models.spectral_posterior import SparseSpectrumPosterior
+from etude.models.gp.cholesky import factorise, inverse_lower
+from etude.models.gp.exact import checked_data
+from etude.models.gp.spectral_features import SpectralFeatures, in_phases
+from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

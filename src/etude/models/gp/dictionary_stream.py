@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models import dictionary_steps as steps
-from etude.models.cholesky import factorise, inverse_lower
-from etude.models.dictionary_config import DictionaryConfig
-from etude.models.exact import ExactGP, ExactPosterior, checked_data, posterior_given
+from etude.models.gp import dictionary_steps as steps
+from etude.models.gp.cholesky import factorise, inverse_lower
+from etude.models.gp.dictionary_config import DictionaryConfig
+from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsv
 
 from etude.errors import DataError, UsageError
-from etude.models.cholesky import factorise
-from etude.models.sparse_spectrum import SparseSpectrumGP
-from etude.models.spectral_features import SpectralFeatures
-from etude.models.spectral_posterior import SparseSpectrumPosterior
+from etude.models.gp.cholesky import factorise
+from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude.models.gp.spectral_features import SpectralFeatures
+from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -146,7 +146,7 @@ class IncrementalSpectrum:
         self._weights = None
 
     def _absorb(self, phi: Array) -> None:
-        from etude.models.rank_one import add_outer_product, rank_one_update
+        from etude.models.gp.rank_one import add_outer_product, rank_one_update
 
         add_outer_product(self.A, phi, self.forgetting)
         rank_one_update(self.R, phi.copy(), self.forgetting)
@@ -154,7 +154,7 @@ class IncrementalSpectrum:
 
     def _restore_prior(self) -> None:
         """Tops up the next weights in turn, as many as keep every one above 1 - FADING."""
-        from etude.models.rank_one import rank_one_update
+        from etude.models.gp.rank_one import rank_one_update
 
         size = len(self.b)
         turns = min(size, int(np.ceil(size * np.log(self.forgetting) / np.log(1.0 - FADING))))

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import NumericalError, UsageError
-from etude.models.basis_posterior import BasisPosterior, lower_root
-from etude.models.cholesky import factorise, triangular_inverse
-from etude.models.exact import checked_data
-from etude.models.kernels import Kernel
-from etude.models.prior_gradient import prior_gradient
+from etude.models.gp.basis_posterior import BasisPosterior, lower_root
+from etude.models.gp.cholesky import factorise, triangular_inverse
+from etude.models.gp.exact import checked_data
+from etude.models.gp.kernels import Kernel
+from etude.models.gp.prior_gradient import prior_gradient
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

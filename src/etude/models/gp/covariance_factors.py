@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dtrmm
 
-from etude.models.kernels import Kernel
+from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]

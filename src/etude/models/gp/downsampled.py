@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.exact import ExactGP, ExactPosterior, checked_data
+from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
 
 Array = NDArray[np.float64]
 

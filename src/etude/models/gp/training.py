@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.exact import ExactGP, checked_data
-from etude.models.kernels import Kernel
-from etude.models.minimize import Objective, minimize
-from etude.models.priors import Prior, data_scales, weak_prior
+from etude.models.gp.exact import ExactGP, checked_data
+from etude.models.gp.kernels import Kernel
+from etude.models.gp.minimize import Objective, minimize
+from etude.models.gp.priors import Prior, data_scales, weak_prior
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

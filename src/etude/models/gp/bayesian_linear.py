@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from etude.errors import NumericalError, UsageError
-from etude.models.exact import checked_data
+from etude.models.gp.exact import checked_data
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.covariance_factors import CovarianceFactors
-from etude.models.kernels import Kernel
+from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etude.models.kinematics import KinematicTree
-from etude.models.transmission import Drive
+from etude.models.physics.kinematics import KinematicTree
+from etude.models.physics.transmission import Drive
 from etude.robots.spec import RobotSpec
 
 
@@ -30,7 +30,7 @@ def read_geometry(spec: RobotSpec) -> Geometry | None:
     """
     if spec.model_file is None:
         return None
-    from etude.models.rigid_tree import drives_from_mujoco, tree_from_mujoco
+    from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
     from etude.robots.model_file import load_mujoco_model
 
     model = load_mujoco_model(spec)

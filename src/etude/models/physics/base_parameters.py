@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.kinematics import KinematicTree
+from etude.models.physics.kinematics import KinematicTree
 from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.kernels import Kernel
+from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
 

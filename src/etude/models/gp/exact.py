@@ -11,9 +11,9 @@ from scipy.linalg.blas import dsyr
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, UsageError
-from etude.models.cholesky import factorise, inverse_lower, triangular_inverse
-from etude.models.covariance_factors import CovarianceFactors
-from etude.models.kernels import Kernel
+from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.base_parameters import spread_states
-from etude.models.kinematics import KinematicTree
-from etude.models.rigid_body import IdentificationPrior, command_regressors
-from etude.models.transmission import Drive
+from etude.models.physics.base_parameters import spread_states
+from etude.models.physics.kinematics import KinematicTree
+from etude.models.physics.rigid_body import IdentificationPrior, command_regressors
+from etude.models.physics.transmission import Drive
 from etude.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.kernels import Kernel
+from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.models.base_parameters import base_directions, parameter_scale, spread_states
 from etude.models.dataset import Dataset
 from etude.models.features import FRICTION_SCALES
-from etude.models.kinematics import KinematicTree, body_motion
-from etude.models.regressor import nominal_parameters, regressor_of_motion
-from etude.models.transmission import Drive, drive_motion
+from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.models.physics.kinematics import KinematicTree, body_motion
+from etude.models.physics.regressor import nominal_parameters, regressor_of_motion
+from etude.models.physics.transmission import Drive, drive_motion
 
 if TYPE_CHECKING:
     from etude.robots.spec import RobotSpec

@@ -12,10 +12,10 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtrs
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.basis_posterior import BasisPosterior, lower_root
-from etude.models.cholesky import triangular_inverse
-from etude.models.exact import checked_data
-from etude.models.kernels import Kernel
+from etude.models.gp.basis_posterior import BasisPosterior, lower_root
+from etude.models.gp.cholesky import triangular_inverse
+from etude.models.gp.exact import checked_data
+from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

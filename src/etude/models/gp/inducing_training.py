@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.exact import checked_data
-from etude.models.inducing import Form, InducingGP
-from etude.models.kernels import Kernel
-from etude.models.minimize import Objective
-from etude.models.priors import Prior, data_scales, weak_prior
-from etude.models.training import Method, check_method, initial_gp, optimise
+from etude.models.gp.exact import checked_data
+from etude.models.gp.inducing import Form, InducingGP
+from etude.models.gp.kernels import Kernel
+from etude.models.gp.minimize import Objective
+from etude.models.gp.priors import Prior, data_scales, weak_prior
+from etude.models.gp.training import Method, check_method, initial_gp, optimise
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

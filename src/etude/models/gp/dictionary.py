@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.models.dictionary_config import DictionaryConfig
-from etude.models.exact import ExactGP, ExactPosterior, checked_data
+from etude.models.gp.dictionary_config import DictionaryConfig
+from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
 
 if TYPE_CHECKING:
-    from etude.models.dictionary_stream import DictionaryStream
+    from etude.models.gp.dictionary_stream import DictionaryStream
 
 __all__ = ["Dictionary", "DictionaryConfig", "DictionaryGP"]
 
@@ -57,7 +57,7 @@ class DictionaryGP:
 
     def stream(self, inputs: int) -> DictionaryStream:
         """An empty dictionary for points with that many inputs, to be updated as they come."""
-        from etude.models.dictionary_stream import DictionaryStream
+        from etude.models.gp.dictionary_stream import DictionaryStream
 
         return DictionaryStream(self.gp, self.config, inputs)
 

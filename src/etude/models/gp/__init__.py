@@ -1,0 +1,1 @@
+"""Gaussian processes: kernels, exact and approximate posteriors, training. See docs/models.md."""

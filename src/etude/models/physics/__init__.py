@@ -1,0 +1,1 @@
+"""What physics says of a command: kinematic tree, drives, base parameters, identification."""
