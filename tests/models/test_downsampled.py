@@ -46,7 +46,9 @@ def test_the_process_on_what_is_kept() -> None:
     y, gp = outputs(X, rng), process(3, 1e-2)
     thinned = DownsampledGP(gp, offset=5)
     np.testing.assert_array_equal(thinned.condition(X, y).X, X[5::12])
-    assert thinned.log_marginal_likelihood(X, y)[0] == gp.log_marginal_likelihood(X[5::12], y[5::12])[0]
+    # a strided view and a copy may be summed in another order
+    direct = gp.log_marginal_likelihood(X[5::12], y[5::12])[0]
+    assert thinned.log_marginal_likelihood(X, y)[0] == pytest.approx(direct, rel=1e-12)
     counted = DownsampledGP(gp, every=None, count=50)
     kept = counted.keep(240)
     assert len(set(kept.tolist())) == 50
