@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,7 +13,7 @@ from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.control.feedforward import model_feedforward
 from etude.design.criteria import CRITERIA, Output, evaluate, value_of
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
 from etude.models.calibration import score
 from etude.models.contracts import HasKernel
 from etude.models.inverse_dynamics import train_model
@@ -106,6 +107,22 @@ def test_a_loaded_model_predicts_the_same_and_is_saved_the_same(name, models, tm
     save_model(loaded, tmp_path / "b")
     for part in ("model.json", "model.npz"):
         assert (tmp_path / "a" / part).read_bytes() == (tmp_path / "b" / part).read_bytes()
+
+
+def test_files_from_before_the_family_are_read_and_unknown_forms_refused(models, tmp_path) -> None:
+    model, new = models["exact"], trajectory(5)
+    save_model(model, tmp_path)
+    path = tmp_path / "model.json"
+    words = json.loads(path.read_text())
+    for output in words["outputs"]:
+        assert output.pop("form") == "exact"
+    path.write_text(json.dumps(words))
+    expected = model.predict(new.q, new.qd, new.qdd)
+    np.testing.assert_array_equal(load_model(tmp_path).predict(new.q, new.qd, new.qdd), expected)
+    words["outputs"][0]["form"] = "magic"
+    path.write_text(json.dumps(words))
+    with pytest.raises(DataError, match="unknown form 'magic'"):
+        load_model(tmp_path)
 
 
 @NAMES
