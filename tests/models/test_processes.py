@@ -19,7 +19,7 @@ from etude.models.contracts import HasKernel
 from etude.models.inverse_dynamics import train_model
 from etude.models.model_file import load_model, save_model
 from etude.models.output_process import train_output
-from etude.models.processes import PROCESSES, SPECTRAL
+from etude.models.processes import PROCESSES, SPECTRAL, exact
 from etude.trajectories.samples import TrajectorySamples
 
 ARD = replace(SMALL, kernel="ard_se", basis=30)
@@ -181,6 +181,27 @@ def test_the_structured_kernel_goes_with_all_but_the_sparse_spectrum() -> None:
         settings = replace(SMALL, process=name, basis=20, steps=4)
         model = train_model(trajectories(2), pendulum(), settings, np.random.default_rng(0))
         assert all(isinstance(p, HasKernel) for p in model.posteriors)
+
+
+def test_each_name_trains_what_it_says(monkeypatch) -> None:
+    lessons, data = [], trajectories(2)
+    monkeypatch.setitem(PROCESSES, "seen", lambda lesson: (lessons.append(lesson), exact(lesson))[1])
+    train_output(data, data.q, data.tau[:, 0], 0, 40.0, config("seen"), np.random.default_rng(0), None)
+    (lesson,) = lessons
+    lesson = replace(lesson, points=30, kept=lesson.moving)
+    for name in ("fitc", "vfe"):
+        assert PROCESSES[name](lesson).condition.__self__.form == name
+    for name in SPECTRAL:
+        gp = PROCESSES[name](lesson).condition.__self__
+        assert gp.learned == (name == "ssgp_learned")
+        assert len(gp.points) == 30
+    assert PROCESSES["sogp"](lesson).condition.__self__.capacity == 30
+    X, y = lesson.X[lesson.moving], lesson.y[lesson.moving]
+    for rule in ("variance", "error"):  # only the error rule looks at the outputs
+        trained = PROCESSES[f"dictionary_{rule}"](lesson)
+        members = [trained.condition(X, outputs).X for outputs in (y, np.random.default_rng(1).permuted(y))]
+        assert all(len(own) == 30 for own in members)
+        assert np.array_equal(*members) == (rule == "variance")
 
 
 def test_impossible_choices_are_refused() -> None:
