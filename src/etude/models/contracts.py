@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.gp.kernels import Kernel
+if TYPE_CHECKING:
+    from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
 
