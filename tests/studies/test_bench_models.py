@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from etude.studies import bench_models
+from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
+from etude.studies.model_members import MEMBERS
 from etude.studies.registry import run_bench
+
+DICTIONARIES = ("dictionary_variance", "dictionary_error")
+MODELS = ("exact", "downsampled", *DICTIONARIES, "ssgp_fixed", "ssgp_learned", "fitc", "vfe", "sogp")
 
 
 @pytest.fixture(autouse=True)
@@ -16,16 +21,36 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(bench_models, "SIZE", 40)
     monkeypatch.setattr(bench_models, "RATE_HZ", 10.0)
     monkeypatch.setattr(bench_models, "REPLACEMENTS", 600)
+    monkeypatch.setattr(model_latency, "POINTS", 30)
+    monkeypatch.setattr(model_latency, "MEMBERS", 30)
+    monkeypatch.setattr(model_latency, "REPEATS", 50)
+    monkeypatch.setattr(model_members, "STEPS", 8)
+    monkeypatch.setattr(model_members, "KEPT", 60)
+    monkeypatch.setattr(model_members, "BASIS", 20)
+    monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
+    monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
 
 
-def test_dictionary_rows(capsys) -> None:
-    run_bench("models", json=True, seed=1)
-    rows = {row["metric"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    speed, drift = rows["dictionary_points_per_s"], rows["dictionary_drift_10k"]
-    assert speed["value"] > 0.0
-    assert speed["reference_value"] > 0.0
-    share = int(speed["reference"].split("%")[0].split()[-1])
+def test_all_rows_are_there_and_finite(capsys) -> None:
+    run_bench("models", json=True, seed=1, quick=True)
+    found = json.loads(capsys.readouterr().out)
+    rows = {row["metric"]: row for row in found["rows"]}
+    assert found["command"] == "etude bench models --quick --json"
+    assert tuple(MEMBERS) == MODELS
+    wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
+    wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
+    wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
+    wanted |= {f"fit_s_{model}" for model in MODELS}
+    assert wanted <= set(rows)
+    assert all(row["value"] is not None and row["value"] > 0.0 for row in rows.values())
+    assert rows["nmse_exact_arm4"]["ratio"] < 0.5
+    assert rows["nmse_exact_arm4"]["reference"] == "linear regression, 2 seeds"
+    assert len({rows[f"nmse_{model}_arm4"]["reference_value"] for model in MODELS}) == 1
+    assert rows["nmse_ur10"]["ratio"] < 0.2
+    assert "kind = gp" in rows["nmse_ur10"]["reference"]
+    share = int(rows["dictionary_points_per_s"]["reference"].split("%")[0].split()[-1])
     assert share >= 30
+    drift = rows["dictionary_drift_10k"]
     assert 0.0 < drift["value"] < 1e-7
     assert drift["reference_value"] <= drift["value"]
 
@@ -33,3 +58,60 @@ def test_dictionary_rows(capsys) -> None:
 def test_every_measure_exists_and_the_same_seed_measures_the_same_drift() -> None:
     first, second = (bench_models.dictionary_drift_10k(np.random.default_rng(2))[0] for _ in range(2))
     assert first.value == second.value
+
+
+def test_training_and_test_motions_differ_and_the_same_seed_makes_the_same() -> None:
+    (train, test), (again, _) = (arm_accuracy.arm_data(np.random.default_rng(3)) for _ in range(2))
+    assert np.array_equal(train.tau, again.tau)
+    assert set(train.group) == {0, 1}
+    assert set(test.group) == {2}
+    for motion in (train.take(train.group == 0), train.take(train.group == 1)):
+        assert np.abs(motion.q[:50] - test.q[:50]).max() > 0.05
+
+
+def test_figures_are_those_of_the_definitions(monkeypatch) -> None:
+    class Ignorant:
+        """Predicts nothing beyond the mean, with variance 1 and noise 3."""
+
+        noise_variance = 3.0
+
+        def predict(self, X):
+            return np.zeros(len(X)), np.ones(len(X))
+
+    monkeypatch.setattr(arm_accuracy, "MEMBERS", {"mean": lambda X, y, floor, rng: Ignorant()})
+    monkeypatch.setattr(arm_accuracy, "QUICK_SEEDS", 1)
+    nmse, z2, seconds = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
+    train, test = arm_accuracy.arm_data(np.random.default_rng(5).spawn(1)[0])
+    errors, wanted = [], []
+    for j in range(4):
+        tau = test.tau[~test.stuck[:, j], j]
+        errors.append(float(np.mean((tau - train.tau[~train.stuck[:, j], j].mean()) ** 2)))
+        wanted.append(errors[-1] / float(np.var(tau)))
+    assert nmse.value == pytest.approx(np.mean(wanted))
+    assert z2.value == pytest.approx(np.mean(errors) / 4.0)
+    assert (nmse.metric, z2.metric, seconds.metric) == ("nmse_mean_arm4", "z2_mean_arm4", "fit_s_mean")
+
+
+def test_quick_has_fewer_seeds(monkeypatch) -> None:
+    monkeypatch.setattr(arm_accuracy, "SEEDS", 3)
+    monkeypatch.setattr(arm_accuracy, "MEMBERS", {"downsampled": MEMBERS["downsampled"]})
+    named = {
+        quick: arm_accuracy.member_rows(np.random.default_rng(4), quick=quick)[0].reference
+        for quick in (True, False)
+    }
+    assert named == {True: "linear regression, 2 seeds", False: "linear regression, 3 seeds"}
+
+
+def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsys, tmp_path: Path) -> None:
+    monkeypatch.setattr(ur10_accuracy, "FOLDER", tmp_path)
+    assert ur10_accuracy.ur10_rows(np.random.default_rng(0)) == []
+    printed = capsys.readouterr()
+    assert "nmse_ur10 left out" in printed.err
+    assert printed.out == ""
+
+
+def test_a_bench_that_knows_no_shorter_form_is_run_as_it_is(monkeypatch) -> None:
+    seen = []
+    monkeypatch.setattr(bench_models, "run", lambda *, json, seed: seen.append((json, seed)))
+    run_bench("models", json=False, seed=5, quick=True)
+    assert seen == [(False, 5)]

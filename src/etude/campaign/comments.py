@@ -27,7 +27,9 @@ COMMENTS: dict[str, dict[str, str]] = {
     "model": {
         "kind": '"gp", "identified", "identified+gp", or "auto": whichever predicts the newest log best',
         "kernel": '"structured", or "ard_se", as the thesis',
+        "process": '"exact", or another member of docs/models.md, "dictionary_variance" for example',
         "points": "samples each output is conditioned on, at most",
+        "basis": "inducing, spectral or basis points, at most, of a process that has them",
         "fit_points": "of these, samples that hyperparameters are fitted to, at most",
         "fit_spacing_s": "these are at least so many s apart",
         "steps": "steps of the hyperparameter training",

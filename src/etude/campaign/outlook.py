@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.design.reference import random_motions, reference_states
+from etude.models.contracts import HasKernel
 from etude.models.inverse_dynamics import InverseDynamicsModel
 
 Array = NDArray[np.float64]
@@ -45,9 +46,11 @@ def outlook(
 
 
 def _moved(model: InverseDynamicsModel, before: InverseDynamicsModel) -> float | None:
-    """Largest |change| of a logarithmic length scale over all outputs; None if the kernels differ."""
+    """Largest |change| of a logarithmic length scale over all outputs; None if kernels differ or lack."""
     moves = []
     for now, then in zip(model.posteriors, before.posteriors, strict=True):
+        if not (isinstance(now, HasKernel) and isinstance(then, HasKernel)):
+            return None
         if now.theta.shape != then.theta.shape:
             return None
         lengths = np.array([role == "length" for role in now.kernel.roles()])

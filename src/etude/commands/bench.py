@@ -21,8 +21,11 @@ class Bench(Common):
     seed: int = 0
     """Of every random number."""
 
+    quick: bool = False
+    """Fewer seeds, where a bench has several: all figures of `models` within three minutes."""
+
     def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_bench
 
-        run_bench(self.name, json=self.json, seed=self.seed)
+        run_bench(self.name, json=self.json, seed=self.seed, quick=self.quick)
         return Outcome("")

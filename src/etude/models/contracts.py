@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
 
@@ -41,6 +44,19 @@ class Posterior(Protocol):
 
     def mean_gradient(self, X: Array) -> Array:
         """Gradient (T, D) of the mean at each row of X."""
+        ...
+
+
+@runtime_checkable
+class HasKernel(Protocol):
+    """A posterior with a covariance function, so its hyperparameters can be compared or start a training."""
+
+    @property
+    def kernel(self) -> Kernel: ...
+
+    @property
+    def theta(self) -> Array:
+        """(P,) log hyperparameters of `kernel`."""
         ...
 
 

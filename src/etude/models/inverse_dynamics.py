@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
+from etude.models.contracts import Posterior
 from etude.models.dataset import Dataset
 from etude.models.features import FRICTION_SCALES, FeatureMap
-from etude.models.gp.exact import ExactPosterior
 from etude.models.model_config import PHYSICS, Kind, ModelConfig
 from etude.models.output_process import train_output
 from etude.models.physics.geometry import Geometry, read_geometry
@@ -43,7 +43,7 @@ class InverseDynamicsModel:
 
     kind: Kind
     features: FeatureMap
-    posteriors: tuple[ExactPosterior, ...]
+    posteriors: tuple[Posterior, ...]
     offset: Array
     scale: Array
     prior_deviation: Array

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from etude.errors import UsageError
+from etude.models.processes import PROCESSES, SPECTRAL
 
 Kind = Literal["nominal", "identified", "gp", "identified+gp"]
 KINDS: tuple[Kind, ...] = ("nominal", "identified", "gp", "identified+gp")
@@ -23,7 +24,10 @@ class ModelConfig:
     Attributes:
         kind: one of `KINDS`, or "auto": the ladder trains all that the robot allows and chooses.
         kernel: "structured" (posture, friction, linear and remainder) or "ard_se" (thesis 2.3).
-        points: samples each output's process is conditioned on, at most.
+        process: member of the model family that learns each output, a name in `processes.PROCESSES`.
+        points: samples each output's process is conditioned on, or members of its dictionary, at most; the
+            other approximations learn from every moving sample.
+        basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
             likelihood then takes their agreement for precision.
@@ -38,7 +42,9 @@ class ModelConfig:
 
     kind: Kind | Literal["auto"] = "auto"
     kernel: Literal["structured", "ard_se"] = "structured"
+    process: str = "exact"
     points: int = 600
+    basis: int = 100
     fit_points: int = 300
     fit_spacing_s: float = 0.5
     steps: int = 60
@@ -53,6 +59,9 @@ class ModelConfig:
         _one_of("kernel", self.kernel, ("structured", "ard_se"))
         _one_of("method", self.method, ("lbfgs", "minimize"))
         _one_of("prior", self.prior, ("weak", "none"))
+        _one_of("process", self.process, tuple(PROCESSES))
+        if self.basis < 1:
+            raise UsageError("basis must be at least 1", where=f"model.basis = {self.basis}")
         for name in ("points", "fit_points"):
             if getattr(self, name) < 2:
                 raise UsageError(f"{name} must be at least 2", where=f"model.{name} = {getattr(self, name)}")
@@ -61,6 +70,12 @@ class ModelConfig:
             value = getattr(self, name)
             if isinstance(value, str) or not (math.isfinite(value) and value >= 0):
                 raise UsageError(f"{name} must be a number >= 0", where=f"model.{name} = {value!r}")
+        if self.kernel == "structured" and self.process in SPECTRAL:
+            raise UsageError(
+                "A sparse spectrum stands for the squared exponential kernel",
+                where=f"model.process = {self.process!r}",
+                next_step="Set kernel = 'ard_se', or choose another process.",
+            )
         if self.kernel == "structured" and self.friction_fraction == 0:
             raise UsageError(
                 "The structured kernel needs the friction feature",

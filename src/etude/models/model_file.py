@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.models.features import FeatureMap
-from etude.models.gp.exact import ExactPosterior, posterior_given
-from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.inverse_dynamics import InverseDynamicsModel
 from etude.models.physics.kinematics import KinematicTree
 from etude.models.physics.rigid_body import RigidBodyModel
 from etude.models.physics.transmission import Drive
+from etude.models.posterior_file import posterior_arrays, posterior_of, posterior_words
 from etude.storage import write_atomic
 
 Array = NDArray[np.float64]
@@ -41,7 +40,7 @@ def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
     if model.residual_variance is not None:
         arrays["residual_variance"] = model.residual_variance
     for j, posterior in enumerate(model.posteriors):
-        arrays |= {f"output{j}.{name}": getattr(posterior, name) for name in ("theta", "X", "y")}
+        arrays |= {f"output{j}.{name}": array for name, array in posterior_arrays(posterior).items()}
     if model.fallback is not None:
         arrays |= _rigid_arrays(model.fallback)
     words = {
@@ -49,9 +48,7 @@ def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
         "kind": model.kind,
         "dof": model.dof,
         "friction_scales": model.features.friction_scales,
-        "outputs": [
-            {"kernel": _kernel_words(p.kernel), "noise_variance": p.noise_variance} for p in model.posteriors
-        ],
+        "outputs": [posterior_words(posterior) for posterior in model.posteriors],
     }
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
@@ -83,7 +80,7 @@ def load_model(folder: str | Path) -> InverseDynamicsModel:
 
 
 def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:
-    posteriors = tuple(_posterior(row, arrays, f"output{j}.") for j, row in enumerate(words["outputs"]))
+    posteriors = tuple(posterior_of(row, arrays, f"output{j}.") for j, row in enumerate(words["outputs"]))
     return InverseDynamicsModel(
         kind=words["kind"],
         features=FeatureMap(
@@ -94,38 +91,6 @@ def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:
         residual_variance=arrays.get("residual_variance"),
         **{name: arrays[name] for name in POINTWISE},
     )
-
-
-def _posterior(row: dict[str, Any], arrays: Arrays, prefix: str) -> ExactPosterior:
-    theta, X, y = (arrays[prefix + name] for name in ("theta", "X", "y"))
-    return posterior_given(_kernel(row["kernel"]), theta, float(row["noise_variance"]), X, y)
-
-
-def _kernel_words(kernel: Kernel) -> dict[str, Any]:
-    if isinstance(kernel, Sum | Product):
-        return {"type": type(kernel).__name__, "parts": [_kernel_words(part) for part in kernel.parts]}
-    if isinstance(kernel, SquaredExponential):
-        return {
-            "type": "SquaredExponential",
-            "dims": list(kernel.dims),
-            "unit": kernel.unit,
-            "share": kernel.share,
-        }
-    if isinstance(kernel, Linear):
-        return {"type": "Linear", "dims": list(kernel.dims)}
-    raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
-
-
-def _kernel(words: dict[str, Any]) -> Kernel:
-    kind = words["type"]
-    if kind in ("Sum", "Product"):
-        parts = tuple(_kernel(part) for part in words["parts"])
-        return Sum(parts) if kind == "Sum" else Product(parts)
-    if kind == "SquaredExponential":
-        return SquaredExponential(tuple(words["dims"]), bool(words["unit"]), float(words["share"]))
-    if kind == "Linear":
-        return Linear(tuple(words["dims"]))
-    raise ValueError(f"unknown kernel {kind!r}")
 
 
 def _rigid_arrays(model: RigidBodyModel) -> Arrays:

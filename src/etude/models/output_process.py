@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError
-from etude.models.calibration import contiguous_blocks, held_out_z2, inflation
+from etude.models.calibration import contiguous_blocks, inflation
+from etude.models.contracts import Posterior
 from etude.models.dataset import Dataset
-from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
-from etude.models.gp.training import fit, initial_gp
 from etude.models.model_config import FLOORS, ModelConfig
+from etude.models.processes import PROCESSES, Lesson, Trained
 from etude.models.selection import spread_points
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation."""
@@ -29,12 +30,12 @@ class OutputProcess:
     """A trained process of one output.
 
     Attributes:
-        posterior: conditioned on the kept points; outputs are centred by `offset`.
+        posterior: conditioned on the samples that its member takes; outputs are centred by `offset`.
         offset: mean of the target, command units.
         scale: factor on the predictive variance from held-out trajectories, >= 1.
     """
 
-    posterior: ExactPosterior
+    posterior: Posterior
     offset: float
     scale: float
 
@@ -47,7 +48,7 @@ def train_output(
     command: float,
     config: ModelConfig,
     rng: np.random.Generator,
-    start: ExactPosterior | None,
+    start: Posterior | None,
 ) -> OutputProcess:
     """Trains the process of output `axis`.
 
@@ -66,24 +67,35 @@ def train_output(
     kept = spread_points(dataset, moving, config.points, 0.0, rng)
     chosen = spread_points(dataset, moving, config.fit_points, config.fit_spacing_s, rng)
     offset = float(target[kept].mean())
-    y = target - offset
-    groups = _held_out_groups(dataset, kept)
     floors = FLOORS if config.noise_floor == "auto" else (config.noise_floor,)
     largest = LARGEST_FLOOR * float(np.std(dataset.tau[moving, axis]))  # a joint may use little of its range
-    kernel = _kernel(config, dataset.dof, X.shape[1], axis)
+    lesson = Lesson(
+        X=X,
+        y=target - offset,
+        group=dataset.group,
+        moving=np.flatnonzero(moving),
+        kept=kept,
+        chosen=chosen,
+        kernel=_kernel(config, dataset.dof, X.shape[1], axis),
+        floor=0.0,
+        start=start,
+        points=config.points,
+        basis=config.basis,
+        steps=config.steps,
+        method=config.method,
+        prior="weak" if config.prior == "weak" else None,
+        rng=rng,
+    )
     best: tuple[float, OutputProcess] | None = None
     for floor in floors:
-        gp = fit(
-            _start(kernel, X[chosen], y[chosen], min(floor * command, largest), start),
-            X[chosen],
-            y[chosen],
-            method=config.method,
-            steps=config.steps,
-            prior="weak" if config.prior == "weak" else None,
-        )
-        posterior = gp.condition(X[kept], y[kept])
-        scale = inflation(held_out_z2(posterior, groups)) if config.calibrate else 1.0
-        density = _held_out_density(posterior, groups, scale)
+        own = replace(lesson, floor=min(floor * command, largest))
+        trained = PROCESSES[config.process](own)
+        posterior = trained.condition(X[trained.taught], own.y[trained.taught])
+        scale, density = 1.0, 0.0
+        if config.calibrate or len(floors) > 1:
+            held = _held_out(trained, posterior, own, _groups(dataset, trained.taught))
+            scale = held.scale() if config.calibrate else 1.0
+            density = held.density(scale)
         if best is None or density > best[0]:
             best = density, OutputProcess(posterior, offset, scale)
     assert best is not None
@@ -96,26 +108,54 @@ def _kernel(config: ModelConfig, dof: int, width: int, axis: int) -> Kernel:
     return SquaredExponential(tuple(range(width)))
 
 
-def _start(kernel: Kernel, X: Array, y: Array, floor: float, start: ExactPosterior | None) -> ExactGP:
-    """The process to train from: the earlier hyperparameters if they fit, else the data's scales."""
-    gp = initial_gp(kernel, X, y, noise_floor=floor)
-    if start is None or start.kernel != kernel:
-        return gp
-    learned = max(start.noise_variance - floor**2, 1e-4 * start.noise_variance)
-    return gp.with_parameters(np.append(start.theta, 0.5 * np.log(learned)))
-
-
-def _held_out_groups(dataset: Dataset, kept: NDArray[np.int64]) -> NDArray[np.int64]:
-    group = dataset.group[kept]
+def _groups(dataset: Dataset, taught: Index) -> Index:
+    """What is held out together: trajectories, or stretches of a single one."""
+    group = dataset.group[taught]
     if len(np.unique(group)) > 1:
         return group
-    return contiguous_blocks(dataset.t[kept], group, BLOCK_S)
+    return contiguous_blocks(dataset.t[taught], group, BLOCK_S)
 
 
-def _held_out_density(posterior: ExactPosterior, groups: NDArray[np.int64], scale: float) -> float:
-    """Mean log density of the points, each trajectory predicted from the others with the variances in use."""
+@dataclass(frozen=True)
+class _HeldOut:
+    """Samples, each predicted from the other trajectories; none where there was nothing to leave out.
+
+    Attributes:
+        error, variance: (m,) of y, noise included.
+    """
+
+    error: Array
+    variance: Array
+
+    def scale(self) -> float:
+        return inflation(float(np.mean(self.error**2 / self.variance))) if len(self.error) else 1.0
+
+    def density(self, scale: float) -> float:
+        """Mean log density with the variances in use."""
+        if not len(self.error):
+            return 0.0
+        used = scale * self.variance
+        return -0.5 * float(np.mean(np.log(used) + self.error**2 / used))
+
+
+def _held_out(trained: Trained, posterior: Posterior, lesson: Lesson, groups: Index) -> _HeldOut:
+    """In closed form if the posterior keeps what it was taught, else by conditioning without each group.
+
+    The second predicts the evenly spread samples alone: among them, none was picked for its error.
+    """
+    X, y = lesson.X[trained.taught], lesson.y[trained.taught]
     if len(np.unique(groups)) < 2:
-        return 0.0
-    mean, variance = posterior.leave_group_out(groups)
-    used = scale * variance
-    return -0.5 * float(np.mean(np.log(used) + (posterior.y - mean) ** 2 / used))
+        return _HeldOut(np.zeros(0), np.zeros(0))
+    leave = getattr(posterior, "leave_group_out", None)
+    if leave is not None and np.array_equal(getattr(posterior, "X", X[:0]), X):
+        mean, variance = leave(groups)
+        return _HeldOut(y - mean, variance)
+    spread = np.isin(trained.taught, lesson.kept)
+    errors, variances = [], []
+    for number in np.unique(groups[spread]):
+        other, own = groups != number, (groups == number) & spread
+        without = trained.condition(X[other], y[other])
+        mean, variance = without.predict(X[own])
+        errors.append(y[own] - mean)
+        variances.append(variance + without.noise_variance)
+    return _HeldOut(np.concatenate(errors), np.concatenate(variances))

@@ -14,7 +14,7 @@ from etude.logs.parquet import read_parquet
 from etude.models.calibration import score
 from etude.models.model_file import load_model
 from etude.models.preprocess import build_dataset
-from etude.studies.rows import Row
+from etude.studies.rows import Row, mean_rows
 
 Array = NDArray[np.float64]
 TESTS = ("fourier", "moves")
@@ -52,10 +52,10 @@ def _tracking_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
         perfect = _errors(campaigns, test, "perfect", None)
         for baseline in ("pd", "rigid_body"):
             errors = _errors(campaigns, test, baseline, None)
-            rows += _row(f"{name}_{test}_{baseline}", errors, "deg", "perfect model", perfect)
+            rows += mean_rows(f"{name}_{test}_{baseline}", errors, "deg", "perfect model", perfect)
         for number in ROUNDS_SHOWN:
             errors = _errors(campaigns, test, None, number)
-            rows += _row(f"{name}_{test}_k{number}", errors, "deg", "perfect model", perfect)
+            rows += mean_rows(f"{name}_{test}_k{number}", errors, "deg", "perfect model", perfect)
     return rows
 
 
@@ -88,8 +88,8 @@ def _calibration_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
         for number in range(CALIBRATED_FROM, until + 1):
             z2, coverage = np.array([scores(campaign, number) for campaign in campaigns]).T
             target = "target 0.5 to 2.5"
-            rows += _row(f"{name}_z2_{source}_k{number}", list(z2), "1", target, [])
-            rows += _row(f"{name}_coverage_{source}_k{number}", list(coverage), "1", "nominal", [0.95])
+            rows += mean_rows(f"{name}_z2_{source}_k{number}", list(z2), "1", target, [])
+            rows += mean_rows(f"{name}_coverage_{source}_k{number}", list(coverage), "1", "nominal", [0.95])
     return rows
 
 
@@ -114,19 +114,3 @@ def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
 
 def _mean(values: Sequence[float | None]) -> float:
     return float(np.mean([value for value in values if value is not None]))
-
-
-def _row(
-    metric: str, values: Sequence[float], unit: str, reference: str, references: Sequence[float]
-) -> list[Row]:
-    """A mean over seeds and the half width of its 95 % t-interval; nothing where nothing was measured."""
-    if not values:
-        return []
-    from scipy.stats import t
-
-    mean = float(np.mean(values))
-    rows = [Row(metric, mean, unit, reference, float(np.mean(references)) if references else None)]
-    if len(values) > 1:
-        half = float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
-        rows.append(Row(f"{metric}_ci95", half, unit, "half width over seeds"))
-    return rows

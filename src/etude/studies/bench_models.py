@@ -1,11 +1,11 @@
 """`etude bench models`: what the members of the model family do in the time and with the memory they take.
 
-A measure is a function of a random generator that returns rows; `MEASURES` lists them.
+A measure is a function of a random generator that returns rows, with a shorter form if it takes `quick`;
+`MEASURES` lists them.
 """
 
 from __future__ import annotations
 
-import importlib
 import time
 
 import numpy as np
@@ -16,6 +16,7 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.studies.registry import call
 from etude.studies.rows import Row, rows_json, table
 from etude.threads import threads_for
 
@@ -24,8 +25,11 @@ Array = NDArray[np.float64]
 MEASURES = (
     "etude.studies.bench_models:dictionary_points_per_s",
     "etude.studies.bench_models:dictionary_drift_10k",
+    "etude.studies.model_latency:latency_rows",
+    "etude.studies.ur10_accuracy:ur10_rows",
+    "etude.studies.arm_accuracy:member_rows",
 )
-"""module:function, each (rng) -> list of rows, in the order they are run."""
+"""module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
 
 INPUTS, SIZE = 12, 500
 PERIOD_S, RATE_HZ = 60.0, 100.0
@@ -37,15 +41,18 @@ SWAP_SHARE = 0.3
 REPLACEMENTS = 10_000
 
 
-def run(*, json: bool = False, seed: int = 0) -> list[Row]:
-    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`."""
+def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
+    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`.
+
+    `quick` measures the same rows with fewer seeds.
+    """
     rows: list[Row] = []
     with threads_for(0):
         for place in MEASURES:
-            module, function = place.split(":")
-            rows += getattr(importlib.import_module(module), function)(np.random.default_rng(seed))
+            rows += call(place, np.random.default_rng(seed), quick=quick)
     if json:
-        print(rows_json(rows, "etude bench models --json"))  # noqa: T201
+        command = "etude bench models --quick --json" if quick else "etude bench models --json"
+        print(rows_json(rows, command))  # noqa: T201
     else:
         table(rows, "model family")
     return rows
@@ -61,8 +68,8 @@ def dictionary_points_per_s(rng: np.random.Generator) -> list[Row]:
     half_life, share, rate = 32.0 * SIZE, 0.0, 0.0
     while share < SWAP_SHARE and half_life > 1.0:
         stream = _stream(RATE_NOISE, half_life, rng)
-        X = _motions(2, rng)
-        y = _outputs(X, rng)
+        X = motions(2, rng)
+        y = outputs(X, rng)
         start = time.perf_counter()
         share = stream.offer(X, y) / len(X)
         rate = len(X) / (time.perf_counter() - start)
@@ -81,25 +88,29 @@ def dictionary_drift_10k(rng: np.random.Generator) -> list[Row]:
     stream = _stream(DRIFT_NOISE, half_life=1000.0, rng=rng)
     worst = 0.0
     while stream.replacements < REPLACEMENTS:
-        X = _motions(1, rng)
+        X = motions(1, rng)
         for part in np.array_split(np.arange(len(X)), 13):
-            stream.offer(X[part], _outputs(X[part], rng))
+            stream.offer(X[part], outputs(X[part], rng))
             worst = max(worst, stream.drift())
     stream.refresh()
     return [Row("dictionary_drift_10k", worst, "1", "inverse computed anew", stream.drift())]
 
 
+def process(noise: float) -> ExactGP:
+    """A process of unit variance with that noise variance, and lengths as a robot's trained ones."""
+    theta = np.concatenate([[0.0], np.full(INPUTS, np.log(LENGTH))])
+    return ExactGP(SquaredExponential(tuple(range(INPUTS))), theta, 0.5 * float(np.log(noise)))
+
+
 def _stream(noise: float, half_life: float, rng: np.random.Generator) -> DictionaryStream:
     """A dictionary that has been filled from one motion, and compiled."""
-    theta = np.concatenate([[0.0], np.full(INPUTS, np.log(LENGTH))])
-    gp = ExactGP(SquaredExponential(tuple(range(INPUTS))), theta, 0.5 * float(np.log(noise)))
-    stream = DictionaryGP(gp, DictionaryConfig(size=SIZE, half_life=half_life)).stream(INPUTS)
-    X = _motions(1, rng)
-    stream.offer(X, _outputs(X, rng))
+    stream = DictionaryGP(process(noise), DictionaryConfig(size=SIZE, half_life=half_life)).stream(INPUTS)
+    X = motions(1, rng)
+    stream.offer(X, outputs(X, rng))
     return stream
 
 
-def _motions(count: int, rng: np.random.Generator) -> Array:
+def motions(count: int, rng: np.random.Generator) -> Array:
     """(count * 6000, INPUTS) of random Fourier series with three harmonics at 100 Hz."""
     samples = int(PERIOD_S * RATE_HZ)
     phase = 2.0 * np.pi / samples * np.arange(samples)[:, None] * np.arange(1, 4)
@@ -107,7 +118,8 @@ def _motions(count: int, rng: np.random.Generator) -> Array:
     return np.concatenate([waves @ rng.normal(size=(6, INPUTS)) for _ in range(count)])
 
 
-def _outputs(X: Array, rng: np.random.Generator) -> Array:
+def outputs(X: Array, rng: np.random.Generator) -> Array:
+    """(n,) noisy outputs at X (n, INPUTS)."""
     return np.asarray(np.sin(X[:, 0]) + X[:, 1] * X[:, 2] + 0.05 * rng.normal(size=len(X)))
 
 

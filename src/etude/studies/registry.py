@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
 
-# name -> "module:function"; the function takes json and seed (a study also seeds and folder), and prints a
-# table or the line of `rows_json`
+# name -> "module:function"; the function takes json and seed (a bench perhaps quick, a study also seeds and
+# folder), and prints a table or the line of `rows_json`
 BENCHES = {"gp": "etude.studies.bench_gp:run", "models": "etude.studies.bench_models:run"}
 STUDIES = {"arm": "etude.studies.arm:run"}
 
 
-def run_bench(name: str, *, json: bool, seed: int) -> None:
-    """Runs the bench of that name, which prints its rows. UsageError if there is none."""
-    _run("bench", BENCHES, name, json=json, seed=seed)
+def run_bench(name: str, *, json: bool, seed: int, quick: bool = False) -> None:
+    """Runs the bench of that name, which prints its rows. UsageError if there is none.
+
+    `quick` goes to benches that know a shorter form.
+    """
+    _run("bench", BENCHES, name, json=json, seed=seed, quick=quick)
 
 
 def run_study(name: str, *, json: bool, seed: int, seeds: int, folder: Path) -> None:
@@ -29,5 +33,13 @@ def _run(kind: str, registry: Mapping[str, str], name: str, **options: Any) -> N
     if name not in registry:
         known = ", ".join(sorted(registry)) or "none yet"
         raise UsageError(f"there is no {kind} {name!r}", next_step=f"Known: {known}.")
-    module, function = registry[name].split(":")
-    getattr(importlib.import_module(module), function)(**options)
+    call(registry[name], **options)
+
+
+def call(place: str, *arguments: Any, quick: bool = False, **options: Any) -> Any:
+    """Calls "module:function"; `quick` is passed on only to a function that takes it."""
+    module, name = place.split(":")
+    function = getattr(importlib.import_module(module), name)
+    if "quick" in inspect.signature(function).parameters:
+        options["quick"] = quick
+    return function(*arguments, **options)

@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Row:
@@ -33,6 +35,25 @@ class Row:
     def ratio(self) -> float | None:
         """value / reference_value; None without a reference, or with a reference of 0."""
         return self.value / self.reference_value if self.reference_value else None
+
+
+def mean_rows(
+    metric: str, values: Sequence[float], unit: str, reference: str, references: Sequence[float]
+) -> list[Row]:
+    """A mean over seeds and the half width of its 95 % t-interval; nothing where nothing was measured.
+
+    The interval, `<metric>_ci95`, takes two seeds or more; `references` are averaged.
+    """
+    if not values:
+        return []
+    from scipy.stats import t
+
+    mean = float(np.mean(values))
+    rows = [Row(metric, mean, unit, reference, float(np.mean(references)) if references else None)]
+    if len(values) > 1:
+        half = float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+        rows.append(Row(f"{metric}_ci95", half, unit, "half width over seeds"))
+    return rows
 
 
 def rows_json(rows: Sequence[Row], command: str) -> str:

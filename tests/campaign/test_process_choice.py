@@ -1,0 +1,70 @@
+"""A campaign with another member of the model family: told, asked and told again through files alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_robot import make_campaign, write_log
+
+from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.config_file import parse_config
+from etude.campaign.learn import newest_model
+from etude.campaign.status import status
+from etude.campaign.tell import tell
+from etude.errors import UsageError
+from etude.models.gp.basis_posterior import BasisPosterior
+from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.random import random_trajectory
+
+CONFIG = """\
+[trajectory]
+duration = 20.0
+[data]
+cutoff_hz = 5.0
+[model]
+kind = "gp"
+kernel = "ard_se"
+process = "{process}"
+points = 60
+fit_points = 60
+basis = 20
+steps = 5
+[design]
+candidates = 4
+refine = 1
+steps = 3
+points = 20
+reference_points = 20
+"""
+
+
+@pytest.mark.parametrize(
+    ("process", "kind"),
+    [
+        ("dictionary_variance", ExactPosterior),
+        ("ssgp_fixed", SparseSpectrumPosterior),
+        ("vfe", BasisPosterior),
+    ],
+)
+def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
+    campaign = make_campaign(tmp_path, config=CONFIG.format(process=process))
+    motion = random_trajectory(np.random.default_rng(8), campaign.spec, TrajectoryFamily(duration=20.0))
+    tell(campaign, write_log(tmp_path / "foreign.csv", motion))
+    number = ask(campaign).number
+    tell(campaign, write_log(tmp_path / "answer.csv", stored_trajectory(campaign, number), number))
+    _, second = campaign.state().trained
+    assert second.trained is not None
+    assert max(second.trained["models"]["gp"]["nmse"]) < 0.5
+    assert (second.trained["moved"] is None) == (process == "ssgp_fixed")  # it has no kernel to compare
+    model = newest_model(campaign, campaign.state())
+    assert model is not None
+    assert all(type(posterior) is kind for posterior in model.posteriors)
+    assert status(campaign)
+
+
+def test_an_unknown_process_is_refused_with_the_file_the_key_and_the_names() -> None:
+    with pytest.raises(UsageError, match="process must be one of exact, dictionary_variance") as caught:
+        parse_config(b'[model]\nprocess = "magic"\n', "campaign.toml")
+    assert "campaign.toml [model] model.process = 'magic'" in str(caught.value.where)
