@@ -1,4 +1,4 @@
-"""How well one real log can be predicted: the UR10 of `examples/`, which a package lacks.
+"""How well one real log can be predicted: the UR10 of `examples/`, in a package as in a checkout.
 
 Commands are low-pass filtered with the motion, held-out ones too, as in every campaign. The held-out blocks
 last some 1.4 s and lie between training blocks: this is interpolation within one motion.
@@ -20,8 +20,10 @@ from etude.models.preprocess import build_dataset, preset
 from etude.robots.toml_file import load_robot
 from etude.studies.rows import Row
 
-FOLDER = Path(__file__).parents[3] / "examples" / "ur10"
 LOG = "ur10_exciting.csv"
+EXAMPLE = Path("examples") / "ur10"
+PLACES = (Path(__file__).parents[1] / EXAMPLE, Path(__file__).parents[3] / EXAMPLE)
+FOLDER = next((place for place in PLACES if (place / LOG).is_file()), PLACES[0])
 
 
 def ur10_rows(rng: np.random.Generator) -> list[Row]:
@@ -31,7 +33,7 @@ def ur10_rows(rng: np.random.Generator) -> list[Row]:
     where the log is not there.
     """
     if not (FOLDER / LOG).is_file():
-        _say(f"nmse_ur10 left out: there is no {FOLDER / LOG}; run in a checkout of the repository.")
+        _say(f"nmse_ur10 left out: there is no {FOLDER / LOG}; install etude again, or run in a checkout.")
         return []
     spec = load_robot(FOLDER / "ur10.toml")
     dataset = build_dataset(read_log(FOLDER / LOG, spec), spec, preset("default"))
