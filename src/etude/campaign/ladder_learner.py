@@ -17,7 +17,7 @@ from etude.logs.parquet import read_parquet
 from etude.models.blocks import COUNT, held_out_blocks, linear_regression, split_blocks
 from etude.models.calibration import Score, score
 from etude.models.dataset import Dataset, concatenate
-from etude.models.ladder import Ladder, prequential, train_ladder
+from etude.models.ladder import Ladder, train_ladder
 from etude.models.preprocess import build_dataset
 
 Array = NDArray[np.float64]
@@ -30,17 +30,16 @@ def learn_ladder(campaign: Campaign, state: State, number: int) -> Learned:
     trained = state.trained
     before = load_models(campaign.model_folder(trained[-1].number)) if trained else {}
     new = _dataset(campaign, number)
-    scores: dict[str, Score] = {**prequential(before, new)} if before else {}
     waiting = [r.number for r in state.pending if r.number < number]
     logs = [*(r.number for r in trained), *waiting, number]
     # the ladder takes the highest group for the newest, whatever the order in which logs arrive
     parts = [_grouped(campaign, n, order) for order, n in enumerate(logs)]
+    rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
+    ladder = train_ladder(concatenate(parts), campaign.spec, campaign.config.model, rng, previous=before)
+    scores: dict[str, Score] = {**ladder.scores} if before else {}
     if len(parts) > 1:  # the least that every model has to beat, fitted to the same logs
         linear = linear_regression(concatenate(parts[:-1]), new)
         scores["linear"] = score(new.tau, linear, None, ~new.stuck)
-    dataset = concatenate(parts)
-    rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
-    ladder = train_ladder(dataset, campaign.spec, campaign.config.model, rng, previous=before)
     files = save_models(campaign.model_folder(number), ladder.models, ladder.chosen)
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {

@@ -6,7 +6,6 @@ For each output z^2 = mean of squared error over predicted variance; 1 is right,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +16,6 @@ Array = NDArray[np.float64]
 Groups = NDArray[np.int64]
 
 NORMAL_95 = 1.959963984540054  # quantile of the normal distribution
-
-
-class LeavesGroupsOut(Protocol):
-    """A posterior that predicts each training group from the others in closed form."""
-
-    @property
-    def y(self) -> Array: ...
-
-    def leave_group_out(self, group: Groups) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True)
@@ -71,14 +61,6 @@ def _score_output(tau: Array, mean: Array, variance: Array | None) -> tuple[floa
         return nmse, np.nan, np.nan
     inside = np.abs(error) <= NORMAL_95 * np.sqrt(variance)
     return nmse, float(np.mean(error**2 / variance)), float(np.mean(inside))
-
-
-def held_out_z2(posterior: LeavesGroupsOut, group: Groups) -> float:
-    """Mean z^2 of one output when each group is predicted from the others; NaN with a single group."""
-    if len(np.unique(group)) < 2:
-        return np.nan
-    mean, variance = posterior.leave_group_out(group)
-    return float(np.mean((posterior.y - mean) ** 2 / variance))
 
 
 def inflation(z2: float) -> float:

@@ -7,7 +7,6 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.errors import UsageError
 from etude.models.dataset import Dataset
 
 Array = NDArray[np.float64]
@@ -49,19 +48,3 @@ def _apart(t: Array, group: Index, spacing: float) -> Index:
             kept.append(i)
             last_t, last_group = time, number
     return np.array(kept, dtype=np.int64)
-
-
-def every_nth(dataset: Dataset, use: NDArray[np.bool_], step: int, rng: np.random.Generator) -> Index:
-    """Positions (m,) of every `step`-th sample with `use`, in each trajectory from a random first one.
-
-    The thesis's downsampling (section 6.2, 100 Hz by 12). Every trajectory with `use` gives a sample.
-    """
-    if step < 1:
-        raise UsageError(f"every {step}th sample cannot be taken; the step must be at least 1")
-    candidates = np.flatnonzero(use)
-    group = dataset.group[candidates]
-    parts = []
-    for number in np.unique(group):
-        own = candidates[group == number]
-        parts.append(own[int(rng.integers(min(step, len(own)))) :: step])
-    return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))

@@ -99,8 +99,8 @@ class Kernel(ABC):
 
 
 @dataclass(frozen=True)
-class Sum(Kernel):
-    """k_1 + k_2 + ...; theta is the parts' vectors one after the other."""
+class _Composite(Kernel):
+    """Kernels made of kernels: theta is the parts' vectors one after the other."""
 
     parts: tuple[Kernel, ...]
 
@@ -109,6 +109,11 @@ class Sum(Kernel):
 
     def roles(self) -> tuple[Role, ...]:
         return tuple(role for part in self.parts for role in part.roles())
+
+
+@dataclass(frozen=True)
+class Sum(_Composite):
+    """k_1 + k_2 + ..."""
 
     def initial(self, half_range: Array, scale: float) -> Array:
         share = scale / np.sqrt(len(self.parts))
@@ -139,16 +144,8 @@ class Sum(Kernel):
 
 
 @dataclass(frozen=True)
-class Product(Kernel):
+class Product(_Composite):
     """k_1 · k_2 · ...; fix the amplitude of all factors but one, or they cannot be told apart."""
-
-    parts: tuple[Kernel, ...]
-
-    def names(self) -> tuple[str, ...]:
-        return _joined_names(self.parts)
-
-    def roles(self) -> tuple[Role, ...]:
-        return tuple(role for part in self.parts for role in part.roles())
 
     def initial(self, half_range: Array, scale: float) -> Array:
         first, *others = self.parts
