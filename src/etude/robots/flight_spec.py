@@ -1,0 +1,44 @@
+"""FlightSpec: what a campaign has to know of a flying vehicle and of the room it may use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etude.robots.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class FlightSpec:
+    """A vehicle as its owner describes it. World frame: z up; SI units.
+
+    Attributes:
+        name: short name.
+        lower, upper: corners of the box of the vehicle's centre, m.
+        speed: largest |v|, m/s.
+        command_names: the four learned outputs, for example the motors.
+        command_unit: "V", or "1" for normalised set-points.
+        command_lower, command_upper: limits of each command, in that unit.
+        rate: of the log, Hz.
+        radius: of a cylinder about the z axis inside the box, m; None without one.
+        tilt: largest angle of the thrust from the vertical, rad; None without limit.
+        thrust: least and largest thrust per mass, m/s^2; None without limits.
+        margin: room kept for the tracking error: off every wall of box and cylinder, m.
+        vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
+        plant: name of the simulated vehicle that stands in for the real one, or None.
+    """
+
+    name: str
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    speed: float
+    command_names: tuple[str, str, str, str]
+    command_unit: str
+    command_lower: tuple[float, float, float, float]
+    command_upper: tuple[float, float, float, float]
+    rate: float
+    radius: float | None = None
+    tilt: float | None = None
+    thrust: tuple[float, float] | None = None
+    margin: float = 0.5
+    vehicle: Vehicle | None = None
+    plant: str | None = None

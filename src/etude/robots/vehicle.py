@@ -1,0 +1,74 @@
+"""Vehicle: what its owner can know of a quadrotor's body and motors.
+
+Body frame: x forward, y left, z up; the arms are an X.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""m/s^2."""
+CORNERS = ((1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
+"""Signs of (x, y) of the rotors: front right, back right, back left, front left."""
+SPINS = (1.0, -1.0, 1.0, -1.0)
+"""+1: turns about +z (seen from above, against the clock), so that its drag turns the body about -z."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A rigid body with four direct-current motors; thrust and drag torque are quadratic in rotor speed.
+
+    Attributes:
+        mass: kg.
+        inertia: (Jx, Jy, Jz) about the centre of mass, kg m^2.
+        arm: distance of each rotor from the centre, m.
+        thrust_constant: kf, thrust = kf W^2, N s^2.
+        torque_constant: kq, drag torque = kq W^2, N m s^2.
+        motor_constant: Ke = Kt seen at the rotor, V s (N m/A).
+        resistance: ohm.
+        rotor_inertia: of rotor, gear and motor, seen at the rotor, kg m^2.
+        voltage_limit: largest voltage of a motor, V; the least is 0.
+    """
+
+    mass: float
+    inertia: tuple[float, float, float]
+    arm: float
+    thrust_constant: float
+    torque_constant: float
+    motor_constant: float
+    resistance: float
+    rotor_inertia: float
+    voltage_limit: float
+
+    @property
+    def rotors(self) -> Array:
+        """(4, 2) positions x, y of the rotors in the body frame, m."""
+        return np.array(CORNERS) * (self.arm / math.sqrt(2.0))
+
+    def allocation(self) -> Array:
+        """(4, 4) matrix from squared rotor speeds to thrust, N, and moments about x, y, z, N m."""
+        x, y = self.rotors.T
+        kf, kq = self.thrust_constant, self.torque_constant
+        return np.stack([np.full(4, kf), kf * y, -kf * x, -kq * np.array(SPINS)])
+
+    def steady_voltage(self, speed: Array) -> Array:
+        """Voltage that keeps up a rotor speed in rad/s: back-EMF, and the current that balances the drag."""
+        current = self.torque_constant * speed * np.abs(speed) / self.motor_constant
+        return np.asarray(self.resistance * current + self.motor_constant * speed)
+
+    @property
+    def hover_speed(self) -> float:
+        """Rotor speed at which four rotors carry the weight, rad/s."""
+        return math.sqrt(self.mass * GRAVITY / (4.0 * self.thrust_constant))
+
+    @property
+    def hover_voltage(self) -> float:
+        """V."""
+        return float(self.steady_voltage(np.array(self.hover_speed)))
