@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.robots.flight_spec import FlightSpec
+
 Array = NDArray[np.float64]
 
 
@@ -42,6 +44,7 @@ class RobotSpec:
         rate: logging and control rate, Hz.
         model_file: URDF or MJCF with the rigid-body model, or None.
         plant: name of the simulated plant that stands in for the robot, or None.
+        flight: what else is to know of a flying vehicle, whose axes are x, y, z; None for a robot of joints.
     """
 
     name: str
@@ -50,6 +53,7 @@ class RobotSpec:
     rate: float
     model_file: Path | None = None
     plant: str | None = None
+    flight: FlightSpec | None = None
 
     @property
     def dof(self) -> int:
@@ -77,4 +81,13 @@ class RobotSpec:
 
     @property
     def command(self) -> Array:
+        """Largest command of each output; of a vehicle, how far it reaches from the middle of its range."""
+        if self.flight is not None:
+            lower, upper = np.array(self.flight.command_lower), np.array(self.flight.command_upper)
+            return np.asarray(0.5 * (upper - lower))
         return np.array([axis.command for axis in self.axes])
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the learned outputs: the joints', or a vehicle's commands."""
+        return self.names if self.flight is None else self.flight.command_names

@@ -12,10 +12,13 @@ upper = 1.0
 velocity = 2.0              # largest |qd|, rad/s
 acceleration = 4.0          # largest |qdd|, rad/s^2
 command = 150.0             # largest |command|, in command_unit
+
+A flying vehicle has kind = "vehicle" and the keys of `flight_file`.
 """
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,8 @@ import msgspec
 
 from etude.errors import UsageError
 from etude.robots.checks import check_spec, unit_suspicion
+from etude.robots.flight_file import KIND, flight_from_table, flight_to_toml
+from etude.robots.flight_spec import FlightSpec
 from etude.robots.spec import Axis, RobotSpec
 
 BUILT_IN = Path(__file__).parent / "data"
@@ -97,6 +102,8 @@ def parse_robot(text: str, *, where: str, folder: Path) -> RobotSpec:
 
 def robot_from_table(data: dict[str, Any], *, where: str, folder: Path) -> RobotSpec:
     """The robot described by a decoded TOML table, checked. Errors as load_robot."""
+    if data.get("kind") == KIND:
+        return vehicle_spec(flight_from_table(data, where=where))
     _check_keys(data, RobotTable, where)
     axes = data["axis"]
     if not isinstance(axes, list) or not all(isinstance(a, dict) for a in axes):
@@ -109,6 +116,18 @@ def robot_from_table(data: dict[str, Any], *, where: str, folder: Path) -> Robot
     except msgspec.ValidationError as problem:
         raise UsageError(f"wrong type: {problem}", where=where) from None
     return check_spec(_spec(table, where, folder), where=where, units_checked=table.units_checked)
+
+
+def vehicle_spec(flight: FlightSpec) -> RobotSpec:
+    """The vehicle as a robot of three axes, the coordinates of its centre in the box.
+
+    Its trajectory is a function of time to (x, y, z); limits of acceleration and command are its own.
+    """
+    axes = tuple(
+        Axis(name, low, high, flight.speed, math.inf, math.inf)
+        for name, low, high in zip("xyz", flight.lower, flight.upper, strict=True)
+    )
+    return RobotSpec(flight.name, axes, flight.command_unit, flight.rate, None, flight.plant, flight)
 
 
 def _check_keys(data: dict[str, Any], table: type[msgspec.Struct], where: str) -> None:
@@ -146,6 +165,8 @@ def robot_to_toml(spec: RobotSpec, *, folder: Path | None = None, comments: tupl
         folder: where the text will be stored; a model_file below it is written as a relative path.
         comments: lines to put on top, e.g. limits that a person should confirm.
     """
+    if spec.flight is not None:
+        return "".join(f"# {comment}\n" for comment in comments) + flight_to_toml(spec.flight)
     lines = [f"# {comment}" for comment in comments]
     lines += [f"name = {_quoted(spec.name)}", f"command_unit = {_quoted(spec.command_unit)}"]
     lines.append(f"rate = {float(spec.rate)!r}")
