@@ -121,7 +121,7 @@ def _time_word(text: str) -> str:
 
 
 def _assemble(table: Table, matching: Matching, spec: RobotSpec, path: Path) -> RobotLog:
-    t, time_repairs = _time(table, spec, path.name)
+    t, time_repairs = read_time(table, spec.rate, path.name)
     repairs = [*table.repairs, *time_repairs, *matching.repairs]
     channels = {}
     for channel, columns in matching.channels.items():
@@ -141,7 +141,12 @@ def _assemble(table: Table, matching: Matching, spec: RobotSpec, path: Path) -> 
     )
 
 
-def _time(table: Table, spec: RobotSpec, where: str) -> tuple[Array, list[str]]:
+def read_time(table: Table, rate: float, where: str) -> tuple[Array, list[str]]:
+    """Time (T,) in s, from whichever columns hold it, and a sentence for each thing that was done.
+
+    Raises:
+        DataError: there is no time column, it has no numbers, or its steps fit no unit at `rate` Hz.
+    """
     headers = [name for name in table.columns if _is_time(name)]
     by_word = {normal(split_unit(name)[0]): name for name in headers}
     sec = next((by_word[w] for w in STAMP_WORDS["sec"] if w in by_word), None)
@@ -170,9 +175,7 @@ def _time(table: Table, spec: RobotSpec, where: str) -> tuple[Array, list[str]]:
         )
     bare, unit = split_unit(first)
     stated = unit or next((u for u in TIME_UNITS if normal(bare).endswith(f"_{u}")), "")
-    factor, name = (
-        (TIME_UNITS[stated], stated) if stated in TIME_UNITS else time_factor(finite, spec.rate, where)
-    )
+    factor, name = (TIME_UNITS[stated], stated) if stated in TIME_UNITS else time_factor(finite, rate, where)
     if name != "s":
         repairs.append(f"Time was converted from {name} (column {first}).")
     if factor == 1.0:
