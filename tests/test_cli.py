@@ -204,7 +204,7 @@ def test_an_unsafe_trajectory_is_4(
     def unsafe(*_: object) -> None:
         raise UnsafeTrajectoryError("position of joint 'waist' may reach 9")
 
-    monkeypatch.setattr("etude.campaign.ask.random_trajectory", unsafe)
+    monkeypatch.setattr("etude.trajectories.random.random_trajectory", unsafe)
     code, found = run_json(capsys, "ask", str(lab), "--new")
     assert (code, found["error"]["kind"]) == (4, "UnsafeTrajectoryError")
     assert [p.name for p in (lab / "proposals").iterdir()] == ["0001"]

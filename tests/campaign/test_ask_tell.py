@@ -123,7 +123,7 @@ class TestAsk:
             good = random_trajectory(*args)  # type: ignore[arg-type]
             return dataclasses.replace(good, coefficients=2.0 * good.coefficients)
 
-        monkeypatch.setattr("etude.campaign.ask.random_trajectory", reckless)
+        monkeypatch.setattr("etude.trajectories.random.random_trajectory", reckless)
         with pytest.raises(UnsafeTrajectoryError):
             ask(campaign)
         assert not (campaign.path / "proposals").exists()

@@ -35,12 +35,13 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     def learn(campaign: Campaign, state: Any, number: int) -> Learned:
         return Learned([], {"models": {}, "chosen": "gp", "robot_seconds": 8.0 * number})
 
-    def again(campaign: Campaign, state: Any, rng: np.random.Generator, _: Any) -> Any:
+    def again(_: Any, campaign: Campaign, __: Any, rng: np.random.Generator, ___: Any) -> Any:
         return random_trajectory(rng, campaign.spec, campaign.config.trajectory), {"status": "", "gain": None}
 
     monkeypatch.setattr("etude.campaign.ladder_learner.learn_ladder", learn)
-    monkeypatch.setattr("etude.campaign.ask._designed", again)
+    monkeypatch.setattr("etude.campaign.joint_kind.JointKind.design", again)
     monkeypatch.setattr(module, "newest_model", lambda *_: Spring())
+    monkeypatch.setattr("etude.campaign.ask.newest_model", lambda *_: Spring())
     monkeypatch.setattr(module, "_identified", lambda *_: None)
     monkeypatch.setattr(module, "MOVES", 1)
     path = create_campaign(tmp_path / "lab", "arm4", seed=4)[0].path

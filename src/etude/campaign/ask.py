@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from etude.campaign.evidence import collect
 from etude.campaign.folder import Campaign
+from etude.campaign.kind_of import kind_of
 from etude.campaign.learn import learn_pending, newest_model
 from etude.campaign.learner import Learner, Say
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
-from etude.deploy.trajectory_files import COEFFICIENTS, at_speed, render
+from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
 from etude.errors import StopRuleReached, UsageError
 from etude.storage import write_atomic
 from etude.trajectories.certificate import Certificate
 from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.random import random_trajectory
 from etude.trajectories.samples import Trajectory
 
 ASK_STREAM = 1
@@ -117,15 +116,16 @@ def _propose(
     if not go_on:
         _check_stop(campaign, state, None)
     rng = np.random.default_rng([state.seed, number, ASK_STREAM])
+    kind = kind_of(campaign.spec)
     if state.trained:
         say(f"Designing trajectory {number}.")
-        trajectory, facts = _designed(campaign, state, rng, motions)
+        trajectory, facts = kind.design(campaign, newest_model(campaign, state), rng, motions)
         if not go_on:
             _check_stop(campaign, state, facts["gain"])
     else:
-        trajectory = random_trajectory(rng, campaign.spec, campaign.config.trajectory)
+        trajectory = kind.first(campaign, rng)
         facts = {"status": "random, scaled to the limits: nothing has been learned yet", "gain": None}
-    files = render(trajectory, campaign.spec).write(campaign.proposal(number))
+    files = kind.render(trajectory, campaign.spec).write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
         write_atomic(copy, tasks.read_bytes())
@@ -133,29 +133,6 @@ def _propose(
     seed = [state.seed, number, ASK_STREAM]
     campaign.commit("asked", number, files, seed=seed, learned=len(state.trained), **facts)
     return str(facts["status"])
-
-
-def _designed(
-    campaign: Campaign, state: State, rng: np.random.Generator, motions: Sequence[Trajectory]
-) -> tuple[FourierTrajectory, dict[str, Any]]:
-    from etude.design.solve import design
-
-    config = campaign.config
-    model = newest_model(campaign, state)
-    found = design(model, campaign.spec, config.trajectory, config.design, rng, motions or None)
-    facts = {
-        "status": found.status,
-        "gain": found.variance_removed,
-        "criterion": found.criterion,
-        "value": found.value,
-        "baseline_value": found.baseline,
-        "active_limits": [list(pair) for pair in found.active_limits],
-        "deviation_before": found.deviation_before.tolist(),
-        "deviation_after": found.deviation_after.tolist(),
-        "evaluations": found.evaluations,
-        "seconds": found.seconds,
-    }
-    return found.trajectory, facts
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
@@ -173,7 +150,8 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    files = render(at_speed(full, speed) if speed != 100 else full, campaign.spec)
+    shown = at_speed(full, speed) if speed != 100 else full
+    files = kind_of(campaign.spec).render(shown, campaign.spec)
     if speed != 100 and not (folder / COEFFICIENTS).exists():
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

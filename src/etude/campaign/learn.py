@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from etude.campaign.folder import Campaign
-from etude.campaign.learner import Learner, Say
+from etude.campaign.kind_of import kind_of
+from etude.campaign.kinds import RobotKind
+from etude.campaign.learner import Learned, Learner, Say
 from etude.campaign.state import State
 from etude.errors import DataError, NumericalError, UsageError
 
@@ -20,15 +23,11 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
         DataError, NumericalError: not even all logs together can be learned.
     """
     pending = [r.number for r in campaign.state().pending]
-    if pending and learner is None:
-        # imported here so that asking, when everything is learned, does not load the training
-        from etude.campaign.ladder_learner import learn_ladder
-
-        learner = learn_ladder
+    if learner is None:
+        learner = partial(_learn, kind_of(campaign.spec), say)
     done: list[int] = []
     failure: DataError | NumericalError | None = None
     for number in pending:
-        assert learner is not None
         say(f"Learning log {number}.")
         try:
             learned = learner(campaign, campaign.state(), number)
@@ -49,10 +48,12 @@ def newest_model(campaign: Campaign, state: State) -> Any:
     Raises:
         UsageError: nothing was learned yet.
     """
-    from etude.models.model_file import load_model
-
     if not state.trained:
         raise UsageError(
             "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
         )
-    return load_model(campaign.model_folder(state.trained[-1].number))
+    return kind_of(campaign.spec).load_model(campaign.model_folder(state.trained[-1].number))
+
+
+def _learn(kind: RobotKind, say: Say, campaign: Campaign, state: State, number: int) -> Learned:
+    return kind.learn(campaign, state, number, say)

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from etude.campaign.ask import speed_folder, stored_trajectory
 from etude.campaign.folder import Campaign
+from etude.campaign.kind_of import kind_of
 from etude.campaign.learn import learn_pending
 from etude.campaign.learner import Learner, Say
 from etude.campaign.state import Round, State
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
-from etude.logs.identity import align_with
-from etude.logs.log import RobotLog
-from etude.logs.parquet import parquet_bytes
-from etude.logs.read import read_log
-from etude.models.preprocess import build_dataset
 from etude.storage import sha256_of, write_atomic
 
 
@@ -88,9 +83,10 @@ def tell(
 
 def _identify(
     campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, degrees: bool
-) -> tuple[RobotLog, int | None, int]:
+) -> tuple[Any, int | None, int]:
     """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
-    log = read_log(path, campaign.spec, degrees=degrees)
+    kind = kind_of(campaign.spec)
+    log = kind.read(path, campaign.spec, degrees)
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
         _check_asked(state, number)
@@ -105,7 +101,7 @@ def _identify(
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)
-                return align_with(log, trajectory, campaign.spec), candidate, speed
+                return kind.align(log, trajectory, campaign.spec), candidate, speed
             except DataError as error:
                 refused = refused or error
     if refused is None or (number is None and not open_numbers):
@@ -118,13 +114,11 @@ def _identify(
 
 
 def _store(
-    campaign: Campaign, number: int, log: RobotLog, path: Path, digest: str, foreign: bool, speed: int
+    campaign: Campaign, number: int, log: Any, path: Path, digest: str, foreign: bool, speed: int
 ) -> None:
     """Writes the cleaned log and its origin, then commits; refuses a log that gives no data."""
-    build_dataset(log, campaign.spec, campaign.config.data, group=number)
-    moving = log.t[log.t >= 0.0]
-    seconds = float(moving[-1] - moving[0]) if len(moving) else 0.0
-    write_atomic(campaign.run_file(number), parquet_bytes(replace(log, source=path.name)))
+    taken = kind_of(campaign.spec).take_in(campaign, number, log, path.name)
+    write_atomic(campaign.run_file(number), taken.content)
     origin = {
         "path": str(path.resolve()),
         "sha256": digest,
@@ -139,8 +133,8 @@ def _store(
         "source": path.name,
         "foreign": foreign,
         "speed": speed,
-        "robot_seconds": seconds,
-        "rows": int(np.size(log.t)),
+        "robot_seconds": taken.seconds,
+        "rows": taken.rows,
         "repairs": list(log.repairs),
     }
     campaign.commit("told", number, files, **facts)
