@@ -1,0 +1,189 @@
+"""Several outputs with one kernel, one noise and one Cholesky factor: m processes for the price of one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
+from scipy.linalg.lapack import dpotrs
+
+from etude.errors import DataError, NumericalError
+from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
+from etude.models.gp.kernels import Kernel
+from etude.models.gp.priors import Prior, weak_prior
+from etude.models.gp.training import initial_gp, optimise
+from etude.threads import threads_for
+
+Array = NDArray[np.float64]
+
+
+def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
+    """Sum over the columns of Y (n, m) of log p(y_j | X), and its gradient (P + 1,) in `gp.parameters`.
+
+    One factorisation and one inverse serve all columns: the gradient sees them only through Σ_j α_j α_jᵀ.
+    DataError for unusable X or Y, NumericalError if the covariance is indefinite.
+    """
+    X, Y = _checked(X, Y)
+    n, m = Y.shape
+    with threads_for(n):
+        K, pull = gp.kernel.gram(gp.theta, X)
+        L, _ = factorise(K, gp.noise_variance, announce=False)
+        alpha, _ = dpotrs(L, np.asfortranarray(Y), lower=1)
+        half_log_det = np.log(L.diagonal()).sum()
+        value = -0.5 * float(np.sum(Y * alpha)) - m * (half_log_det + 0.5 * n * np.log(2.0 * np.pi))
+        # Q = m K_y^-1 - Σ α αᵀ, its lower triangle in the memory of L; the upper half of 1/2 Q folded onto it
+        Q = dsyrk(-1.0, alpha, beta=float(m), lower=1, c=inverse_lower(L), overwrite_c=1)
+        trace = float(np.trace(Q))
+        np.fill_diagonal(Q, 0.5 * Q.diagonal())
+        return value, -np.append(pull(Q), np.exp(2.0 * gp.log_noise) * trace)
+
+
+def fit_shared(
+    gp: ExactGP,
+    X: Array,
+    Y: Array,
+    *,
+    steps: int = 60,
+    prior: Prior | None = None,
+    others: Sequence[Array] = (),
+) -> ExactGP:
+    """The hyperparameters that explain all centred columns of Y (n, m) best: L-BFGS from several starts.
+
+    Args:
+        gp: the first start; gives kernel and noise floor.
+        others: further starts, vectors like `gp.parameters`; the best end wins.
+
+    Raises:
+        DataError: unusable X or Y. NumericalError: the likelihood is finite at no start.
+    """
+    X, Y = _checked(X, Y)
+    if steps == 0:
+        return gp
+
+    def objective(parameters: Array) -> tuple[float, Array]:
+        try:
+            value, gradient = shared_likelihood(gp.with_parameters(parameters), X, Y)
+        except NumericalError:
+            return np.inf, np.zeros_like(parameters)
+        if prior is not None:
+            density, slope = prior.log_density(parameters)
+            value, gradient = value + density, gradient + slope
+        return -value, -gradient
+
+    best, refused = None, None
+    for start in (gp.parameters, *others):
+        try:
+            end = optimise(objective, start, method="lbfgs", steps=steps)
+        except NumericalError as error:
+            refused = error
+            continue
+        value, _ = objective(end)
+        if best is None or value < best[0]:
+            best = value, end
+    if best is None:
+        assert refused is not None
+        raise refused
+    return gp.with_parameters(best[1])
+
+
+def initial_shared(kernel: Kernel, X: Array, Y: Array, *, noise_floor: float = 0.0) -> ExactGP:
+    """Where a training starts, as `training.initial_gp`, scaled to all columns of Y (n, m)."""
+    X, Y = _checked(X, Y)
+    return initial_gp(kernel, *_stacked(X, Y), noise_floor=noise_floor)
+
+
+def shared_weak_prior(kernel: Kernel, X: Array, Y: Array) -> Prior:
+    """`priors.weak_prior`, scaled to all columns of Y (n, m)."""
+    return weak_prior(kernel, *_stacked(*_checked(X, Y)))
+
+
+@dataclass(frozen=True, eq=False)
+class SharedPosterior:
+    """m processes with the same hyperparameters, conditioned on the same inputs.
+
+    Attributes:
+        outputs: one posterior for each column; kernel, X and L are the same objects in all.
+    """
+
+    outputs: tuple[ExactPosterior, ...]
+
+    @property
+    def noise_variance(self) -> float:
+        return self.outputs[0].noise_variance
+
+    @property
+    def signal_variance(self) -> float:
+        return self.outputs[0].signal_variance
+
+    @property
+    def alpha(self) -> Array:
+        """(n, m) K_y^-1 Y."""
+        return np.column_stack([posterior.alpha for posterior in self.outputs])
+
+    def predict(self, X: Array) -> tuple[Array, Array]:
+        """Means (T, m), and the latent variance (T,), which is the same for all."""
+        first = self.outputs[0]
+        with threads_for(len(first.X)):
+            factors = first.factors(X)
+            return factors.K @ self.alpha, factors.variance()
+
+    def mean(self, X: Array) -> Array:
+        """Means (T, m) alone."""
+        first = self.outputs[0]
+        return np.asarray(first.kernel.value(first.theta, first._inputs(X), first.X) @ self.alpha)
+
+    def held_out(self, own: NDArray[np.int64], Y: Array | None = None) -> tuple[Array, Array]:
+        """Means (k, m) at the samples `own` from all others, and variances (k,) with noise, in closed form.
+
+        Args:
+            Y: (n, m) outputs to predict from, if not those that the processes were conditioned on: hold out
+                a flight of a residual, of which the mean function has not seen that flight either.
+        """
+        first = self.outputs[0]
+        targets = np.column_stack([posterior.y for posterior in self.outputs]) if Y is None else Y
+        with threads_for(len(first.X)):
+            W = first.inverse
+            alpha = self.alpha[own] if Y is None else W[own] @ targets
+            block, _ = factorise(np.asfortranarray(W[np.ix_(own, own)]), 0.0)
+            half = triangular_inverse(block)
+            return targets[own] - half.T @ (half @ alpha), np.einsum("ij,ij->j", half, half)
+
+
+def condition_shared(gp: ExactGP, X: Array, Y: Array) -> SharedPosterior:
+    """The processes given X (n, D) and centred outputs Y (n, m); errors as `ExactGP.condition`."""
+    return shared_posterior(gp.kernel, gp.theta, gp.noise_variance, X, Y)
+
+
+def shared_posterior(
+    kernel: Kernel, theta: Array, noise_variance: float, X: Array, Y: Array
+) -> SharedPosterior:
+    """The same of hyperparameters theta (P,) and sn²."""
+    X, Y = _checked(X, Y)
+    first = posterior_given(kernel, theta, noise_variance, X, Y[:, 0].copy())
+    outputs = [first]
+    for y in Y.T[1:]:
+        alpha, _ = dpotrs(first.L, y, lower=1)
+        outputs.append(replace(first, y=y.copy(), alpha=alpha))
+    for other in outputs[1:]:
+        # the triangular inverse is made once, and every output's cache refers to it
+        other.__dict__["L_inverse"] = first.L_inverse
+    return SharedPosterior(tuple(outputs))
+
+
+def _checked(X: Array, Y: Array) -> tuple[Array, Array]:
+    Y = np.asarray(Y, dtype=float)
+    if Y.ndim != 2 or not Y.shape[1]:
+        raise DataError(f"training needs outputs (n, m), m >= 1; got {Y.shape}")
+    X, _ = checked_data(X, Y[:, 0])
+    if not np.isfinite(Y).all():
+        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
+    return X, Y
+
+
+def _stacked(X: Array, Y: Array) -> tuple[Array, Array]:
+    """Every output as further samples of the same inputs: for scales of the data only."""
+    return np.tile(X, (Y.shape[1], 1)), Y.T.ravel()

@@ -1,0 +1,147 @@
+"""Inverse model of a quadrotor from its physics: motor voltages from states, nominal or with coefficients.
+
+    thrust = m f_z,  moments = J α + ω × J ω,  W² = A⁻¹ [thrust, moments],  V = (R kq / Ke) W² + Ke W
+
+with A the vehicle's allocation: the map from states to voltages of thesis 5, steady in the motors. The term
+of the rotors' own acceleration, (R Jr / Ke) dW/dt, is left out: dW/dt needs the jerk, which is no part of a
+state, and in slow flight the term is about a thousandth of a volt. Nothing here knows a simulator's formulas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.models.physics.map_fit import map_fit
+from etude.robots.vehicle import GRAVITY, Vehicle
+from etude.trajectories.flight_states import FlightStates
+
+Array = NDArray[np.float64]
+
+COEFFICIENTS = (
+    "drag_lateral",
+    "drag_vertical",
+    "ground_near",
+    "ground_far",
+    "back_emf",
+    "thrust",
+    "moment_x",
+    "moment_y",
+    "moment_z",
+)
+"""What least squares may change, each 0 in the nominal model.
+
+drag_lateral: moment of the drag of body x and y, which acts off the centre, N m per m/s. drag_vertical: N per
+m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The others are relative:
+the back-EMF constant, the thrust's deviation from the weight, the moments.
+"""
+BACK_EMF = COEFFICIENTS.index("back_emf")
+NEAR, FAR = 1.5, 5.0
+"""Heights over which the ground effect decays by a factor e, in arm lengths. A generic form: two
+exponentials, whatever the vehicle's true curve."""
+
+
+class FlightPhysics(Protocol):
+    """An inverse model without a process."""
+
+    def predict(self, states: FlightStates) -> Array:
+        """Commands (T, 4)."""
+        ...
+
+
+@dataclass(frozen=True)
+class VehicleInverse:
+    """Voltages of a vehicle whose constants are known, corrected by `coefficients`.
+
+    Attributes:
+        vehicle: nominal body and motors.
+        coefficients: (9,) in the order of `COEFFICIENTS`; zero for the nominal model.
+    """
+
+    vehicle: Vehicle
+    coefficients: Array
+
+    def predict(self, states: FlightStates) -> Array:
+        """Voltages (T, 4); terms of a velocity or altitude that the states lack drop out."""
+        return self.linearised(states)[0]
+
+    def linearised(self, states: FlightStates) -> tuple[Array, Array]:
+        """Voltages (T, 4) and their derivative (T, 4, 9) in the coefficients."""
+        vehicle, theta = self.vehicle, self.coefficients
+        load, change = load_terms(vehicle, states)
+        inverse = np.linalg.inv(vehicle.allocation())
+        squared = (load + change @ theta) @ inverse.T
+        speed = np.sqrt(np.maximum(squared, 0.0))
+        by_speed = vehicle.motor_constant * (1.0 + theta[BACK_EMF])
+        voltage = vehicle.steady_voltage(speed) + vehicle.motor_constant * theta[BACK_EMF] * speed
+        slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
+        flows = squared > 0.0  # a rotor that cannot turn backwards stands, whatever the coefficients
+        gain = np.where(flows, slope + 0.5 * by_speed / np.where(flows, speed, 1.0), 0.0)
+        jacobian = gain[:, :, None] * np.einsum("rl,tlp->trp", inverse, change)
+        jacobian[:, :, BACK_EMF] = vehicle.motor_constant * speed
+        return voltage, jacobian
+
+
+def nominal_inverse(vehicle: Vehicle) -> VehicleInverse:
+    """The model without drag and ground effect: thesis 5's analytic baseline."""
+    return VehicleInverse(vehicle, np.zeros(len(COEFFICIENTS)))
+
+
+def analytic_command(vehicle: Vehicle, states: FlightStates) -> Array:
+    """Voltages (T, 4) of the nominal model; a rotor that would have to pull down gets 0 V (`unreachable`)."""
+    return nominal_inverse(vehicle).predict(states)
+
+
+def unreachable(vehicle: Vehicle, states: FlightStates) -> NDArray[np.bool_]:
+    """(T,) samples whose thrust and moments ask a negative W² of some rotor; its voltage is then set to 0."""
+    load, _ = load_terms(vehicle, states)
+    return np.asarray((load @ np.linalg.inv(vehicle.allocation()).T < 0.0).any(axis=1))
+
+
+def identify_vehicle(
+    vehicle: Vehicle, states: FlightStates, command: Array, weight: float = 0.2
+) -> VehicleInverse:
+    """The coefficients (MAP least squares) that explain voltages (T, 4).
+
+    Free gains let least squares shrink what noisy accelerations say. A coefficient without data stays 0.
+
+    Args:
+        weight: votes of one sample against the prior: neighbours within a correlation time share one.
+
+    Raises:
+        DataError: NaN in states or command, or no sample.
+    """
+
+    def linearised(theta: Array) -> tuple[Array, Array]:
+        return VehicleInverse(vehicle, theta).linearised(states)
+
+    return VehicleInverse(vehicle, map_fit(linearised, command, prior_deviation(vehicle), weight))
+
+
+def prior_deviation(vehicle: Vehicle) -> Array:
+    """(9,) how far each coefficient may be from nominal, in physical scale."""
+    drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
+    return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0])
+
+
+def load_terms(vehicle: Vehicle, states: FlightStates) -> tuple[Array, Array]:
+    """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 9) in the coefficients."""
+    inertia = np.array(vehicle.inertia)
+    lift = vehicle.mass * states.specific_force[:, 2]
+    # Euler's equation in the body frame
+    moments = inertia * states.angular_acceleration + np.cross(states.rates, inertia * states.rates)
+    change = np.zeros((len(lift), 4, len(COEFFICIENTS)))
+    if states.velocity is not None:
+        # drag -D v at height h above the centre turns it by h D (v_y, -v_x), which the rotors hold
+        change[:, 1, 0], change[:, 2, 0] = -states.velocity[:, 1], states.velocity[:, 0]
+        change[:, 0, 1] = states.velocity[:, 2]
+    if states.altitude is not None:
+        height = np.maximum(states.altitude, 0.0) / vehicle.arm
+        change[:, 0, 2], change[:, 0, 3] = -lift * np.exp(-height / NEAR), -lift * np.exp(-height / FAR)
+    change[:, 0, 5] = lift - vehicle.mass * GRAVITY
+    for axis in range(3):
+        change[:, 1 + axis, 6 + axis] = moments[:, axis]
+    return np.column_stack([lift, moments]), change
