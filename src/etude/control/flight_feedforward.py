@@ -1,0 +1,158 @@
+"""Feedforward of a flight: what is added to the feedback, computed before take-off from the plan alone.
+
+Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and the
+voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned voltage
+less the voltage that the controller's own map gives for the planned thrust.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.control.feedforward import trust
+from etude.errors import NumericalError
+from etude.plants.flight.plan import FlightPlan, plan_on_grid
+from etude.robots.vehicle import Vehicle
+from etude.trajectories.flatness import Drag, FlatMotion, flat_motion
+from etude.trajectories.flight_motion import motion_of
+from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.fourier import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+GRID = 100.0
+"""Hz at which models are asked; between, feedforwards are linear."""
+LARGEST_CORRECTION = 0.5
+"""V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
+
+
+class Voltages(Protocol):
+    """What a feedforward asks of an inverse model."""
+
+    def predict(self, states: FlightStates) -> Array:
+        """Commands (T, 4)."""
+        ...
+
+
+class UncertainVoltages(Protocol):
+    """An inverse model that knows how sure it is."""
+
+    @property
+    def prior_deviation(self) -> Array: ...
+
+    @property
+    def calibrated(self) -> bool: ...
+
+    def predict(self, states: FlightStates) -> tuple[Array, Array]:
+        """Mean and variance (T, 4)."""
+        ...
+
+
+class LateralDrag(Protocol):
+    """Drag as a function of the body's velocity."""
+
+    @property
+    def coefficients(self) -> Drag: ...
+
+    def predict(self, velocity: Array) -> tuple[Array, Array]:
+        """Force per mass along body x and y (T, 2), and its variance."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinearDrag:
+    """Known coefficients (dx, dy, dz), 1/s: the exact drag of a simulated vehicle, or none."""
+
+    coefficients: Drag = (0.0, 0.0, 0.0)
+
+    def predict(self, velocity: Array) -> tuple[Array, Array]:
+        """-d v (T, 2), without variance."""
+        force = -velocity[:, :2] * np.array(self.coefficients[:2])
+        return force, np.zeros_like(force)
+
+
+@dataclass(frozen=True)
+class FlightFeedforward:
+    """What is fed forward.
+
+    Attributes:
+        acceleration: whether the reference's acceleration is.
+        drag: of the lean, or None for the thesis's drag-free attitude.
+        voltages: planned, gated and clipped; or None.
+    """
+
+    acceleration: bool = True
+    drag: LateralDrag | None = None
+    voltages: Voltages | None = None
+
+
+PID_ALONE = FlightFeedforward(acceleration=False)
+
+
+def flight_plan(trajectory: FourierTrajectory, feedforward: FlightFeedforward, vehicle: Vehicle, rate: float) -> FlightPlan:
+    """The plan of a flight on the control grid, with its feedforward.
+
+    Args:
+        trajectory: a Fourier flight.
+        feedforward: its parts.
+        vehicle: the nominal body and motors that the controller's own map is made of.
+        rate: of the control, Hz.
+
+    Raises:
+        UnsafeTrajectoryError: the plan is singular (see `flat_motion`).
+        NumericalError: a planned feedforward is not finite.
+    """
+    count = int(np.floor(trajectory.duration * GRID + 1e-9)) + 1
+    motion = motion_of(trajectory, np.minimum(np.arange(count) / GRID, trajectory.duration))
+    drag = feedforward.drag or LinearDrag()
+    flat = flat_motion(motion, drag.coefficients)
+    acceleration = motion.acceleration + _against(drag, flat) if feedforward.acceleration else None
+    voltage = None
+    if feedforward.voltages is not None:
+        voltage = feedforward.voltages.predict(flat.states) - thrust_voltage(vehicle, flat.thrust)[:, None]
+    for name, rows in (("acceleration", acceleration), ("voltage", voltage)):
+        if rows is not None and not np.isfinite(rows).all():
+            raise NumericalError(f"the planned {name} is not finite", next_step="Train the model again.")
+    return plan_on_grid(motion.t, motion.position, motion.velocity, acceleration, voltage, rate)
+
+
+def thrust_voltage(vehicle: Vehicle, thrust: Array) -> Array:
+    """Voltage (T,) at which four equal steady motors give a thrust per mass (T,), m/s^2."""
+    speed = np.sqrt(np.maximum(vehicle.mass * thrust / (4.0 * vehicle.thrust_constant), 0.0))
+    return vehicle.steady_voltage(speed)
+
+
+def _against(drag: LateralDrag, flat: FlatMotion) -> Array:
+    """(T, 3) acceleration in the world frame that balances the drag."""
+    assert flat.states.velocity is not None
+    force, _ = drag.predict(flat.states.velocity)
+    return -np.einsum("tij,tj->ti", flat.R_world_body[:, :, :2], force)
+
+
+@dataclass(frozen=True)
+class GatedVoltages:
+    """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from it.
+
+    Attributes:
+        model: learned.
+        analytic: what it is held against.
+        limit: largest difference, V.
+        reach: (2, D) least and largest inputs seen in training, which an uncalibrated model is trusted in;
+            None to trust it by its deviation alone.
+        inputs: states -> (T, D), for `reach`.
+    """
+
+    model: UncertainVoltages
+    analytic: Voltages
+    limit: float = LARGEST_CORRECTION
+
+    def predict(self, states: FlightStates) -> Array:
+        """Voltages (T, 4)."""
+        safe = self.analytic.predict(states)
+        mean, variance = self.model.predict(states)
+        weight = trust(variance, self.model.prior_deviation)
+        return np.asarray(safe + weight * np.clip(mean - safe, -self.limit, self.limit))
