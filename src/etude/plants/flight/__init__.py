@@ -1,0 +1,1 @@
+"""Simulated quadrotors: rigid body, four motors with electrics, aerodynamics, cascaded control."""
