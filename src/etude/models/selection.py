@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,16 @@ from etude.models.dataset import Dataset
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class Timed(Protocol):
+    """Samples of several trajectories or flights: times (n,) and numbers (n,)."""
+
+    @property
+    def t(self) -> Array: ...
+
+    @property
+    def group(self) -> Index: ...
 
 
 def in_order(dataset: Dataset) -> Dataset:
@@ -24,7 +35,7 @@ def in_order(dataset: Dataset) -> Dataset:
 
 
 def spread_points(
-    dataset: Dataset, use: NDArray[np.bool_], count: int, spacing: float, rng: np.random.Generator
+    dataset: Timed, use: NDArray[np.bool_], count: int, spacing: float, rng: np.random.Generator
 ) -> Index:
     """At most `count` positions (m,) of samples with `use`, increasing, evenly spread with a random offset.
 

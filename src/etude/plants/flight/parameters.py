@@ -93,8 +93,8 @@ class ControlData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_z: tuple[NonNegative, NonNegative, NonNegative]
     clip: Annotated[float, msgspec.Meta(gt=0.0, lt=9.81)]
     tilt: Annotated[float, msgspec.Meta(gt=0.0, lt=1.5)]
-    attitude: tuple[NonNegative, NonNegative]
-    yaw: tuple[NonNegative, Positive]
+    attitude: tuple[Positive, NonNegative]
+    yaw: tuple[Positive, Positive]
     full_tilt: Positive = 1.0
     full_yaw_rate: Positive = 1.0
     full_thrust: Positive = 1.0

@@ -15,6 +15,7 @@ from etude.plants.flight.disturbance import Disturbance
 from etude.plants.flight.flight import REASONS, Ending, Flight, rotation
 from etude.plants.flight.parameters import FlightParameters
 from etude.plants.flight.plan import FlightPlan, check_plan
+from etude.plants.flight.trim import trim
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.vehicle import GRAVITY, Vehicle
 
@@ -79,8 +80,8 @@ class SimulatedVehicle:
         Args:
             plan: on the control grid.
             rng: source of the noise on both accelerations, one draw per tick; None for calm air.
-            start: "hover", at rest in plan.position[0] (the thesis); "moving", at the plan's velocity, tilted
-                as its acceleration asks.
+            start: "hover", at rest in plan.position[0], in balance (the thesis); "moving", at the plan's
+                velocity, tilted as its acceleration asks.
             disturbance: wind and battery that no model knows.
             room: the flight ends where the centre leaves this box or cylinder; None: only at the ground.
 
@@ -113,25 +114,14 @@ class SimulatedVehicle:
         return np.asarray(rng.standard_normal((count, 6)) * np.repeat([linear, angular], 3))
 
     def _start(self, plan: FlightPlan, start: Start) -> tuple[Array, Array, Array]:
-        """State, currents, and the integral of the altitude error that lets the vehicle hover here."""
-        y, v = np.zeros(17), self.vehicle
-        y[:3], y[6] = plan.position[0], 1.0
-        lift = np.array([0.0, 0.0, GRAVITY])
+        """State, currents, and the integrals of the position error of a vehicle that has hovered here."""
+        y, lift = np.zeros(17), np.array([0.0, 0.0, GRAVITY])
         if start == "moving":
             y[3:6] = plan.velocity[0]
             lift = lift + _first_acceleration(plan)
-            y[6:10] = _upright_along(lift)
-        body = true_body(self.parameters)
-        support = core.ground_effect(y[2], body.ground) * body.motors[:, 0].sum()
-        force = np.linalg.norm(lift)
-        y[13:] = np.sqrt(body.mass * force / support)
-        current = body.motors[:, 1] * y[13:] ** 2 / body.motors[:, 2]
-        total = np.zeros(3)
-        gain = self.parameters.control.position_z[2]
-        if gain > 0.0:  # the nominal thrust at the speed that truly hovers, over the nominal weight
-            trim = 4.0 * v.thrust_constant * body.mass * GRAVITY / (support * v.mass) - GRAVITY
-            total[2] = trim / gain
-        return y, current, total
+        begin = trim(self.parameters, float(plan.position[0, 2]), float(np.linalg.norm(lift)))
+        y[:3], y[6:10], y[13:] = plan.position[0], _attitude(lift, begin.yaw), begin.speed
+        return y, begin.current, begin.total
 
     def _flight(self, plan: FlightPlan, start: Start, trace: Array, why: int) -> Flight:
         spec, count = self.spec, len(trace)
@@ -206,8 +196,9 @@ def _first_acceleration(plan: FlightPlan) -> Array:
     return np.asarray((plan.velocity[1] - plan.velocity[0]) / (plan.t[1] - plan.t[0]))
 
 
-def _upright_along(force: Array) -> Array:
-    """Quaternion of the least rotation that points the body's z along `force`."""
+def _attitude(force: Array, yaw: float) -> Array:
+    """Quaternion: a turn by `yaw`, then the least rotation that points the body's z along `force`."""
     x, y, z = force / np.linalg.norm(force)
-    q = np.array([1.0 + z, -y, x, 0.0])
+    cos, sin = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    q = np.array([(1.0 + z) * cos, -y * cos + x * sin, x * cos + y * sin, (1.0 + z) * sin])
     return np.asarray(q / np.linalg.norm(q))
