@@ -12,6 +12,7 @@ from etude.campaign.folder import Campaign
 from etude.campaign.ladder_files import load_models, save_models
 from etude.campaign.learner import Learned
 from etude.campaign.outlook import outlook
+from etude.campaign.plain import numbers
 from etude.campaign.state import State
 from etude.logs.parquet import read_parquet
 from etude.models.blocks import COUNT, held_out_blocks, linear_regression, split_blocks
@@ -84,8 +85,3 @@ def _nmse(tau: Array, mean: Array, moving: NDArray[np.bool_]) -> list[float | No
 
 def _plain(found: Score) -> dict[str, list[float | None]]:
     return {name: numbers(getattr(found, name)) for name in ("nmse", "z2", "coverage")}
-
-
-def numbers(values: Array) -> list[float | None]:
-    """Finite values as JSON numbers, the others as null."""
-    return [float(v) if np.isfinite(v) else None for v in values]

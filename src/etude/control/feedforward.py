@@ -86,9 +86,12 @@ def trust(variance: Array, prior_deviation: Array) -> Array:
     A quintic step, so a feedforward along a smooth trajectory has no jumps in its first two derivatives.
     """
     ratio = variance / prior_deviation**2
-    s = np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0)
-    weight: Array = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return weight
+    return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))
+
+
+def smoothstep(s: Array) -> Array:
+    """From 0 at s = 0 to 1 at s = 1, flat to the second derivative at both ends."""
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def _fallback_command(fallback: Any, samples: TrajectorySamples) -> Array:

@@ -1,8 +1,8 @@
 """Feedforward of a flight: what is added to the feedback, computed before take-off from the plan alone.
 
-Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and the
-voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned voltage
-less the voltage that the controller's own map gives for the planned thrust.
+Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and
+the voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned
+voltage less the voltage that the controller's own map gives for the planned thrust.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.control.feedforward import trust
+from etude.control.feedforward import smoothstep, trust
 from etude.errors import NumericalError
+from etude.models.flight_model import FlightModel
 from etude.plants.flight.plan import FlightPlan, plan_on_grid
 from etude.robots.vehicle import Vehicle
 from etude.trajectories.flatness import Drag, FlatMotion, flat_motion
@@ -28,6 +29,8 @@ GRID = 100.0
 """Hz at which models are asked; between, feedforwards are linear."""
 LARGEST_CORRECTION = 0.5
 """V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
+REACH = 0.25
+"""Part of an input's range beyond which an uncalibrated model is not asked."""
 
 
 class Voltages(Protocol):
@@ -35,20 +38,6 @@ class Voltages(Protocol):
 
     def predict(self, states: FlightStates) -> Array:
         """Commands (T, 4)."""
-        ...
-
-
-class UncertainVoltages(Protocol):
-    """An inverse model that knows how sure it is."""
-
-    @property
-    def prior_deviation(self) -> Array: ...
-
-    @property
-    def calibrated(self) -> bool: ...
-
-    def predict(self, states: FlightStates) -> tuple[Array, Array]:
-        """Mean and variance (T, 4)."""
         ...
 
 
@@ -93,7 +82,9 @@ class FlightFeedforward:
 PID_ALONE = FlightFeedforward(acceleration=False)
 
 
-def flight_plan(trajectory: FourierTrajectory, feedforward: FlightFeedforward, vehicle: Vehicle, rate: float) -> FlightPlan:
+def flight_plan(
+    trajectory: FourierTrajectory, feedforward: FlightFeedforward, vehicle: Vehicle, rate: float
+) -> FlightPlan:
     """The plan of a flight on the control grid, with its feedforward.
 
     Args:
@@ -123,7 +114,7 @@ def flight_plan(trajectory: FourierTrajectory, feedforward: FlightFeedforward, v
 def thrust_voltage(vehicle: Vehicle, thrust: Array) -> Array:
     """Voltage (T,) at which four equal steady motors give a thrust per mass (T,), m/s^2."""
     speed = np.sqrt(np.maximum(vehicle.mass * thrust / (4.0 * vehicle.thrust_constant), 0.0))
-    return vehicle.steady_voltage(speed)
+    return np.asarray(vehicle.steady_voltage(speed))
 
 
 def _against(drag: LateralDrag, flat: FlatMotion) -> Array:
@@ -135,18 +126,18 @@ def _against(drag: LateralDrag, flat: FlatMotion) -> Array:
 
 @dataclass(frozen=True)
 class GatedVoltages:
-    """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from it.
+    """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from those.
+
+    The model's own deviation says how much it is trusted. One that too few flights have calibrated is trusted
+    besides only within the inputs it was trained on.
 
     Attributes:
         model: learned.
         analytic: what it is held against.
         limit: largest difference, V.
-        reach: (2, D) least and largest inputs seen in training, which an uncalibrated model is trusted in;
-            None to trust it by its deviation alone.
-        inputs: states -> (T, D), for `reach`.
     """
 
-    model: UncertainVoltages
+    model: FlightModel
     analytic: Voltages
     limit: float = LARGEST_CORRECTION
 
@@ -155,4 +146,15 @@ class GatedVoltages:
         safe = self.analytic.predict(states)
         mean, variance = self.model.predict(states)
         weight = trust(variance, self.model.prior_deviation)
+        if not self.model.calibrated:
+            weight = weight * _familiar(self.model, states)[:, None]
         return np.asarray(safe + weight * np.clip(mean - safe, -self.limit, self.limit))
+
+
+def _familiar(model: FlightModel, states: FlightStates) -> Array:
+    """(T,) 1 within the ranges of the training inputs, falling to 0 over a further REACH of each range."""
+    known = model.processes[0].outputs[0].X
+    low, high = known.min(axis=0), known.max(axis=0)
+    X = model.features.transform(states)
+    beyond = np.maximum(np.maximum(low - X, X - high), 0.0) / np.maximum(high - low, np.finfo(float).tiny)
+    return np.asarray(1.0 - smoothstep(np.clip(beyond.max(axis=1) / REACH, 0.0, 1.0)))

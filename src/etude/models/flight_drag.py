@@ -1,8 +1,8 @@
 """Drag from flights: the lateral specific force, which thrust has no part in, as a function of velocity.
 
-In the body frame thrust points along z, so what an accelerometer reads along x and y is drag alone. A vehicle
-that knows it leans as far as its motion needs: without it, the thesis's attitude is 27 degrees wrong at 10 m/s
-and 0.5 1/s. The acceleration itself is no input: its noise is in the output too, and would be learned.
+In the body frame thrust points along z, so what an accelerometer reads along x and y is drag alone. A
+vehicle that knows it leans as far as its motion needs: without it, the thesis's attitude is 27 degrees wrong
+at 10 m/s and 0.5 1/s. The acceleration is no input: its noise is in the output too, and would be learned.
 """
 
 from __future__ import annotations
@@ -56,26 +56,28 @@ class DragModel:
         return mean, variance
 
 
-def train_drag(dataset: FlightDataset) -> DragModel:
+def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
     """The drag that flights show; a process only where flights held out are predicted better with it.
+
+    Args:
+        process: False for the line alone, at a thousandth of the cost.
 
     Raises:
         DataError: the flights do not say their velocity.
     """
     velocity, force = _inputs(dataset)
+    line, flights = _fitted(velocity, force, (False, False)), dataset.flights
+    if not process or len(flights) < 2:
+        return line
     model = _fitted(velocity, force, (True, True))
-    flights = dataset.flights
-    if len(flights) < 2:
-        return _fitted(velocity, force, (False, False))
     errors = np.zeros((2, LATERAL))
     for number in flights:
         own = dataset.group == number
-        for k, process in enumerate((False, True)):
-            part = _fitted(velocity[~own], force[~own], (process, process))
+        for k, both in enumerate(((False, False), (True, True))):
+            part = _fitted(velocity[~own], force[~own], both)
             errors[k] += np.abs(force[own] - part.predict(velocity[own])[0]).sum(axis=0)
     better = errors[1] < errors[0]
     kept = tuple(posterior if good else None for posterior, good in zip(model.residual, better, strict=True))
-    line = _fitted(velocity, force, (False, False))
     return DragModel(model.linear, (kept[0], kept[1]), np.where(better, model.noise, line.noise))
 
 
@@ -94,7 +96,9 @@ def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> Drag
     linear = np.maximum(-(v * force).sum(axis=0) / size, 0.0)
     left = force + linear * v
     noise = left.std(axis=0)
-    residual = [_process(velocity, left[:, j]) if use and noise[j] > 0.0 else None for j, use in enumerate(processes)]
+    residual = [
+        _process(velocity, left[:, j]) if use and noise[j] > 0.0 else None for j, use in enumerate(processes)
+    ]
     return DragModel(linear, (residual[0], residual[1]), noise)
 
 

@@ -1,0 +1,109 @@
+"""Learning flights: every model is scored on the flight it has not seen, then all are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.campaign.flight_outlook import flight_outlook
+from etude.campaign.folder import Campaign
+from etude.campaign.learner import Learned
+from etude.campaign.plain import numbers
+from etude.campaign.state import State
+from etude.logs.flight_parquet import read_flight_parquet
+from etude.models.calibration import score
+from etude.models.flight_config import FLIGHT_KINDS, FlightKind
+from etude.models.flight_dataset import FlightDataset
+from etude.models.flight_drag import train_drag
+from etude.models.flight_ladder import FlightLadder, train_flight_ladder
+from etude.models.flight_model import FlightModel
+from etude.models.flight_model_file import WORDS, load_flight_model, save_flight_model
+from etude.models.flight_preprocess import build_flight_dataset, joined
+from etude.models.physics.flight_linear import identify_linear
+
+Array = NDArray[np.float64]
+TRAIN_STREAM = 2
+"""Separates the random numbers of training from those of asking and testing."""
+
+
+def learn_flights(campaign: Campaign, state: State, number: int) -> Learned:
+    """Scores the newest models on flight `number`, then trains on all flights told (see `Learner`)."""
+    trained = state.trained
+    before = load_flight_models(campaign.model_folder(trained[-1].number)) if trained else {}
+    waiting = [r.number for r in state.pending if r.number < number]
+    logs = [*(r.number for r in trained), *waiting, number]
+    parts = [told_flight(campaign, n, order) for order, n in enumerate(logs)]
+    data, flight = joined(parts), campaign.config.flight
+    assert flight is not None
+    scores = {kind: _score(model, parts[-1]) for kind, model in before.items()}
+    if len(parts) > 1:
+        scores["linear"] = _linear_score(joined(parts[:-1]), parts[-1])
+    rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
+    vehicle = None if campaign.spec.flight is None else campaign.spec.flight.vehicle
+    ladder = train_flight_ladder(data, vehicle, flight.model, rng, previous=before)
+    files = _save(campaign.model_folder(number), ladder)
+    told = [r.told for r in state.told if r.told and r.number in logs]
+    facts: dict[str, Any] = {
+        "logs": logs,
+        "models": scores,
+        "held_out_mae": {kind: ladder.error(kind) for kind in ladder.models},
+        "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
+        "chosen": ladder.chosen,
+        "calibrated": ladder.model.calibrated,
+        "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
+        "drag": drag_of(data),
+        **flight_outlook(ladder.model, before.get(ladder.chosen), campaign, state, drag_of(data)),
+    }
+    return Learned(files, facts)
+
+
+def told_flight(campaign: Campaign, number: int, group: int) -> FlightDataset:
+    """The samples of a stored flight."""
+    flight, spec = campaign.config.flight, campaign.spec.flight
+    assert flight is not None
+    assert spec is not None
+    log = read_flight_parquet(campaign.run_file(number))
+    return build_flight_dataset(log, spec, flight.data, group)
+
+
+def drag_of(data: FlightDataset) -> list[float]:
+    """Linear drag (dx, dy, 0) in 1/s that the flights show; zeros where they do not say their velocity."""
+    if data.states.velocity is None:
+        return [0.0, 0.0, 0.0]
+    return list(train_drag(data, process=False).coefficients)
+
+
+def load_flight_models(folder: Path) -> dict[FlightKind, FlightModel]:
+    """Every model of the round, by kind."""
+    return {kind: load_flight_model(folder / kind) for kind in FLIGHT_KINDS if (folder / kind / WORDS).exists()}
+
+
+def load_chosen(folder: Path) -> FlightModel:
+    """The model in use."""
+    return load_flight_model(folder)
+
+
+def _save(folder: Path, ladder: FlightLadder) -> list[Path]:
+    """Every model in a folder of its kind, the chosen one in `folder` itself as well, last."""
+    places = [*((model, folder / kind) for kind, model in ladder.models.items()), (ladder.model, folder)]
+    for model, place in places:
+        save_flight_model(model, place)
+    return [path for _, place in places for path in sorted(place.glob("flight_model.*"))]
+
+
+def _score(model: FlightModel, data: FlightDataset) -> Mapping[str, list[float | None]]:
+    return _plain(data, *model.predict(data.states))
+
+
+def _linear_score(known: FlightDataset, new: FlightDataset) -> Mapping[str, list[float | None]]:
+    """What every model has to beat, fitted to the same flights."""
+    return _plain(new, identify_linear(known.states, known.command).predict(new.states), None)
+
+
+def _plain(data: FlightDataset, mean: Array, variance: Array | None) -> Mapping[str, list[float | None]]:
+    found = score(data.command, mean, variance, np.ones(data.command.shape, dtype=np.bool_))
+    return {name: numbers(getattr(found, name)) for name in ("nmse", "z2", "coverage")}
