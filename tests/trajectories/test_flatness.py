@@ -167,7 +167,7 @@ def test_drag_can_make_and_remove_a_singularity() -> None:
     flat_motion(falling)
     with pytest.raises(UnsafeTrajectoryError, match="falls or tips over"):
         flat_motion(falling, (0.5, 0.5, 0.0))
-    with pytest.raises(UnsafeTrajectoryError, match="thrust per mass is 1.81"):
+    with pytest.raises(UnsafeTrajectoryError, match=r"thrust per mass is 1\.81"):
         flat_motion(still(velocity=(0.0, 0.0, -8.0)), (0.0, 0.0, 1.0))
 
 
@@ -178,5 +178,5 @@ def test_bad_use() -> None:
         motion_of(FourierTrajectory(np.zeros((3, 2)), 1.0, 5.0), np.zeros(1))
     with pytest.raises(UsageError, match="no phase ramp"):
         motion_of(FourierTrajectory(np.zeros((3, 3)), 1.0, 5.0, 1.0), np.zeros(1))
-    with pytest.raises(UsageError, match="leave 0..5 s"):
+    with pytest.raises(UsageError, match=r"leave 0\.\.5 s"):
         motion_of(FourierTrajectory(np.zeros((3, 3)), 1.0, 5.0), np.array([5.1]))
