@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from etude.campaign.stop_config import StopConfig
 from etude.design.config import DesignConfig
 from etude.models.model_config import ModelConfig
 from etude.models.preprocess import DataConfig
 from etude.trajectories.family import TrajectoryFamily
+
+if TYPE_CHECKING:
+    from etude.campaign.flight_config import FlightConfig
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,7 @@ class CampaignConfig:
         model: what is learned.
         design: how the next trajectory is chosen.
         stop: when another trajectory is not worth its robot time.
+        flight: of a flying vehicle, in place of trajectory, data, model and design; None for joints.
     """
 
     preset: str
@@ -32,6 +37,12 @@ class CampaignConfig:
     model: ModelConfig
     design: DesignConfig
     stop: StopConfig
+    flight: FlightConfig | None = None
+
+    @property
+    def duration(self) -> float:
+        """Of each trajectory, s."""
+        return self.trajectory.duration if self.flight is None else self.flight.trajectory.duration
 
 
-SECTIONS = tuple(field.name for field in fields(CampaignConfig) if field.name not in ("preset", "seed"))
+SECTIONS = ("trajectory", "data", "model", "design", "stop")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from etude.campaign.tables import read_table, refuse_unknown, write_table
 from etude.errors import UsageError
 
 CONFIG = "campaign.toml"
+KINDS = ("joints", "vehicle")
 
 
 def load_config(folder: Path) -> tuple[CampaignConfig, str]:
@@ -42,21 +44,36 @@ def parse_config(data: bytes, where: str) -> CampaignConfig:
         table = msgspec.toml.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"this file is not TOML: {error}", where=where) from None
-    refuse_unknown(table, ["preset", "seed", *SECTIONS], where)
+    refuse_unknown(table, ["kind", "preset", "seed", *SECTIONS], where)
     name, seed = table.get("preset", "default"), table.get("seed", 0)
-    start = preset(name, where)
+    if (kind := table.get("kind", "joints")) not in KINDS:
+        raise UsageError(f"kind = {kind!r} must be one of {', '.join(KINDS)}", where=f"{where} kind")
+    start = preset(name, where, flying=kind == "vehicle")
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise UsageError(f"seed = {seed!r} must be a whole number, 0 or more", where=f"{where} seed")
-    return CampaignConfig(name, seed, **{s: _section(s, table, start, where) for s in SECTIONS})
+    if start.flight is None:
+        return CampaignConfig(name, seed, **{s: _section(s, table, start, where) for s in SECTIONS})
+    parts = {field.name: _section(field.name, table, start.flight, where) for field in fields(start.flight)}
+    stop = _section("stop", table, start, where)
+    return replace(start, seed=seed, stop=stop, flight=replace(start.flight, **parts))
 
 
-def _section(name: str, table: Mapping[str, Any], start: CampaignConfig, where: str) -> Any:
+def _section(name: str, table: Mapping[str, Any], start: Any, where: str) -> Any:
     value = getattr(start, name)
     return read_table(type(value), table.get(name, {}), value, f"{where} [{name}]")
 
 
 def config_text(config: CampaignConfig) -> str:
     """campaign.toml with every value written out and explained."""
-    head = HEAD + f'preset = "{config.preset}"\nseed = {config.seed}\n'
-    tables = (write_table(name, getattr(config, name), COMMENTS[name]) for name in SECTIONS)
+    owners: dict[str, tuple[Any, dict[str, str]]] = {s: (config, COMMENTS[s]) for s in SECTIONS}
+    kind = ""
+    if config.flight is not None:
+        from etude.campaign.flight_config import FLIGHT_COMMENTS
+
+        kind = 'kind = "vehicle"\n'
+        owners |= {
+            field.name: (config.flight, FLIGHT_COMMENTS[field.name]) for field in fields(config.flight)
+        }
+    head = HEAD + kind + f'preset = "{config.preset}"\nseed = {config.seed}\n'
+    tables = (write_table(name, getattr(owner, name), comments) for name, (owner, comments) in owners.items())
     return "\n".join([head, *tables])

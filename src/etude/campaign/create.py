@@ -34,8 +34,10 @@ def create_campaign(
     """
     path = Path(path)
     spec, confirm = robot_from(robot)
-    start = preset(preset_name)
-    config = replace(start, seed=seed, trajectory=suited_to(start.trajectory, spec))
+    flying = spec.flight is not None
+    start = preset(preset_name, flying=flying)
+    trajectory = start.trajectory if flying else suited_to(start.trajectory, spec)
+    config = replace(start, seed=seed, trajectory=trajectory)
     if path.exists() and not path.is_dir():
         raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
     path.mkdir(parents=True, exist_ok=True)

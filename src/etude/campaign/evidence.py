@@ -26,7 +26,7 @@ def collect(campaign: Campaign, state: State, next_gain: float | None = None) ->
     trained = state.trained
     gains = _gains_after(state)
     gains[len(trained)] = next_gain if next_gain is not None else gains.get(len(trained))
-    minutes = (campaign.config.trajectory.duration + campaign.config.stop.setup_s) / 60.0
+    minutes = (campaign.config.duration + campaign.config.stop.setup_s) / 60.0
     return [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
 
 

@@ -39,7 +39,9 @@ def learn_flights(campaign: Campaign, state: State, number: int) -> Learned:
     parts = [told_flight(campaign, n, order) for order, n in enumerate(logs)]
     data, flight = joined(parts), campaign.config.flight
     assert flight is not None
-    scores = {kind: _score(model, parts[-1]) for kind, model in before.items()}
+    scores: dict[str, Mapping[str, list[float | None]]] = {
+        kind: _score(model, parts[-1]) for kind, model in before.items()
+    }
     if len(parts) > 1:
         scores["linear"] = _linear_score(joined(parts[:-1]), parts[-1])
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
@@ -79,7 +81,9 @@ def drag_of(data: FlightDataset) -> list[float]:
 
 def load_flight_models(folder: Path) -> dict[FlightKind, FlightModel]:
     """Every model of the round, by kind."""
-    return {kind: load_flight_model(folder / kind) for kind in FLIGHT_KINDS if (folder / kind / WORDS).exists()}
+    return {
+        kind: load_flight_model(folder / kind) for kind in FLIGHT_KINDS if (folder / kind / WORDS).exists()
+    }
 
 
 def load_chosen(folder: Path) -> FlightModel:

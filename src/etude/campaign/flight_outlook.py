@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from etude.campaign.folder import Campaign
 from etude.campaign.outlook import REFERENCE_STREAM
 from etude.campaign.state import State
-from etude.design.flight_reference import reference_flights, states_along
+from etude.design.flight_reference import flight_reference, uniform_intended
 from etude.models.flight_config import PHYSICS_KINDS
 from etude.models.flight_model import FlightModel
+from etude.trajectories.feasible_flights import feasible_flights
 
 Array = NDArray[np.float64]
 STATES = 100
@@ -26,9 +27,8 @@ def flight_outlook(
     assert flight is not None
     assert spec is not None
     rng = np.random.default_rng([state.seed, REFERENCE_STREAM])
-    flights = reference_flights(rng, spec, flight.trajectory)
-    states = states_along(flights, STATES, (drag[0], drag[1], drag[2]))
-    X = model.features.transform(states)
+    flights = uniform_intended(rng, feasible_flights(spec, flight.trajectory), flight.trajectory)
+    X = flight_reference(rng, model.features, flights, STATES, (drag[0], drag[1], drag[2]))
     latent = np.concatenate([np.tile(np.mean(p.predict(X)[1]), len(p.outputs)) for p in model.processes])
     noise = np.concatenate([np.tile(p.noise_variance, len(p.outputs)) for p in model.processes])
     deviation = model.deviation * np.sqrt(latent)

@@ -96,4 +96,11 @@ def open_campaign(path: Path) -> Campaign:
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
-    return Campaign(path, config, digest, load_robot(path / ROBOT))
+    spec = load_robot(path / ROBOT)
+    if (spec.flight is None) != (config.flight is None):
+        raise UsageError(
+            "robot.toml and campaign.toml describe different kinds of robot",
+            where=str(path / CONFIG),
+            next_step='A flying vehicle has kind = "vehicle" in both files.',
+        )
+    return Campaign(path, config, digest, spec)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from etude.campaign.config import CampaignConfig
 from etude.campaign.stop_config import StopConfig
 from etude.design.config import DesignConfig
@@ -13,12 +15,16 @@ from etude.trajectories.family import TrajectoryFamily
 NAMES = ("default", "thesis")
 
 
-def preset(name: str, where: str = "") -> CampaignConfig:
-    """The named configuration, with seed 0.
+def preset(name: str, where: str = "", *, flying: bool = False) -> CampaignConfig:
+    """The named configuration, with seed 0; of a flying vehicle, or of a robot of joints.
 
     Raises:
         UsageError: there is no preset of that name.
     """
+    if flying and name in NAMES:
+        from etude.campaign.flight_config import FLIGHT_PRESETS
+
+        return replace(preset(name), flight=FLIGHT_PRESETS[name])
     if name == "default":
         return CampaignConfig(
             name, 0, TrajectoryFamily(), DATA[name], MODEL[name], DesignConfig(), StopConfig()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.learn import newest_model
 from etude.campaign.learner import Say
+from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
 from etude.campaign.tell import tell
 from etude.control.closed_loop import run_closed_loop, tracking_error
 from etude.control.feedforward import (
@@ -40,21 +40,6 @@ MOVES = 12
 TEST_DURATION = 60.0  # s
 
 
-@dataclass(frozen=True)
-class SimulatedRound:
-    """One trajectory, run and learned.
-
-    Attributes:
-        number: of the trajectory.
-        robot_seconds: recorded motion so far, s.
-        tracking_error_deg: per test motion, (dof,) mean absolute tracking error, degrees.
-    """
-
-    number: int
-    robot_seconds: float
-    tracking_error_deg: dict[str, list[float]]
-
-
 def simulate(
     campaign: Campaign, rounds: int, engine: str = "compiled", say: Say = lambda _: None
 ) -> Iterator[SimulatedRound]:
@@ -66,6 +51,11 @@ def simulate(
     Raises:
         UsageError: the robot has no simulated plant.
     """
+    if campaign.spec.flight is not None:
+        from etude.campaign.flight_simulate import simulate_flights
+
+        yield from simulate_flights(campaign, rounds, say)
+        return
     robot = _robot(campaign, engine)
     tests = test_motions(campaign)
     _evaluate_baselines(campaign, robot, tests)
@@ -125,7 +115,7 @@ def _evaluate_round(
     if identified is not None:
         rigid = model_feedforward(identified, campaign.spec, fade=False)
         _evaluate(campaign, robot, tests, number, rigid, baseline="rigid_body")
-    return SimulatedRound(number, _robot_seconds(campaign), errors)
+    return SimulatedRound(number, robot_seconds(campaign), errors, "deg")
 
 
 def _identified(campaign: Campaign, number: int) -> Any:
@@ -147,13 +137,12 @@ def _evaluate(
     run = partial(run_closed_loop, robot, feedforward=feedforward)
     errors = {}
     for index, (name, motion) in enumerate(tests.items()):
-        key = {"test": name, "baseline": facts.get("baseline"), "number": number}
-        before = next((e for e in campaign.state().evaluated if _same(e, key)), None)
+        before = known_evaluation(campaign, name, number, facts.get("baseline"))
         if before is None:
             rng = np.random.default_rng([campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
             log = run(trajectory=motion, rng=rng)
             error = np.rad2deg(tracking_error(log)).tolist()
-            measured = {**facts, "test": name, "robot_seconds": _robot_seconds(campaign)}
+            measured = {**facts, "test": name, "robot_seconds": robot_seconds(campaign)}
             with campaign.writing():
                 files = _kept(campaign, log, number, facts.get("baseline")) if index == 0 else []
                 campaign.commit("evaluated", number, files, **measured, tracking_error_deg=error)
@@ -170,11 +159,3 @@ def _kept(campaign: Campaign, log: RobotLog, number: int, baseline: str | None) 
     path = campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.parquet"
     write_parquet(log, path)
     return [path]
-
-
-def _same(fact: dict[str, Any], key: dict[str, Any]) -> bool:
-    return all(fact.get(name) == value for name, value in key.items())
-
-
-def _robot_seconds(campaign: Campaign) -> float:
-    return float(sum(r.told["robot_seconds"] for r in campaign.state().told if r.told))

@@ -14,7 +14,7 @@ from etude.campaign.stopping import judge
 def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
-    Keys: robot, axes, preset, seed, trajectories (one entry per number), robot_seconds, prequential (newest
+    Keys: robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds, prequential (newest
     scores of each model before it learned the newest log), chosen, calibration_factor, forecast_fraction,
     next_gain, held_out (of the newest log without proposal), verdict, problems.
     """
@@ -28,6 +28,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "folder": str(campaign.path),
         "robot": campaign.spec.name,
         "axes": list(campaign.spec.names),
+        "outputs": list(campaign.spec.outputs),
         "command_unit": campaign.spec.command_unit,
         "preset": campaign.config.preset,
         "seed": state.seed,

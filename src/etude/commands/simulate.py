@@ -21,7 +21,8 @@ class Simulate(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.folder import open_campaign
-        from etude.campaign.simulate import SimulatedRound, simulate
+        from etude.campaign.rounds import SimulatedRound
+        from etude.campaign.simulate import simulate
         from etude.errors import UsageError
 
         if self.rounds < 0:
@@ -29,7 +30,7 @@ class Simulate(Common):
         rounds: list[SimulatedRound] = []
         campaign = open_campaign(self.folder)
         for done in simulate(campaign, self.rounds, self.engine, say):
-            errors = ", ".join(f"{name} {_mean(e):.3f} deg" for name, e in done.tracking_error_deg.items())
+            errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
         baselines = _baselines(campaign.state().evaluated)
@@ -38,7 +39,7 @@ class Simulate(Common):
             [
                 f"after {r.number}",
                 f"{r.robot_seconds:.0f}",
-                *(f"{_mean(e):.3f}" for e in r.tracking_error_deg.values()),
+                *(f"{e:.3f}" for e in r.mean_errors().values()),
             ]
             for r in rounds
         ]
@@ -49,24 +50,26 @@ class Simulate(Common):
                 {
                     "number": r.number,
                     "robot_seconds": r.robot_seconds,
-                    "tracking_error_deg": {k: _mean(e) for k, e in r.tracking_error_deg.items()},
-                    "joints_deg": r.tracking_error_deg,
+                    f"tracking_error_{r.unit}": r.mean_errors(),
+                    "joints_deg" if r.unit == "deg" else "xyz_and_distance_m": r.errors,
                 }
                 for r in rounds
             ],
             "baselines": baselines,
         }
-        return Outcome(table(["tracking error, deg", "robot s", "fourier", "moves"], rows), data)
+        unit = "m" if campaign.spec.flight is not None else "deg"
+        tests = list(next(iter(baselines.values()), {}))
+        return Outcome(table([f"tracking error, {unit}", "robot s", *tests], rows), data)
 
 
 def _baselines(evaluated: tuple[dict[str, Any], ...]) -> dict[str, dict[str, float]]:
-    """Newest mean error by baseline and test."""
+    """Newest error by baseline and test."""
+    from etude.campaign.rounds import summary
+
     found: dict[str, dict[str, float]] = {}
     for event in evaluated:
         if event.get("baseline"):
-            found.setdefault(event["baseline"], {})[event["test"]] = _mean(event["tracking_error_deg"])
+            unit = "m" if "tracking_error_m" in event else "deg"
+            value = summary(event[f"tracking_error_{unit}"], unit)
+            found.setdefault(event["baseline"], {})[event["test"]] = value
     return found
-
-
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values)

@@ -70,7 +70,7 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
     blocks = ", ".join(map(str, held_out["blocks"]))
     return [
         f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}:",
-        _by_axis(found, held_out["nmse"]),
+        _by_output(found, held_out["nmse"]),
     ]
 
 
@@ -80,13 +80,13 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
         return []
     return [
         f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {found['chosen']}):",
-        _by_axis(found, scores),
+        _by_output(found, scores),
     ]
 
 
-def _by_axis(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
+def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
     rows = [
         [kind, *("-" if value is None else f"{value:.4f}" for value in values)]
         for kind, values in scores.items()
     ]
-    return table(["model", *found["axes"]], rows)
+    return table(["model", *found["outputs"]], rows)

@@ -121,7 +121,7 @@ def _against(drag: LateralDrag, flat: FlatMotion) -> Array:
     """(T, 3) acceleration in the world frame that balances the drag."""
     assert flat.states.velocity is not None
     force, _ = drag.predict(flat.states.velocity)
-    return -np.einsum("tij,tj->ti", flat.R_world_body[:, :, :2], force)
+    return np.asarray(-np.einsum("tij,tj->ti", flat.R_world_body[:, :, :2], force))
 
 
 @dataclass(frozen=True)

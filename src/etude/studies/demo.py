@@ -8,7 +8,8 @@ from typing import Any
 
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
-from etude.campaign.simulate import SimulatedRound, simulate
+from etude.campaign.rounds import SimulatedRound
+from etude.campaign.simulate import simulate
 from etude.errors import UsageError
 from etude.report.build import build_report
 
@@ -41,7 +42,7 @@ def run(folder: Path | None, robot: str, rounds: int, seed: int, say: Say) -> tu
     done: list[SimulatedRound] = []
     for found in simulate(campaign, rounds, say=say):
         done.append(found)
-        error = _mean(found.tracking_error_deg[TEST])
+        error = found.mean_errors()[TEST]
         say(f"After {found.robot_seconds:.0f} s of motion: {error:.3f} deg on the test motion.")
     say("Drawing the report.")
     report = build_report(campaign.path)
@@ -50,8 +51,7 @@ def run(folder: Path | None, robot: str, rounds: int, seed: int, say: Say) -> tu
         "robot": campaign.spec.name,
         "seed": seed,
         "rounds": [
-            {"robot_seconds": r.robot_seconds, "tracking_error_deg": _mean(r.tracking_error_deg[TEST])}
-            for r in done
+            {"robot_seconds": r.robot_seconds, "tracking_error_deg": r.mean_errors()[TEST]} for r in done
         ],
         "baselines": baselines,
         "report": str(report),
