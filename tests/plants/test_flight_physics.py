@@ -306,7 +306,7 @@ def test_the_payload_moves_the_centre_and_adds_inertia_by_parallel_axes() -> Non
     np.testing.assert_allclose(body.rotors.mean(axis=0), -m * r / (m + M))
 
 
-@settings(max_examples=10)
+@settings(max_examples=3)
 @given(seed=seeds)
 def test_noise_has_its_deviation_and_moves_the_vehicle(seed: int) -> None:
     vehicle = flight_plant("quadrotor")
