@@ -58,7 +58,7 @@ def test_none_is_a_word_where_it_is_one() -> None:
             r"unknown key 'harmonic' \[lab/campaign.toml \[trajectory\]\].*mean harmonics",
         ),
         ("[trajektory]\nharmonics = 5", r"unknown key 'trajektory'.*Did you mean trajectory"),
-        ("colour = 3", r"unknown key 'colour'.*Valid keys: preset, seed, trajectory, data"),
+        ("colour = 3", r"unknown key 'colour'.*Valid keys: kind, preset, seed, trajectory, data"),
         (
             '[trajectory]\nharmonics = "five"',
             r"harmonics = \"five\" is not possible.*\[trajectory\] harmonics",

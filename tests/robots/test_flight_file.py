@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from etude.errors import UsageError
+from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
 from etude.robots.flight_file import flight_from_table, flight_to_toml
 from etude.robots.toml_file import load_robot, parse_robot, robot_to_toml
 
@@ -16,7 +17,7 @@ def table():
     return msgspec.toml.decode(flight_to_toml(flight))
 
 
-@pytest.mark.parametrize("name", ["quadrotor", "quadrotor_rough"])
+@pytest.mark.parametrize("name", ["quadrotor", "quadrotor_rough", "pelican"])
 def test_written_text_reads_back(name, tmp_path):
     spec = load_robot(name)
     assert parse_robot(robot_to_toml(spec), where="", folder=tmp_path) == spec
@@ -74,3 +75,11 @@ def test_the_owner_can_vouch_for_units(table):
     flight = flight_from_table(checked, where="")
     assert flight.upper[0] == 10000.0
     assert flight_from_table(msgspec.toml.decode(flight_to_toml(flight)), where="") == flight
+
+
+@pytest.mark.parametrize("name", list(FLIGHT_PLANTS))
+def test_the_owner_knows_what_the_plant_is_commanded_by(name):
+    """The shipped description and the simulated vehicle agree in what both state; the room is the owner's."""
+    told, built = load_robot(name).flight, flight_plant(name).spec
+    for field in ("command_names", "command_unit", "command_lower", "command_upper", "rate", "vehicle"):
+        assert getattr(told, field) == getattr(built, field), field

@@ -26,7 +26,7 @@ from etude.logs.flight_log import FlightLog
 from etude.logs.flight_parquet import write_flight
 from etude.models.flight_drag import train_drag
 from etude.models.flight_preprocess import joined
-from etude.models.physics.flight_inverse import nominal_inverse
+from etude.models.physics.flight_inverse import VehicleInverse, nominal_inverse
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
 from etude.plants.flight.simulated import SimulatedVehicle
@@ -102,7 +102,7 @@ def _plant(campaign: Campaign) -> SimulatedVehicle:
 def _baselines(plant: SimulatedVehicle) -> dict[str, FlightFeedforward]:
     """What there is without learning, and the exact drag, which no model can know better."""
     exact = plant.parameters.drag_per_mass
-    nominal = nominal_inverse(plant.vehicle)
+    nominal = _nominal(plant)
     return {
         "pid": PID_ALONE,
         "analytic": FlightFeedforward(voltages=nominal),
@@ -130,7 +130,13 @@ def _learned(campaign: Campaign, plant: SimulatedVehicle, number: int) -> Flight
     model = load_chosen(campaign.model_folder(number))
     logs = [r.number for r in campaign.state().trained]
     drag = train_drag(joined([told_flight(campaign, n, order) for order, n in enumerate(logs)]))
-    return FlightFeedforward(drag=drag, voltages=GatedVoltages(model, nominal_inverse(plant.vehicle)))
+    nominal = _nominal(plant)
+    return FlightFeedforward(drag=drag, voltages=None if nominal is None else GatedVoltages(model, nominal))
+
+
+def _nominal(plant: SimulatedVehicle) -> VehicleInverse | None:
+    """The analytic voltages; None for a vehicle that is commanded by attitude and thrust."""
+    return nominal_inverse(plant.vehicle) if plant.spec.command_unit == "V" else None
 
 
 def _evaluate_round(
