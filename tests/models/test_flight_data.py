@@ -39,7 +39,7 @@ def test_the_pullback_is_the_adjoint(features: FlightFeatures) -> None:
     G = rng.normal(size=(len(states), features.width))
     forward = np.sum(G * features.transform(change))
     back = features.pullback(states, G)
-    backward = sum(np.sum(part * getattr(change, name)) for name, part in back.items())
+    backward = sum(np.sum(getattr(back, name) * part) for name, part in vars(change).items())
     assert forward == pytest.approx(backward, rel=1e-12)
 
 
@@ -56,7 +56,8 @@ def test_a_missing_quantity_names_the_option() -> None:
     bare = replace(states, altitude=None, velocity=None, acceleration=None)
     features = FlightFeatures(altitude=False, body_velocity=False)
     back = features.pullback(bare, features.transform(bare))
-    assert not {"altitude", "velocity"} & set(back)
+    assert back.altitude is None
+    assert back.velocity is None
     with pytest.raises(UsageError):
         features.pullback(bare, np.zeros((len(bare), 10)))
     with pytest.raises(UsageError):

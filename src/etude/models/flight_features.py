@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -60,17 +60,25 @@ class FlightFeatures:
             columns.append(part[:, None] if part.ndim == 1 else part)
         return np.concatenate(columns, axis=1)
 
-    def pullback(self, states: FlightStates, G: Array) -> dict[str, Array]:
-        """Gradient of sum(G * transform(states)), G (T, D), in each quantity that is an input, by its name."""
+    def pullback(self, states: FlightStates, G: Array) -> FlightStates:
+        """Gradients of sum(G * transform(states)), G (T, D), in the shape of the states.
+
+        Zero for a quantity that is no input, None for one that the states do not have.
+        """
         if G.shape != (len(states), self.width):
             raise UsageError("G must be (samples, features)", where=f"G {G.shape}, D = {self.width}")
-        gradients, place = {}, 0
+        gradients = {
+            field.name: None if part is None else np.zeros(part.shape)
+            for field in fields(states)
+            for part in [getattr(states, field.name)]
+        }
+        place = 0
         for name in self.parts:
             width = 1 if name == "altitude" else 3
             block = G[:, place : place + width]
             gradients[name] = block[:, 0] if name == "altitude" else block
             place += width
-        return gradients
+        return FlightStates(**gradients)  # type: ignore[arg-type]  # the required three are never None
 
 
 _WITHOUT = {
