@@ -37,8 +37,7 @@ CANDIDATE_STEPS = 60
 SCOUT = 4
 """Part of the steps, 1/SCOUT, that every start gets."""
 FINALISTS = 2
-"""Starts that get the rest. In nine of nine designs the best end was that of eight full searches, at half the
-price."""
+"""Starts that get the rest: most of a whole search polishes an end that has already lost."""
 
 
 @dataclass(frozen=True)

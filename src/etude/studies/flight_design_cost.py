@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.design.flight_config import FlightDesignConfig
-from etude.design.flight_reference import uniform_intended
+from etude.design.flight_reference import IntendedFlights, uniform_intended
 from etude.design.flight_refine import refine_flight
 from etude.design.flight_solve import design_flight, flight_objective
 from etude.models.contracts import Posterior
@@ -111,8 +111,9 @@ def design_rows(
     config = FlightDesignConfig() if config is None else config
     spec, family = thesis_room(), FlightFamily()
     model = known_flights(rng, spec, family)
-    found = design_flight(model, spec, family, config, rng, drag=DRAG)
-    exact, differences = _both_ways(rng, model, spec, family, config, starts)
+    intended = uniform_intended(rng, feasible_flights(spec, family), family)
+    found = design_flight(model, spec, family, config, rng, intended, DRAG)
+    exact, differences = _both_ways(rng, model, spec, family, config, starts, intended)
     return [
         Row("design_cpu_s", found.seconds, "s", "required at most", 3.0),
         Row("design_value", found.value, "1", "best of the random flights", found.baseline),
@@ -128,11 +129,11 @@ def _both_ways(
     family: FlightFamily,
     config: FlightDesignConfig,
     starts: int,
+    intended: IntendedFlights,
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """CPU in s and mean value reached by exact gradients and by finite differences, from the same starts."""
     feasible = feasible_flights(spec, family)
     points = uniform_parameters(rng, feasible, starts)
-    intended = uniform_intended(rng, feasible, family)
     results = []
     with threads_for(0):
         objective = flight_objective(model, spec, family, config, rng, intended, DRAG)
