@@ -6,7 +6,6 @@ a = -g z + c z_B - R D R' v, D = diag(dx, dy, dz) in 1/s. The heading is zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +16,7 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.robots.vehicle import GRAVITY
 from etude.trajectories.flight_motion import FlightMotion
 from etude.trajectories.flight_states import FlightStates
-from etude.trajectories.jets import Jet, Values, Vector, cross, dot, unit
+from etude.trajectories.jets import Jet, Values, dot, unit
 
 Array = NDArray[np.float64]
 Drag = tuple[float, float, float]
@@ -54,30 +53,31 @@ class FlatMotion:
     def jacobian(self) -> Array:
         """(12, 15, T): derivative of the 5 x 3 components of VECTORS in those of v, a, jerk and snap.
 
-        A sample depends on its own derivatives alone, so one complex step per component serves all samples;
-        the twelve go through the formulas together.
+        A sample depends on its own derivatives alone, so one complex step per component serves all samples,
+        and all components go through the formulas together. Rates are F(v, a) jerk + ..., so the angular
+        acceleration is F(v, a) snap + ...: the last three steps are already among the others.
         """
-        inputs = np.repeat(_stacked(self.motion)[:, None].astype(complex), 12, axis=1)
-        inputs[np.arange(12), np.arange(12)] += 1j * STEP
-        outputs = np.stack(_body(inputs, self.drag)[2])
-        return np.ascontiguousarray(np.swapaxes(outputs.imag, 0, 1)) / STEP
+        inputs = np.repeat(_stacked(self.motion)[:, None].astype(complex), 9, axis=1)
+        inputs[np.arange(9), np.arange(9)] += 1j * STEP
+        found = np.zeros((12, 3 * len(VECTORS), len(self.thrust)))
+        found[:9] = np.swapaxes(np.stack([part.imag for part in _body(inputs, self.drag)[2]]), 0, 1) / STEP
+        found[9:, 6:9] = found[6:9, 3:6]
+        return found
 
-    def pullback(self, gradient: Mapping[str, Array]) -> tuple[Array, ...]:
+    def pullback(self, gradient: FlightStates) -> tuple[Array, ...]:
         """Gradients (T, 3) in position, velocity, acceleration, jerk and snap of a function of the states.
 
         Args:
-            gradient: its derivative in each field of `states`, shaped like it; a missing field counts as 0.
-
-        Raises:
-            UsageError: a name that is no field of FlightStates.
+            gradient: its derivative in each field of `states`, shaped like it; None counts as 0.
         """
-        if unknown := set(gradient) - {*VECTORS, "altitude"}:
-            raise UsageError(f"flight states have no {', '.join(sorted(unknown))}")
         length = len(self.thrust)
+        none = np.zeros((length, 3))
         in_position = np.zeros((length, 3))
-        in_position[:, 2] = gradient.get("altitude", 0.0)
-        given = [np.asarray(gradient.get(name, np.zeros((length, 3)))).T for name in VECTORS]
-        pulled = np.einsum("iot,ot->it", self.jacobian, np.concatenate(given))
+        if gradient.altitude is not None:
+            in_position[:, 2] = gradient.altitude
+        parts = [getattr(gradient, name) for name in VECTORS]
+        weights = np.concatenate([none.T if part is None else part.T for part in parts])
+        pulled = np.einsum("iot,ot->it", self.jacobian, weights)
         return in_position, *(pulled[3 * k : 3 * k + 3].T for k in range(4))
 
 
@@ -123,12 +123,12 @@ def _body(inputs: Values, drag: Drag) -> tuple[list[tuple[Values, ...]], Values,
     v = tuple(Jet(inputs[i], inputs[3 + i], inputs[6 + i]) for i in range(3))
     a = tuple(Jet(inputs[3 + i], inputs[6 + i], inputs[9 + i]) for i in range(3))
     alpha, beta = _pushed(a, v, drag[0]), _pushed(a, v, drag[1])
-    # Faessler (16)-(18) with heading 0, y_C = (0, 1, 0): x_B = y_C x alpha/|.|, y_B = beta x x_B/|.|
     zero = Jet(*(np.zeros_like(inputs[0]) for _ in range(3)))
-    x_B = unit((alpha[2], zero, zero - alpha[0]))
-    y_B = unit(cross(beta, x_B))
-    z_B = cross(x_B, y_B)
-    frame = (x_B, y_B, z_B)
+    # Faessler et al. 2018 with heading 0, y_C = (0, 1, 0): x_B = y_C x alpha/|.| = (p, 0, -q),
+    # y_B = beta x x_B/|.|, z_B = x_B x y_B
+    p, q = unit((alpha[2], alpha[0]))
+    y_B = unit((zero - beta[1] * q, beta[2] * p + beta[0] * q, zero - beta[1] * p))
+    frame = ((p, zero, zero - q), y_B, (q * y_B[1], zero - q * y_B[0] - p * y_B[2], p * y_B[1]))
     x, y, z = (tuple(part.value for part in axis) for axis in frame)
     x1, y1, z1 = (tuple(part.first for part in axis) for axis in frame)
     x2, y2, z2 = (tuple(part.second for part in axis) for axis in frame)
@@ -144,7 +144,7 @@ def _body(inputs: Values, drag: Drag) -> tuple[list[tuple[Values, ...]], Values,
     return axes, thrust, [*specific, *rates, *turned, *in_body, *moved]
 
 
-def _pushed(a: Vector | tuple[Jet, ...], v: tuple[Jet, ...], drag: float) -> Vector:
+def _pushed(a: tuple[Jet, ...], v: tuple[Jet, ...], drag: float) -> tuple[Jet, Jet, Jet]:
     """a + g z + d v as jets."""
     parts = [
         Jet(f.value + drag * u.value, f.first + drag * u.first, f.second + drag * u.second)

@@ -41,18 +41,13 @@ class Jet:
         return Jet(value, rate * self.first, bend * self.first**2 + rate * self.second)
 
 
-Vector = tuple[Jet, Jet, Jet]
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def unit(a: Vector) -> Vector:
+def unit(a: tuple[Jet, ...]) -> tuple[Jet, ...]:
     """a/|a|, by the root of the sum of squares."""
-    scale = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).inverse_root()
-    return a[0] * scale, a[1] * scale, a[2] * scale
+    square = a[0] * a[0]
+    for part in a[1:]:
+        square = square + part * part
+    scale = square.inverse_root()
+    return tuple(part * scale for part in a)
 
 
 def dot(a: tuple[Values, ...], b: tuple[Values, ...]) -> Values:
