@@ -35,7 +35,7 @@ SPEC = FlightSpec(
     rate=10.0,
     vehicle=VEHICLE,
 )
-TRUTH = np.array([0.002, 0.1, 0.15, 0.05, 0.05, 0.04, 0.1, -0.1, 0.15])
+TRUTH = np.array([0.002, 0.1, 0.15, 0.05, 0.05, 0.04, 0.1, -0.1, 0.15, 0.05, -0.05, 0.02, 0.0])
 """Coefficients of the vehicle of the tests."""
 
 

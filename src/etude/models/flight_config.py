@@ -26,6 +26,8 @@ class FlightModelConfig:
         altitude, acceleration, body_velocity: the inputs, see `FlightFeatures`.
         kernel: "shared": one kernel for the four commands, one factorisation for all; or "separate".
         hyperparameters: "first_flight": fitted once, to the first flight (thesis 5); or "refit" to all.
+        trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
+            back-EMF and gains.
         points: samples that the processes are conditioned on, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
@@ -43,6 +45,7 @@ class FlightModelConfig:
     body_velocity: bool = True
     kernel: Literal["shared", "separate"] = "shared"
     hyperparameters: Literal["first_flight", "refit"] = "refit"
+    trims: bool = True
     points: int = 1200
     fit_points: int = 300
     fit_spacing_s: float = 0.5

@@ -71,6 +71,7 @@ class Lesson:
         chosen: positions that hyperparameters are fitted to.
         fold: (n,) number of what each sample is held out with.
         vehicle: whose motors explain the commands; None if nobody described it.
+        trims: see `FlightModelConfig`.
     """
 
     data: FlightDataset
@@ -78,6 +79,7 @@ class Lesson:
     chosen: Index
     fold: Index
     vehicle: Vehicle | None
+    trims: bool
 
 
 def lesson(
@@ -92,7 +94,7 @@ def lesson(
     chosen = spread_points(data, first, config.fit_points, config.fit_spacing_s, rng)
     single = len(data.flights) == 1
     fold = contiguous_blocks(data.t, data.group, BLOCK_S) if single else data.group
-    return Lesson(data, kept, chosen, fold, vehicle if data.command_unit == "V" else None)
+    return Lesson(data, kept, chosen, fold, vehicle if data.command_unit == "V" else None, config.trims)
 
 
 def fitted_physics(lesson: Lesson, kind: FlightKind) -> tuple[FlightPhysics, dict[int, FlightPhysics]]:
@@ -122,7 +124,7 @@ def _identify(lesson: Lesson, use: NDArray[np.bool_]) -> FlightPhysics:
     weight = min(1.0, float(np.median(steps)) / CORRELATION_S) if len(steps) else 1.0
     if lesson.vehicle is None:
         return identify_linear(data.states, data.command, weight)
-    return identify_vehicle(lesson.vehicle, data.states, data.command, weight)
+    return identify_vehicle(lesson.vehicle, data.states, data.command, weight, trims=lesson.trims)
 
 
 def physics_held_out(lesson: Lesson, folds: dict[int, FlightPhysics]) -> HeldOut:

@@ -31,14 +31,21 @@ COEFFICIENTS = (
     "moment_x",
     "moment_y",
     "moment_z",
+    "trim_1",
+    "trim_2",
+    "trim_3",
+    "trim_4",
 )
 """What least squares may change, each 0 in the nominal model.
 
 drag_lateral: moment of the drag of body x and y, which acts off the centre, N m per m/s. drag_vertical: N per
-m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The others are relative:
-the back-EMF constant, the thrust's deviation from the weight, the moments.
+m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The next five are
+relative: the back-EMF constant, the thrust's deviation from the weight, the moments. trim: a constant of each
+motor, V, for motors that differ and a payload off the centre. Near hover a back-EMF and four equal trims look
+alike: the prior shares the effect between them, the prediction is the same.
 """
 BACK_EMF = COEFFICIENTS.index("back_emf")
+TRIM = COEFFICIENTS.index("trim_1")
 NEAR, FAR = 1.5, 5.0
 """Heights over which the ground effect decays by a factor e, in arm lengths. A generic form: two
 exponentials, whatever the vehicle's true curve."""
@@ -58,7 +65,7 @@ class VehicleInverse:
 
     Attributes:
         vehicle: nominal body and motors.
-        coefficients: (9,) in the order of `COEFFICIENTS`; zero for the nominal model.
+        coefficients: (13,) in the order of `COEFFICIENTS`; zero for the nominal model.
     """
 
     vehicle: Vehicle
@@ -69,7 +76,7 @@ class VehicleInverse:
         return self.linearised(states)[0]
 
     def linearised(self, states: FlightStates) -> tuple[Array, Array]:
-        """Voltages (T, 4) and their derivative (T, 4, 9) in the coefficients."""
+        """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""
         vehicle, theta = self.vehicle, self.coefficients
         load, change = load_terms(vehicle, states)
         inverse = np.linalg.inv(vehicle.allocation())
@@ -77,11 +84,13 @@ class VehicleInverse:
         speed = np.sqrt(np.maximum(squared, 0.0))
         by_speed = vehicle.motor_constant * (1.0 + theta[BACK_EMF])
         voltage = vehicle.steady_voltage(speed) + vehicle.motor_constant * theta[BACK_EMF] * speed
+        voltage += theta[TRIM:]
         slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
         flows = squared > 0.0  # a rotor that cannot turn backwards stands, whatever the coefficients
         gain = np.where(flows, slope + 0.5 * by_speed / np.where(flows, speed, 1.0), 0.0)
         jacobian = gain[:, :, None] * np.einsum("rl,tlp->trp", inverse, change)
         jacobian[:, :, BACK_EMF] = vehicle.motor_constant * speed
+        jacobian[:, :, TRIM:] = np.eye(4)
         return voltage, jacobian
 
 
@@ -102,7 +111,7 @@ def unreachable(vehicle: Vehicle, states: FlightStates) -> NDArray[np.bool_]:
 
 
 def identify_vehicle(
-    vehicle: Vehicle, states: FlightStates, command: Array, weight: float = 0.2
+    vehicle: Vehicle, states: FlightStates, command: Array, weight: float = 0.2, *, trims: bool = True
 ) -> VehicleInverse:
     """The coefficients (MAP least squares) that explain voltages (T, 4).
 
@@ -110,25 +119,33 @@ def identify_vehicle(
 
     Args:
         weight: votes of one sample against the prior: neighbours within a correlation time share one.
+        trims: whether each motor has a constant of its own.
 
     Raises:
         DataError: NaN in states or command, or no sample.
     """
 
-    def linearised(theta: Array) -> tuple[Array, Array]:
-        return VehicleInverse(vehicle, theta).linearised(states)
+    free = len(COEFFICIENTS) if trims else TRIM
 
-    return VehicleInverse(vehicle, map_fit(linearised, command, prior_deviation(vehicle), weight))
+    def padded(theta: Array) -> VehicleInverse:
+        return VehicleInverse(vehicle, np.append(theta, np.zeros(len(COEFFICIENTS) - free)))
+
+    def linearised(theta: Array) -> tuple[Array, Array]:
+        voltage, jacobian = padded(theta).linearised(states)
+        return voltage, jacobian[:, :, :free]
+
+    return padded(map_fit(linearised, command, prior_deviation(vehicle)[:free], weight))
 
 
 def prior_deviation(vehicle: Vehicle) -> Array:
-    """(9,) how far each coefficient may be from nominal, in physical scale."""
+    """(13,) how far each coefficient may be from nominal, in physical scale."""
     drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
-    return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0])
+    trim = 0.1 * vehicle.hover_voltage
+    return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * 4])
 
 
 def load_terms(vehicle: Vehicle, states: FlightStates) -> tuple[Array, Array]:
-    """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 9) in the coefficients."""
+    """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 13) in the coefficients."""
     inertia = np.array(vehicle.inertia)
     lift = vehicle.mass * states.specific_force[:, 2]
     # Euler's equation in the body frame
