@@ -18,8 +18,14 @@ from etude.errors import DataError, UsageError
 from etude.logs.flight_parquet import read_flight_parquet, write_flight
 from etude.trajectories.flight_certificate import certify_flight
 
-QUICK = {"duration = 30.0": "duration = 12.0", "candidates = 100": "candidates = 12", "starts = 8": "starts = 2",
-         "steps = 60": "steps = 8", "starts = 3": "starts = 1", "points = 1200": "points = 120"}  # fmt: skip
+QUICK = {
+    "duration = 30.0": "duration = 12.0",
+    "candidates = 100": "candidates = 12",
+    "starts = 8": "starts = 2",
+    "steps = 60": "steps = 8",
+    "starts = 3": "starts = 1",
+    "points = 1200": "points = 120",
+}
 
 
 def made(path: Path, robot: str = "quadrotor", preset: str = "default"):
