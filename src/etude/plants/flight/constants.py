@@ -47,7 +47,7 @@ def control(p: FlightParameters, rate: float, mode: int | None = None) -> Contro
     own = VOLTAGES if c.inputs == "voltage" else SET_POINTS
     return Control(
         mode=own if mode is None else mode,
-        hold=round(rate / c.position_rate),
+        hold=max(1, round(rate / c.position_rate)),
         mass=v.mass,
         inertia=np.array(v.inertia),
         mixer=np.ascontiguousarray(np.linalg.inv(v.allocation())),

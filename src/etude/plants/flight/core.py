@@ -106,55 +106,75 @@ def ground_effect(z: float, p: Array) -> float:
 
 
 @_compile
-def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out: Array) -> None:
-    """dy/dt into `out` for given currents; wind (3,) in the world; noise (6,) on both accelerations.
+def _axes(y: Array) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """R_world_body of y's quaternion, row by row."""
+    w, a, b, c = y[6], y[7], y[8], y[9]
+    return (
+        1.0 - 2.0 * (b * b + c * c), 2.0 * (a * b - w * c), 2.0 * (a * c + w * b),
+        2.0 * (a * b + w * c), 1.0 - 2.0 * (a * a + c * c), 2.0 * (b * c - w * a),
+        2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b),
+    )  # fmt: skip
+
+
+@_compile
+def _times(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """M (3, 3) times a vector."""
+    return (
+        M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
+        M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
+        M[2, 0] * x + M[2, 1] * y + M[2, 2] * z,
+    )
+
+
+@_compile
+def _rotors(
+    y: Array, current: Array, vx: float, vy: float, vz: float, b: Body
+) -> tuple[float, float, float, float, float, float, float]:
+    """Force and moment of rotors and stators (body frame), and the rotors' spin, for a velocity in air.
 
     The disc of a rotor tilts back by tilt v / (R W) (blade flapping), which bends its thrust and, through
     the stiffness of the hub, pitches the body; inflow takes inflow v_z / (R W) of the thrust.
     """
-    qw, qx, qy, qz = y[6], y[7], y[8], y[9]
     wx, wy, wz = y[10], y[11], y[12]
-    r00, r01, r02 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
-    r10, r11, r12 = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
-    r20, r21, r22 = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+    fx = fy = fz = mx = my = mz = spin = 0.0
+    ground = ground_effect(y[2], b.ground)
+    for k in range(4):
+        m, W, s = b.motors[k], y[13 + k], (S0 if k == 0 or k == 2 else S1)
+        x, yy, z = b.rotors[k, 0], b.rotors[k, 1], b.rotors[k, 2]
+        ux, uy, uz = vx + wy * z - wz * yy, vy + wz * x - wx * z, vz + wx * yy - wy * x
+        strength = m[0] * ground * W
+        tx, ty, tz = -strength * b.tilt * ux, -strength * b.tilt * uy, strength * (abs(W) - b.inflow * uz)
+        fx, fy, fz = fx + tx, fy + ty, fz + tz
+        mx += yy * tz - z * ty
+        my += z * tx - x * tz
+        mz += x * ty - yy * tx - s * m[2] * current[k]  # the stator feels the whole torque of the motor
+        if b.hub != 0.0 and W > 1.0:
+            mx += b.hub * uy / W
+            my -= b.hub * ux / W
+        spin += s * m[5] * W
+    return fx, fy, fz, mx, my, mz, spin
+
+
+@_compile
+def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out: Array) -> None:
+    """dy/dt into `out` for given currents; wind (3,) in the world; noise (6,) on both accelerations."""
+    qw, qx, qy, qz, wx, wy, wz = y[6], y[7], y[8], y[9], y[10], y[11], y[12]
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = _axes(y)
     ax, ay, az = y[3] - wind[0], y[4] - wind[1], y[5] - wind[2]
     vx = r00 * ax + r10 * ay + r20 * az  # through the air, body frame
     vy = r01 * ax + r11 * ay + r21 * az
     vz = r02 * ax + r12 * ay + r22 * az
+    fx, fy, fz, mx, my, mz, spin = _rotors(y, current, vx, vy, vz, b)
     quadratic = b.quadratic * np.sqrt(vx * vx + vy * vy + vz * vz)
-    fx, fy, fz = -(b.drag[0] + quadratic) * vx, -(b.drag[1] + quadratic) * vy, -(b.drag[2] + quadratic) * vz
-    mx = my = mz = spin = 0.0
-    ground = ground_effect(y[2], b.ground)
-    for k in range(4):
-        m, W = b.motors[k], y[13 + k]
-        s = S0 if k == 0 or k == 2 else S1
-        rx, ry, rz = b.rotors[k, 0], b.rotors[k, 1], b.rotors[k, 2]
-        ux, uy, uz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
-        bend = m[0] * ground * W * b.tilt
-        tx, ty = -bend * ux, -bend * uy
-        tz = m[0] * ground * W * (abs(W) - b.inflow * uz)
-        fx += tx
-        fy += ty
-        fz += tz
-        mx += ry * tz - rz * ty
-        my += rz * tx - rx * tz
-        mz += rx * ty - ry * tx
-        if b.hub != 0.0 and W > 1.0:
-            mx += b.hub * uy / W
-            my -= b.hub * ux / W
-        mz -= s * m[2] * current[k]  # the stator feels the whole torque of the motor
-        spin += s * m[5] * W
-    hx = b.inertia[0, 0] * wx + b.inertia[0, 1] * wy + b.inertia[0, 2] * wz
-    hy = b.inertia[1, 0] * wx + b.inertia[1, 1] * wy + b.inertia[1, 2] * wz
-    hz = b.inertia[2, 0] * wx + b.inertia[2, 1] * wy + b.inertia[2, 2] * wz + spin
-    mx -= wy * hz - wz * hy  # Euler's equation; the rotors' share is the gyroscopic torque
-    my -= wz * hx - wx * hz
-    mz -= wx * hy - wy * hx
+    fx -= (b.drag[0] + quadratic) * vx
+    fy -= (b.drag[1] + quadratic) * vy
+    fz -= (b.drag[2] + quadratic) * vz
+    hx, hy, hz = _times(b.inertia, wx, wy, wz)
+    hz += spin  # Euler's equation; the rotors' share of it is the gyroscopic torque
+    alpha = _times(b.free_inverse, mx - wy * hz + wz * hy, my - wz * hx + wx * hz, mz - wx * hy + wy * hx)
     for j in range(3):
         out[j] = y[3 + j]
-        out[10 + j] = (
-            b.free_inverse[j, 0] * mx + b.free_inverse[j, 1] * my + b.free_inverse[j, 2] * mz + noise[3 + j]
-        )
+        out[10 + j] = alpha[j] + noise[3 + j]
     out[3] = (r00 * fx + r01 * fy + r02 * fz) / b.mass + noise[0]
     out[4] = (r10 * fx + r11 * fy + r12 * fz) / b.mass + noise[1]
     out[5] = (r20 * fx + r21 * fy + r22 * fz) / b.mass - G + noise[2]
@@ -163,8 +183,7 @@ def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out
     out[8] = 0.5 * (qw * wy + qz * wx - qx * wz)
     out[9] = 0.5 * (qw * wz + qx * wy - qy * wx)
     for k in range(4):
-        m, W = b.motors[k], y[13 + k]
-        s = S0 if k == 0 or k == 2 else S1
+        m, W, s = b.motors[k], y[13 + k], (S0 if k == 0 or k == 2 else S1)
         # W is the speed against the body, which turns as well
         out[13 + k] = (m[2] * current[k] - m[1] * W * abs(W)) / m[5] - s * out[12]
 
@@ -251,14 +270,12 @@ def _position_loop(
 @_compile
 def _attitude_loop(y: Array, wish: Array, yaw_rate: float, c: Control, volts: Array) -> None:
     """PD on attitude and the static map of the nominal vehicle from thrust and moments to four voltages."""
-    qw, qx, qy, qz = y[6], y[7], y[8], y[9]
-    x, yy, z = wish[0], wish[1], wish[2]
-    ahead = (1 - 2 * (qy * qy + qz * qz)) * x + 2 * (qx * qy + qw * qz) * yy + 2 * (qx * qz - qw * qy) * z
-    left = 2 * (qx * qy - qw * qz) * x + (1 - 2 * (qx * qx + qz * qz)) * yy + 2 * (qy * qz + qw * qx) * z
+    r00, r01, _, r10, r11, _, r20, r21, _ = _axes(y)
+    ahead = r00 * wish[0] + r10 * wish[1] + r20 * wish[2]  # where the thrust shall go, body frame
+    left = r01 * wish[0] + r11 * wish[1] + r21 * wish[2]
     mx = c.inertia[0] * (-c.attitude[0] * left - c.attitude[1] * y[10])
     my = c.inertia[1] * (c.attitude[0] * ahead - c.attitude[1] * y[11])
-    yaw = np.arctan2(2 * (qx * qy + qw * qz), 1 - 2 * (qy * qy + qz * qz))
-    turn = -c.attitude[2] * yaw if c.mode == VOLTAGES else 0.0
+    turn = -c.attitude[2] * np.arctan2(r10, r00) if c.mode == VOLTAGES else 0.0
     mz = c.inertia[2] * (turn + c.attitude[3] * (yaw_rate - y[12]))
     for k in range(4):
         square = c.mixer[k, 0] * wish[3] + c.mixer[k, 1] * mx + c.mixer[k, 2] * my + c.mixer[k, 3] * mz
@@ -287,6 +304,23 @@ def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
     ahead, left = np.sin(pitch) * np.cos(roll), -np.sin(roll)
     out[0], out[1] = np.cos(yaw) * ahead - np.sin(yaw) * left, np.sin(yaw) * ahead + np.cos(yaw) * left
     out[2], out[3] = np.cos(pitch) * np.cos(roll), command[3] * c.full_scale[2]
+
+
+@_compile
+def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: Array) -> None:
+    """What the motors are asked for at this tick, into `volts`; without set-points the command too."""
+    if c.mode == OPEN_LOOP:
+        volts[:] = ff
+        command[:] = ff
+        return
+    if c.mode == SET_POINTS:
+        _wish(y, command, c, wish)
+    _attitude_loop(y, wish, command[2] * c.full_scale[1] if c.mode == SET_POINTS else 0.0, c, volts)
+    for k in range(4):
+        wanted = volts[k] + (ff[k] if c.mode == VOLTAGES else 0.0)
+        volts[k] = min(max(wanted, 0.0), c.motor[3])
+        if c.mode == VOLTAGES:
+            command[k] = volts[k]
 
 
 @_compile
@@ -332,23 +366,11 @@ def fly(
         why = ending(y, room, ground)
         if why != FLOWN:
             return trace[:k].copy(), why
-        if c.mode == OPEN_LOOP:
-            command[:] = ff[k]
-            volts[:] = ff[k]
-        else:
-            if k % c.hold == 0:
-                _position_loop(y, plan[k, :3], plan[k, 3:6], plan[k, 6:], total, h * c.hold, c, wish)
-                if c.mode == SET_POINTS:
-                    _set_points(y, wish, ff[k], c, command)
+        if k % c.hold == 0 and c.mode != OPEN_LOOP:
+            _position_loop(y, plan[k, :3], plan[k, 3:6], plan[k, 6:], total, h * c.hold, c, wish)
             if c.mode == SET_POINTS:
-                _wish(y, command, c, wish)
-            _attitude_loop(y, wish, command[2] * c.full_scale[1] if c.mode == SET_POINTS else 0.0, c, volts)
-            for n in range(4):
-                if c.mode == VOLTAGES:
-                    volts[n] += ff[k, n]
-                volts[n] = min(max(volts[n], 0.0), c.motor[3])
-                if c.mode == VOLTAGES:
-                    command[n] = volts[n]
+                _set_points(y, wish, ff[k], c, command)
+        _drive(y, wish, ff[k], c, command, volts)
         for n in range(4):
             volts[n] *= air[k, 3]
         _currents(i, y, y[13:], work[0, 13:], volts, 0.0, b, i)

@@ -24,10 +24,10 @@ def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: b
             of its interval; else single samples at the interval's start (the thesis).
 
     Raises:
-        UsageError: a rate that does not divide the simulation's.
+        UsageError: a rate that does not divide the simulation's, or another plan.
         DataError: a flight shorter than one sample, or one with a command at its limit in every sample.
     """
-    ticks = _ticks(flight, rate)
+    ticks = _ticks(flight, plan, rate)
     count = len(flight) // ticks
     if count == 0 or flight.saturated.all():
         what = "is shorter than one sample" if count == 0 else "stood at a command's limit all the time"
@@ -62,9 +62,15 @@ def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: b
     )
 
 
-def _ticks(flight: Flight, rate: float) -> int:
+def _ticks(flight: Flight, plan: FlightPlan, rate: float) -> int:
     """Ticks of the simulation per sample."""
-    own = 1.0 if len(flight) < 2 else (len(flight) - 1) / float(flight.t[-1] - flight.t[0])
+    if len(plan) < len(flight) or plan.t[0] != flight.t[0]:
+        raise UsageError(
+            "the plan is not the one that was flown",
+            where=flight.source,
+            next_step="Give the plan that the flight was made from.",
+        )
+    own = (len(plan) - 1) / float(plan.t[-1] - plan.t[0]) if len(plan) > 1 else rate
     ticks = own / rate if np.isfinite(rate) and rate > 0.0 else 0.0
     if ticks < 1.0 - 1e-6 or abs(ticks - round(ticks)) > 1e-6 * ticks:
         raise UsageError(

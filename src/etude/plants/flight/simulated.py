@@ -90,7 +90,7 @@ class SimulatedVehicle:
                 outside the room; an unknown start or noise.
         """
         self._check(plan, start, room)
-        y, current, total = self._start(plan, start)
+        y, current, total = self.start_state(plan, start)
         trace, why = core.fly(
             _reference(plan),
             _rows(plan.voltage_ff, len(plan), 4),
@@ -113,7 +113,7 @@ class SimulatedVehicle:
             return np.zeros((count, 6))
         return np.asarray(rng.standard_normal((count, 6)) * np.repeat([linear, angular], 3))
 
-    def _start(self, plan: FlightPlan, start: Start) -> tuple[Array, Array, Array]:
+    def start_state(self, plan: FlightPlan, start: Start) -> tuple[Array, Array, Array]:
         """State, currents, and the integrals of the position error of a vehicle that has hovered here."""
         y, lift = np.zeros(17), np.array([0.0, 0.0, GRAVITY])
         if start == "moving":
