@@ -64,10 +64,12 @@ class Certificate:
     Attributes:
         rows: one proof per axis and quantity.
         end_speed: largest |qd| at the two ends as a fraction of the velocity limit.
+        rest_needed: whether rest at both ends is one of the limits; a flight may start in motion.
     """
 
     rows: tuple[LimitProof, ...]
     end_speed: float
+    rest_needed: bool = True
 
     @property
     def at_rest(self) -> bool:
@@ -76,8 +78,8 @@ class Certificate:
 
     @property
     def ok(self) -> bool:
-        """Whether every limit is proved and both ends are at rest."""
-        return self.at_rest and all(row.margin >= 0.0 for row in self.rows)
+        """Whether every limit is proved, and rest at both ends where it is needed."""
+        return (self.at_rest or not self.rest_needed) and all(row.margin >= 0.0 for row in self.rows)
 
     @property
     def worst(self) -> LimitProof:

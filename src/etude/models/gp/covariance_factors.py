@@ -84,7 +84,7 @@ class CovarianceFactors:
             cross: factors of fixed inputs Z (r, D) and (T, r) weights G of sum(G * covariance(X, Z)).
             reduction: factors of fixed inputs Z, A and B (T, r) with A Bᵀ symmetric: the same as
                 own = -A Bᵀ and cross = 2 A together, the form of every variance reduction at Z, for which
-                the way back through L is r wide instead of T.
+                the way back through L can be r wide instead of T.
         """
         gradient = np.zeros_like(self.X)
         if variance is not None or own is not None or cross is not None:
@@ -115,7 +115,9 @@ class CovarianceFactors:
         return np.asarray(dtrmm(1.0, self.L_inverse, weights.T, lower=1, trans_a=1, overwrite_b=1).T)
 
     def _reduction_back(self, other: CovarianceFactors, A: Array, B: Array) -> Array:
-        """-2 A (V_Z - Bᵀ V) L^-1, from the right."""
+        """-2 A (V_Z - Bᵀ V) L^-1: from the right, or from the left if there are fewer rows than columns."""
+        if A.shape[1] > len(A):
+            return self._back(None, -A @ B.T, (other, 2.0 * A))
         left = dgemm(-1.0, self.V.T, B, beta=1.0, c=other.V.T)
         left = dtrmm(1.0, self.L_inverse, left, lower=1, trans_a=1, overwrite_b=1)
         return np.asarray(dgemm(-2.0, left, A, trans_b=1).T)
