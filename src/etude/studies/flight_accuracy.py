@@ -117,7 +117,7 @@ def _models(
 ) -> dict[str, FlightModel]:
     ladder = train_flight_ladder(train, vehicle.vehicle, replace(config, kind="auto"), rng)
     bare = replace(config, kind="identified", trims=False, steps=0)  # its process predicts nothing
-    models: dict[str, FlightModel] = {**ladder.models}
+    models: dict[str, FlightModel] = {str(kind): model for kind, model in ladder.models.items()}
     models["ladder"] = ladder.model
     if train.command_unit == "V":
         models[NO_TRIMS] = train_flight_model(train, vehicle.vehicle, bare, rng)
