@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
 
-# name -> "module:function"; the function takes json and seed (a bench perhaps quick, a study also seeds and
-# folder), and prints a table or the line of `rows_json`
+# name -> "module:function"; the function takes json and seed (a bench perhaps quick and pythons, a study
+# also seeds and folder), and prints a table or the line of `rows_json`
 BENCHES = {"gp": "etude.studies.bench_gp:run", "models": "etude.studies.bench_models:run"}
 STUDIES = {"arm": "etude.studies.arm:run"}
 
 
-def run_bench(name: str, *, json: bool, seed: int, quick: bool = False) -> None:
+def run_bench(name: str, *, json: bool, seed: int, quick: bool = False, pythons: Sequence[Path] = ()) -> None:
     """Runs the bench of that name, which prints its rows. UsageError if there is none.
 
-    `quick` goes to benches that know a shorter form.
+    `quick` goes to benches that know a shorter form, `pythons`, other interpreters, to those that use them;
+    UsageError to one that does not.
     """
-    _run("bench", BENCHES, name, json=json, seed=seed, quick=quick)
+    _run("bench", BENCHES, name, json=json, seed=seed, quick=quick, pythons=pythons)
 
 
 def run_study(name: str, *, json: bool, seed: int, seeds: int, folder: Path) -> None:
@@ -36,10 +37,17 @@ def _run(kind: str, registry: Mapping[str, str], name: str, **options: Any) -> N
     call(registry[name], **options)
 
 
-def call(place: str, *arguments: Any, quick: bool = False, **options: Any) -> Any:
-    """Calls "module:function"; `quick` is passed on only to a function that takes it."""
+def call(
+    place: str, *arguments: Any, quick: bool = False, pythons: Sequence[Path] = (), **options: Any
+) -> Any:
+    """Calls "module:function"; `quick` and `pythons` are passed on only to a function that takes them."""
     module, name = place.split(":")
     function = getattr(importlib.import_module(module), name)
-    if "quick" in inspect.signature(function).parameters:
+    taken = inspect.signature(function).parameters
+    if "quick" in taken:
         options["quick"] = quick
+    if "pythons" in taken:
+        options["pythons"] = pythons
+    elif pythons:
+        raise UsageError("only `etude bench gp` looks into other interpreters", where="--python")
     return function(*arguments, **options)
