@@ -76,10 +76,10 @@ def test_constant_trains_the_first_time(firsts) -> None:
             np.testing.assert_array_equal(own.theta, trained.theta)
 
 
-def test_constant_keeps_the_noise_of_an_automatic_floor_too(firsts) -> None:
-    config = replace(ML, process="exact", noise_floor="auto", prior="weak", schedule="constant")
-    first = model_of(2, config)
-    then = model_of(3, config, first)
+@pytest.mark.parametrize("floor", ["auto", 0.05])
+def test_constant_keeps_the_noise_whatever_the_floor_is_then(floor) -> None:
+    first = model_of(2, replace(ML, noise_floor=0.0))
+    then = model_of(3, replace(ML, noise_floor=floor, schedule="constant"), first)
     for old, now in zip(first.posteriors, then.posteriors, strict=True):
         assert now.noise_variance == pytest.approx(old.noise_variance, rel=1e-12)
 
