@@ -190,7 +190,7 @@ class _Solution:
         else:
             noise = self.gp.noise_variance
             w = np.full(len(own), 1.0 / noise)
-            on_noise = 0.5 * float(own.sum() - self.missing.sum() / noise**2)
+            on_noise = 0.5 * float(own.sum() - self.missing.sum() / noise / noise)  # noise² may underflow
         # V α = β, so the rank-one part of V M costs nothing
         on_uf = self.L_inverse.T @ (solved - np.outer(self.beta, self.alpha) - self.V * w)
         on_uu = -0.5 * (on_uf @ self.V.T) @ self.L_inverse
