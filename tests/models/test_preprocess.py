@@ -91,7 +91,8 @@ def test_repeated_motions_are_sampled_at_other_times() -> None:
 def test_the_thesis_takes_the_desired_motion_and_the_raw_command() -> None:
     q, qd, qdd = motion(T)
     log = replace(LOG, q_des=q + 1.0, qd_des=qd, qdd_des=qdd)
-    data = build_dataset(log, SPEC, preset("thesis"))
+    assert len(build_dataset(log, SPEC, preset("thesis"))) == np.count_nonzero(T > -1e-6)
+    data = build_dataset(log, SPEC, replace(preset("thesis"), rate_hz=100.0 / 12.0))
     rows = np.searchsorted(T, data.t - 1e-6)
     np.testing.assert_array_equal(np.diff(rows), 12)
     assert data.t[0] == pytest.approx(0.0, abs=1e-9)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
 from etude.studies.model_members import MEMBERS
@@ -39,10 +40,15 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
     wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
-    wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
-    wanted |= {f"fit_s_{model}" for model in MODELS}
+    wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2", "msll") for model in MODELS}
+    costs = ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")
+    wanted |= {f"{figure}_{model}" for figure in costs for model in MODELS}
+    wanted |= {f"{figure}_{model}_arm4_ci95" for figure in ("nmse", "z2", "msll") for model in MODELS}
     assert wanted <= set(rows)
-    assert all(row["value"] is not None and row["value"] > 0.0 for row in rows.values())
+    values = {name: row["value"] for name, row in rows.items() if not name.endswith("_ci95")}
+    assert all(row["value"] is not None for row in rows.values())
+    assert all(value > 0.0 for name, value in values.items() if not name.startswith("msll_"))
+    assert rows["msll_exact_arm4"]["value"] < -0.5
     assert rows["nmse_exact_arm4"]["ratio"] < 0.5
     assert rows["nmse_exact_arm4"]["reference"] == "linear regression, 2 seeds"
     assert len({rows[f"nmse_{model}_arm4"]["reference_value"] for model in MODELS}) == 1
@@ -80,16 +86,24 @@ def test_figures_are_those_of_the_definitions(monkeypatch) -> None:
 
     monkeypatch.setattr(arm_accuracy, "MEMBERS", {"mean": lambda X, y, floor, rng: Ignorant()})
     monkeypatch.setattr(arm_accuracy, "QUICK_SEEDS", 1)
-    nmse, z2, seconds = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
+    rows = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
+    nmse, msll, z2, *costs = rows
     train, test = arm_accuracy.arm_data(np.random.default_rng(5).spawn(1)[0])
-    errors, wanted = [], []
+    errors, wanted, gains = [], [], []
     for j in range(4):
         tau = test.tau[~test.stuck[:, j], j]
         errors.append(float(np.mean((tau - train.tau[~train.stuck[:, j], j].mean()) ** 2)))
         wanted.append(errors[-1] / float(np.var(tau)))
+        known = train.tau[~train.stuck[:, j], j]
+        own, plain = (norm(known.mean(), deviation).logpdf(tau) for deviation in (2.0, known.std()))
+        gains.append(float(np.mean(plain - own)))
     assert nmse.value == pytest.approx(np.mean(wanted))
     assert z2.value == pytest.approx(np.mean(errors) / 4.0)
-    assert (nmse.metric, z2.metric, seconds.metric) == ("nmse_mean_arm4", "z2_mean_arm4", "fit_s_mean")
+    assert msll.value == pytest.approx(np.mean(gains))
+    assert [row.metric for row in (nmse, msll, z2)] == ["nmse_mean_arm4", "msll_mean_arm4", "z2_mean_arm4"]
+    names = [f"{figure}_mean" for figure in ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")]
+    assert [row.metric for row in costs] == names
+    assert costs[-1].value == 0.0  # it holds no array
 
 
 def test_quick_has_fewer_seeds(monkeypatch) -> None:

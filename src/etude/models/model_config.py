@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from etude.errors import UsageError
+from etude.models.lesson import SCHEDULES, Schedule
 from etude.models.processes import PROCESSES, SPECTRAL
 
 Kind = Literal["nominal", "identified", "gp", "identified+gp"]
@@ -31,8 +32,14 @@ class ModelConfig:
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
             likelihood then takes their agreement for precision.
-        steps, method: length and method of the training (see `training.fit`).
-        prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
+        steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
+            or, if negative, evaluations of the likelihood (see `training.fit`).
+        schedule: what becomes of the hyperparameters of the last log's model (thesis 6.1): "update" trains on
+            from them, with spectral points if there are such; "constant" keeps those of the first training,
+            noise included; "reinitialise" trains from the data's scales. Inducing inputs are chosen anew
+            each time.
+        prior: "weak" log-normal priors on the hyperparameters, or "none": maximum likelihood, with learned
+            spectral points at once and without their guards.
         noise_floor: least noise deviation as a part of the command limit (never more than a tenth of the
             command's own deviation); "auto" chooses among `FLOORS` by how well each trajectory is predicted
             from the others, at four times the cost.
@@ -49,6 +56,7 @@ class ModelConfig:
     fit_spacing_s: float = 0.5
     steps: int = 60
     method: Literal["lbfgs", "minimize"] = "lbfgs"
+    schedule: Schedule = "update"
     prior: Literal["weak", "none"] = "weak"
     noise_floor: float | Literal["auto"] = 0.002
     friction_fraction: float = 0.02
@@ -58,6 +66,7 @@ class ModelConfig:
         _one_of("kind", self.kind, (*KINDS, "auto"))
         _one_of("kernel", self.kernel, ("structured", "ard_se"))
         _one_of("method", self.method, ("lbfgs", "minimize"))
+        _one_of("schedule", self.schedule, SCHEDULES)
         _one_of("prior", self.prior, ("weak", "none"))
         _one_of("process", self.process, tuple(PROCESSES))
         if self.basis < 1:
@@ -65,6 +74,12 @@ class ModelConfig:
         for name in ("points", "fit_points"):
             if getattr(self, name) < 2:
                 raise UsageError(f"{name} must be at least 2", where=f"model.{name} = {getattr(self, name)}")
+        if self.steps < 0 and self.method == "lbfgs":
+            raise UsageError(
+                "negative steps count evaluations of the likelihood, which L-BFGS cannot be limited to",
+                where=f"model.steps = {self.steps}",
+                next_step="Set method = 'minimize', or a number of iterations.",
+            )
         numbers = ["fit_spacing_s", "friction_fraction"]
         for name in numbers if self.noise_floor == "auto" else [*numbers, "noise_floor"]:
             value = getattr(self, name)
@@ -94,6 +109,7 @@ PRESETS = {
     "thesis": ModelConfig(
         kind="gp",
         kernel="ard_se",
+        process="thesis_dictionary_error",
         points=500,
         fit_points=500,
         fit_spacing_s=0.0,

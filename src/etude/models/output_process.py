@@ -12,8 +12,9 @@ from etude.models.calibration import contiguous_blocks, inflation
 from etude.models.contracts import Posterior
 from etude.models.dataset import Dataset
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.lesson import Lesson, Trained, is_held, on_schedule
 from etude.models.model_config import FLOORS, ModelConfig
-from etude.models.processes import PROCESSES, Lesson, Trained
+from etude.models.processes import PROCESSES
 from etude.models.selection import spread_points
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def train_output(
         dataset: gives mask, times and trajectories of the samples.
         X: (n, D) features. target: (n,) what the process has to explain, command units.
         command: the axis's command limit, the scale of the noise floor.
-        start: an earlier posterior of this output, for a warm start.
+        start: an earlier posterior of this output; `config.schedule` says what becomes of it.
 
     Raises:
         DataError: the axis moved at no sample.
@@ -67,7 +68,6 @@ def train_output(
     kept = spread_points(dataset, moving, config.points, 0.0, rng)
     chosen = spread_points(dataset, moving, config.fit_points, config.fit_spacing_s, rng)
     offset = float(target[kept].mean())
-    floors = FLOORS if config.noise_floor == "auto" else (config.noise_floor,)
     largest = LARGEST_FLOOR * float(np.std(dataset.tau[moving, axis]))  # a joint may use little of its range
     lesson = Lesson(
         X=X,
@@ -86,9 +86,12 @@ def train_output(
         prior="weak" if config.prior == "weak" else None,
         rng=rng,
     )
+    floors = FLOORS if config.noise_floor == "auto" else (config.noise_floor,)
+    if is_held(lesson, config.schedule):
+        floors = floors[:1]  # the noise is held too
     best: tuple[float, OutputProcess] | None = None
     for floor in floors:
-        own = replace(lesson, floor=min(floor * command, largest))
+        own = on_schedule(replace(lesson, floor=min(floor * command, largest)), config.schedule)
         trained = PROCESSES[config.process](own)
         posterior = trained.condition(X[trained.taught], own.y[trained.taught])
         scale, density = 1.0, 0.0

@@ -65,6 +65,7 @@ def _spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
         np.asfortranarray(array("L")),
         array("X"),
         array("y"),
+        array("theta"),
     )
 
 
@@ -77,7 +78,10 @@ FORMS = {
         _basis,
     ),
     "spectrum": Form(
-        SparseSpectrumPosterior, ("weights", "L", "X", "y"), ("noise_variance", "signal_variance"), _spectrum
+        SparseSpectrumPosterior,
+        ("weights", "L", "X", "y", "theta"),
+        ("noise_variance", "signal_variance"),
+        _spectrum,
     ),
 }
 """The forms on disk by name; an exact posterior, of a dictionary too, is computed again from its points."""

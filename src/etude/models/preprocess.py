@@ -38,7 +38,8 @@ class DataConfig:
             (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
         cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `derivatives.auto_cutoff`,
             "none" leaves both as measured.
-        rate_hz: samples kept per second at least, evenly spaced (thesis: every 12th of 100 Hz).
+        rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
+            choose from, and 100/12 for downsampling.
         stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
             less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
             speed below which samples lie about the friction is far above the encoder's noise.
@@ -76,9 +77,7 @@ def _check_number(name: str, value: float | str, words: tuple[str, ...], *, abov
 
 PRESETS = {
     "default": DataConfig(),
-    "thesis": DataConfig(
-        inputs="desired", cutoff_hz="none", rate_hz=100.0 / 12.0, stick_fraction=0.0, trim_s=0.0
-    ),
+    "thesis": DataConfig(inputs="desired", cutoff_hz="none", rate_hz=100.0, stick_fraction=0.0, trim_s=0.0),
 }
 
 

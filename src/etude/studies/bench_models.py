@@ -16,8 +16,9 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.studies.model_table import show
 from etude.studies.registry import call
-from etude.studies.rows import Row, rows_json, table
+from etude.studies.rows import Row, rows_json
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ REPLACEMENTS = 10_000
 
 
 def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
-    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`.
+    """Measure all rows and print them: tables, or with `json` the one line of `rows_json`.
 
     `quick` measures the same rows with fewer seeds.
     """
@@ -54,7 +55,7 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
         command = "etude bench models --quick --json" if quick else "etude bench models --json"
         print(rows_json(rows, command))  # noqa: T201
     else:
-        table(rows, "model family")
+        show(rows, "model family")
     return rows
 
 

@@ -133,6 +133,7 @@ class IncrementalSpectrum:
             self.R.copy().T,
             np.empty((0, self.gp.points.shape[1])),
             np.empty(0),
+            self.gp.theta,
         )
 
     def refactor(self) -> None:
