@@ -1,0 +1,189 @@
+"""The receptive fields of LWPR while they learn: scales, room for new ones, and copies for prediction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.errors import UsageError
+from etude.models.gp.exact import checked_data
+from etude.models.lwpr import steps
+from etude.models.lwpr.posterior import LWPRPosterior
+
+if TYPE_CHECKING:
+    from etude.models.lwpr.regression import LWPR
+
+Array = NDArray[np.float64]
+
+ROOM = 64
+"""Fields that there is room for at first; doubled when full."""
+ACTIVE = 1e-3
+"""Fields that a sample activates less learn nothing from it (as in the authors' code)."""
+LEAST_NOISE = 1e-9
+"""Least noise variance as a part of the signal variance."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units in which fields learn.
+
+    Attributes:
+        centre, spread: (D,) means and deviations of the inputs; 1 where an input never changes.
+        output: deviation of the outputs; 1 if they never change.
+        metric: D of a new field, times the identity, for inputs in these units.
+    """
+
+    centre: Array
+    spread: Array
+    output: float
+    metric: float
+
+    @classmethod
+    def of(cls, X: Array, y: Array, metric: float | None) -> Scales:
+        """From inputs X (n, D) and outputs y (n,)."""
+        centre, spread = X.mean(axis=0), X.std(axis=0)
+        spread = np.where(spread > 1e-12 * np.abs(X).max(axis=0, initial=0.0), spread, 1.0)
+        output = float(y.std())
+        if not output > 1e-12 * float(np.abs(y).max()):
+            output = 1.0
+        moving = int(np.count_nonzero(X.std(axis=0)))
+        return cls(centre, spread, output, metric if metric is not None else initial_metric(moving))
+
+
+def initial_metric(inputs: int) -> float:
+    return 1.0
+
+
+class ReceptiveFields:
+    """What LWPR has learned so far; `observe` changes it, everything else leaves it as it is.
+
+    Attributes:
+        samples: number absorbed.
+    """
+
+    def __init__(self, options: LWPR, scales: Scales) -> None:
+        D = len(scales.centre)
+        R = D if options.directions is None else min(D, int(options.directions))
+        self.options, self.scales, self.samples = options, scales, 0
+        self._fields = _room(ROOM, R, D)
+        self._first = np.sqrt(scales.metric) * np.eye(D)
+        self._work = np.zeros((2 * D + 2, D))
+        self._rule = steps.Rule(
+            options.generate,
+            options.prune,
+            ACTIVE,
+            options.add,
+            options.penalty,
+            options.rate,
+            options.forget,
+            options.forget_last,
+            options.annealing,
+            options.full,
+        )
+
+    def __len__(self) -> int:
+        return int(self._fields.count[0])
+
+    @property
+    def directions(self) -> NDArray[np.int64]:
+        """(K,) directions in use."""
+        return self._fields.r[: len(self)].copy()
+
+    @property
+    def metrics(self) -> Array:
+        """(K, D, D) metrics, for inputs of unit variance."""
+        M = self._fields.M[: len(self)]
+        return np.asarray(M.transpose(0, 2, 1) @ M)
+
+    def observe(self, X: Array, y: Array) -> None:
+        """Absorb samples X (n, D), y (n,) in their order, or one sample x (D,), y.
+
+        Raises DataError for NaN or shapes that do not fit, UsageError for another number of inputs; nothing
+        is absorbed then.
+        """
+        X, y = checked_data(np.atleast_2d(X), np.atleast_1d(y))
+        if X.shape[1] != len(self.scales.centre):
+            raise UsageError(f"expected inputs of shape (n, {len(self.scales.centre)}), got {X.shape}")
+        U, target = (X - self.scales.centre) / self.scales.spread, y / self.scales.output
+        order, first, status = np.arange(len(y)), 0, steps.FULL
+        while status == steps.FULL:
+            first, status = steps.absorb(
+                self._fields, U, target, order, first, self._first, self._rule, self._work
+            )
+            if status == steps.FULL:
+                self._fields = steps.Fields(*(_doubled(a) if len(a) > 1 else a for a in self._fields))
+        self.samples += len(y)
+
+    def posterior(self) -> LWPRPosterior:
+        """A copy for prediction, in the units of the data."""
+        used = steps.Fields(*(a[: len(self)] if len(a) > 1 else a for a in self._fields))
+        slope, spread = _local_models(used)
+        s, out = self.scales, self.scales.output
+        free = np.maximum(used.W - used.freedom, 0.1 * used.W)
+        residual = out**2 * used.E / free
+        noise = float(np.sum(used.W * residual) / np.sum(used.W))
+        return LWPRPosterior(
+            noise_variance=max(noise, self.options.noise_floor**2, LEAST_NOISE * out**2),
+            signal_variance=out**2,
+            c=s.centre + used.c * s.spread,
+            x0=s.centre + used.x0 * s.spread,
+            F=used.M / s.spread,
+            level=used.y0 * out,
+            slope=slope * out / s.spread,
+            spread=spread / s.spread,
+            residual=residual,
+        )
+
+
+def _local_models(fields: steps.Fields) -> tuple[Array, Array]:
+    """Slopes (K, D) and directions (K, R, D) divided by their spread, both from the original inputs."""
+    K, R, D = fields.u.shape
+    slope, spread = np.zeros((K, D)), np.zeros((K, R, D))
+    left = np.broadcast_to(np.eye(D), (K, D, D)).copy()
+    for i in range(R):
+        length = np.linalg.norm(fields.u[:, i], axis=1)
+        used = (i < fields.r) & (length > 0.0) & (fields.seen > 2 * D)
+        direction = fields.u[:, i] / np.where(length > 0.0, length, 1.0)[:, None]
+        row = np.einsum("kd,kde->ke", direction, left) * used[:, None]
+        SS = np.maximum(fields.SS[:, i], steps.TINY)
+        slope += (fields.SR[:, i] / SS)[:, None] * row
+        spread[:, i] = row / np.sqrt(SS)[:, None]
+        left -= np.einsum("kd,ke->kde", fields.SZ[:, i] / SS[:, None], row)
+    return slope, spread
+
+
+def _room(K: int, R: int, D: int) -> steps.Fields:
+    def counters() -> NDArray[np.int64]:
+        return np.zeros(K, dtype=np.int64)
+
+    return steps.Fields(
+        count=np.zeros(1, dtype=np.int64),
+        c=np.zeros((K, D)),
+        M=np.zeros((K, D, D)),
+        seen=counters(),
+        added=counters(),
+        r=counters(),
+        rate=np.zeros(K),
+        forget=np.zeros(K),
+        W=np.zeros(K),
+        x0=np.zeros((K, D)),
+        y0=np.zeros(K),
+        u=np.zeros((K, R, D)),
+        SZ=np.zeros((K, R, D)),
+        SS=np.zeros((K, R)),
+        SR=np.zeros((K, R)),
+        Q=np.zeros((K, R + 1)),
+        WQ=np.zeros((K, R + 1)),
+        H=np.zeros((K, R)),
+        G=np.zeros((K, R)),
+        E=np.zeros(K),
+        E0=np.zeros(K),
+        freedom=np.zeros(K),
+    )
+
+
+def _doubled(array: NDArray) -> NDArray:  # type: ignore[type-arg]
+    return np.concatenate([array, np.zeros_like(array)])
