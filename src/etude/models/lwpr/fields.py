@@ -22,6 +22,12 @@ ROOM = 64
 """Fields that there is room for at first; doubled when full."""
 ACTIVE = 1e-3
 """Fields that a sample activates less learn nothing from it (as in the authors' code)."""
+NEIGHBOURS, NEIGHBOUR_SHARE = 15, 0.01
+"""Samples that a new field weighs by half or more: so many, or this share of the data if that is more."""
+SOME = 300
+"""Samples whose neighbours are looked for."""
+LEAST_REACH = 1e-6
+"""Squared distance, in input variances, below which samples repeat each other."""
 LEAST_NOISE = 1e-9
 """Least noise variance as a part of the signal variance."""
 
@@ -49,12 +55,20 @@ class Scales:
         output = float(y.std())
         if not output > 1e-12 * float(np.abs(y).max()):
             output = 1.0
-        moving = int(np.count_nonzero(X.std(axis=0)))
-        return cls(centre, spread, output, metric if metric is not None else initial_metric(moving))
+        first = initial_metric((X - centre) / spread) if metric is None else metric
+        return cls(centre, spread, output, first)
 
 
-def initial_metric(inputs: int) -> float:
-    return 1.0
+def initial_metric(U: Array) -> float:
+    """D of a new field, times the identity, so that it weighs its `NEIGHBOURS` nearest samples by half.
+
+    U (n, D) are scaled inputs; the median over samples evenly spread through them. 1 if all coincide.
+    """
+    some = U[np.unique(np.linspace(0, len(U) - 1, SOME).astype(int))]
+    count = min(max(NEIGHBOURS, int(NEIGHBOUR_SHARE * len(U))), len(U) - 1)
+    squared = np.square(some).sum(axis=1)[:, None] - 2.0 * some @ U.T + np.square(U).sum(axis=1)
+    reach = float(np.median(np.partition(squared, count, axis=1)[:, count]))
+    return 2.0 * float(np.log(2.0)) / reach if reach > LEAST_REACH else 1.0
 
 
 class ReceptiveFields:
