@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.models.contracts import HasKernel, Posterior
+from etude.models.guided import guide_of
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
@@ -63,10 +64,12 @@ class Trained:
         condition: inputs (n, D) and centred outputs (n,) -> posterior. Called again without each trajectory
             to calibrate the variance, unless the posterior can leave its samples out in closed form.
         taught: positions in the lesson of the samples to condition on.
+        guide: for a member without covariances, the process that designs the next motion in its place.
     """
 
     condition: Callable[[Array, Array], Posterior]
     taught: Index
+    guide: Posterior | None = None
 
 
 Member = Callable[[Lesson], Trained]
@@ -77,7 +80,7 @@ def initial_process(lesson: Lesson) -> ExactGP:
     from etude.models.gp.training import initial_gp
 
     gp = initial_gp(lesson.kernel, lesson.X[lesson.chosen], lesson.y[lesson.chosen], noise_floor=lesson.floor)
-    start = lesson.start
+    start = None if lesson.start is None else guide_of(lesson.start)
     if start is None or not isinstance(start, HasKernel) or start.kernel != lesson.kernel:
         return gp
     learned = max(start.noise_variance - lesson.floor**2, 1e-4 * start.noise_variance)
@@ -178,6 +181,26 @@ def sogp(lesson: Lesson) -> Trained:
     return Trained(online.condition, lesson.kept)
 
 
+def local_gp(lesson: Lesson) -> Trained:
+    """Local processes of `basis` samples each, with an exact process's parameters; that process guides."""
+    from etude.models.gp.local import LocalGP
+
+    gp = trained_process(lesson)
+    return Trained(LocalGP(gp, capacity=lesson.basis).condition, lesson.moving, _guide(gp, lesson))
+
+
+def lwpr(lesson: Lesson) -> Trained:
+    """Receptive fields on every moving sample; an exact process is trained beside them, to guide."""
+    from etude.models.lwpr.regression import LWPR
+
+    member = LWPR(noise_floor=lesson.floor)
+    return Trained(member.condition, lesson.moving, _guide(trained_process(lesson), lesson))
+
+
+def _guide(gp: ExactGP, lesson: Lesson) -> Posterior:
+    return gp.condition(lesson.X[lesson.kept], lesson.y[lesson.kept])
+
+
 PROCESSES: dict[str, Member] = {
     "exact": exact,
     "dictionary_variance": dictionary("variance"),
@@ -187,6 +210,8 @@ PROCESSES: dict[str, Member] = {
     "fitc": inducing("fitc"),
     "vfe": inducing("vfe"),
     "sogp": sogp,
+    "local_gp": local_gp,
+    "lwpr": lwpr,
 }
 """The members by the name that `model.process` gives."""
 SPECTRAL = ("ssgp_fixed", "ssgp_learned")

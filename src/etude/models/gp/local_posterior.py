@@ -1,4 +1,4 @@
-"""What local Gaussian processes predict together: the mean of the paper, and a product of experts' variance."""
+"""What local Gaussian processes predict together: a blend of means, a product of experts' variance."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Blend:
 
     @classmethod
     def of(cls, X: Array, centres: Array, lengths: Array, nearest: int) -> Blend:
-        """Activations exp(-|(x - c)/lengths|²/2), the `nearest` of them; relative, so far away one has all."""
+        """Activations exp(-|(x - c)/lengths|²/2), the `nearest`; relative, so far away one has all."""
         U, C = X / lengths, centres / lengths
         squared = np.stack([np.square(U - c).sum(axis=1) for c in C], axis=1)
         if nearest < len(C):
@@ -147,7 +147,7 @@ class LocalPosterior:
         X = self._inputs(X)
         blend = self._blend(X)
         means, _ = blended(blend, self.models, X, self._least)
-        gradient = self._share_slope(X, blend, means)
+        gradient = self._share_slope(blend, means)
         for k, model in enumerate(self.models):
             rows = np.flatnonzero(blend.shares[:, k])
             if len(rows):
@@ -161,7 +161,7 @@ class LocalPosterior:
         means, variances = blended(blend, self.models, X, self._least)
         _, variance = combined(blend, means, variances)
         outer = -g * variance**2  # d variance = -variance² d(precision)
-        gradient = outer[:, None] * self._share_slope(X, blend, 1.0 / variances)
+        gradient = outer[:, None] * self._share_slope(blend, 1.0 / variances)
         for k, model in enumerate(self.models):
             rows = np.flatnonzero(blend.shares[:, k])
             if len(rows):
@@ -169,11 +169,11 @@ class LocalPosterior:
                 gradient[rows] += model.variance_gradient(X[rows], own)
         return gradient
 
-    def covariance(self, X: Array, Z: Array) -> Array:
+    def covariance(self, X: Array, Z: Array) -> Array:  # noqa: ARG002
         """Not defined for local processes: UsageError."""
         raise _no_covariance()
 
-    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:
+    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:  # noqa: ARG002
         """Not defined for local processes: UsageError."""
         raise _no_covariance()
 
@@ -184,11 +184,11 @@ class LocalPosterior:
     def _blend(self, X: Array) -> Blend:
         return Blend.of(X, self.centres, self.lengths, self.nearest)
 
-    def _share_slope(self, X: Array, blend: Blend, values: Array) -> Array:
+    def _share_slope(self, blend: Blend, values: Array) -> Array:
         """(T, D) gradient of sum_k shares_k values_k with the values held fixed."""
         apart = blend.shares * (values - np.einsum("tk,tk->t", blend.shares, values)[:, None])
         # d log w_k / dx = -(x - c_k) / lengths²; the terms in x cancel, for `apart` sums to 0
-        return (apart @ self.centres) / self.lengths**2
+        return np.asarray((apart @ self.centres) / self.lengths**2)
 
     def _inputs(self, X: Array) -> Array:
         X = np.asarray(X, dtype=float)

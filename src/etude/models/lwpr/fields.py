@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,10 @@ from etude.models.gp.exact import checked_data
 from etude.models.lwpr import steps
 from etude.models.lwpr.posterior import LWPRPosterior
 
-if TYPE_CHECKING:
-    from etude.models.lwpr.regression import LWPR
-
 Array = NDArray[np.float64]
 
 ROOM = 64
 """Fields that there is room for at first; doubled when full."""
-ACTIVE = 1e-3
-"""Fields that a sample activates less learn nothing from it (as in the authors' code)."""
 NEIGHBOURS, NEIGHBOUR_SHARE = 15, 0.01
 """Samples that a new field weighs by half or more: so many, or this share of the data if that is more."""
 SOME = 300
@@ -76,30 +71,22 @@ class ReceptiveFields:
 
     Attributes:
         samples: number absorbed.
+
+    Args:
+        rule: numbers of the algorithm. directions: most directions of a field.
+        noise_floor: least noise deviation, output units.
     """
 
-    def __init__(self, options: LWPR, scales: Scales) -> None:
+    def __init__(self, rule: steps.Rule, scales: Scales, directions: int, noise_floor: float) -> None:
         D = len(scales.centre)
-        R = D if options.directions is None else min(D, int(options.directions))
-        self.options, self.scales, self.samples = options, scales, 0
-        self._fields = _room(ROOM, R, D)
+        self.scales, self.noise_floor, self.samples = scales, noise_floor, 0
+        self._rule = rule
+        self._fields = _room(ROOM, min(D, directions), D)
         self._first = np.sqrt(scales.metric) * np.eye(D)
         self._work = np.zeros((2 * D + 2, D))
-        self._rule = steps.Rule(
-            options.generate,
-            options.prune,
-            ACTIVE,
-            options.add,
-            options.penalty,
-            options.rate,
-            options.forget,
-            options.forget_last,
-            options.annealing,
-            options.full,
-        )
 
     def __len__(self) -> int:
-        return int(self._fields.count[0])
+        return int(self._fields.used[0])
 
     @property
     def directions(self) -> NDArray[np.int64]:
@@ -128,19 +115,19 @@ class ReceptiveFields:
                 self._fields, U, target, order, first, self._first, self._rule, self._work
             )
             if status == steps.FULL:
-                self._fields = steps.Fields(*(_doubled(a) if len(a) > 1 else a for a in self._fields))
+                self._fields = _doubled(self._fields)
         self.samples += len(y)
 
     def posterior(self) -> LWPRPosterior:
         """A copy for prediction, in the units of the data."""
-        used = steps.Fields(*(a[: len(self)] if len(a) > 1 else a for a in self._fields))
+        used = _part(self._fields, len(self))
         slope, spread = _local_models(used)
         s, out = self.scales, self.scales.output
         free = np.maximum(used.W - used.freedom, 0.1 * used.W)
         residual = out**2 * used.E / free
         noise = float(np.sum(used.W * residual) / np.sum(used.W))
         return LWPRPosterior(
-            noise_variance=max(noise, self.options.noise_floor**2, LEAST_NOISE * out**2),
+            noise_variance=max(noise, self.noise_floor**2, LEAST_NOISE * out**2),
             signal_variance=out**2,
             c=s.centre + used.c * s.spread,
             x0=s.centre + used.x0 * s.spread,
@@ -174,7 +161,7 @@ def _room(K: int, R: int, D: int) -> steps.Fields:
         return np.zeros(K, dtype=np.int64)
 
     return steps.Fields(
-        count=np.zeros(1, dtype=np.int64),
+        used=np.zeros(1, dtype=np.int64),
         c=np.zeros((K, D)),
         M=np.zeros((K, D, D)),
         seen=counters(),
@@ -199,5 +186,13 @@ def _room(K: int, R: int, D: int) -> steps.Fields:
     )
 
 
-def _doubled(array: NDArray) -> NDArray:  # type: ignore[type-arg]
-    return np.concatenate([array, np.zeros_like(array)])
+def _doubled(fields: steps.Fields) -> steps.Fields:
+    """The same fields with twice the room."""
+    arrays: list[Any] = list(fields[1:])
+    return steps.Fields(fields.used, *(np.concatenate([a, np.zeros_like(a)]) for a in arrays))
+
+
+def _part(fields: steps.Fields, K: int) -> steps.Fields:
+    """Views of the first K fields."""
+    arrays: list[Any] = list(fields[1:])
+    return steps.Fields(fields.used, *(a[:K] for a in arrays))

@@ -13,7 +13,7 @@ from etude.errors import UsageError
 Array = NDArray[np.float64]
 
 BACKGROUND = 1e-5
-"""Weight of the background: far from all fields the prediction returns to 0 and the variance to the signal's."""
+"""Weight of the background: far from all fields the mean returns to 0, the variance to the signal's."""
 BLOCK = 1_000_000
 """Numbers in the largest array of a prediction: inputs are dealt with in blocks."""
 
@@ -92,11 +92,11 @@ class LWPRPosterior:
             gradient[part] = np.asarray(g)[part, None] * self._variance_slope(X[part])
         return gradient
 
-    def covariance(self, X: Array, Z: Array) -> Array:
+    def covariance(self, X: Array, Z: Array) -> Array:  # noqa: ARG002
         """Not defined for LWPR: UsageError."""
         raise no_covariance()
 
-    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:
+    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:  # noqa: ARG002
         """Not defined for LWPR: UsageError."""
         raise no_covariance()
 
@@ -116,19 +116,20 @@ class LWPRPosterior:
     def _doubt(self, local: _Local, mean: Array) -> Array:
         """Sum of w ((y - mean)² + s² (1 + w h)), the background's share included."""
         own = (local.y - mean) ** 2 + self.residual[:, None] * (1.0 + local.w * local.h)
-        return np.einsum("kt,kt->t", local.w, own) + BACKGROUND * (mean**2 + self.signal_variance)
+        of_fields: Array = np.einsum("kt,kt->t", local.w, own)
+        return of_fields + BACKGROUND * (mean**2 + self.signal_variance)
 
     def _limited(self, bound: Array) -> Array:
         return bound * self.signal_variance / (bound + self.signal_variance)
 
     def _mean_slope(self, local: _Local, total: Array, mean: Array) -> Array:
         pull = self._weight_slope(local, local.w * (local.y - mean))
-        return (pull + np.einsum("kt,kd->td", local.w, self.slope)) / total[:, None]
+        return np.asarray((pull + np.einsum("kt,kd->td", local.w, self.slope)) / total[:, None])
 
     def _weight_slope(self, local: _Local, G: Array) -> Array:
         """sum_k G_k d log w_k / dx, (T, D)."""
         along = (local.from_centre @ self.F.transpose(0, 2, 1)) @ self.F
-        return -np.einsum("kt,ktd->td", G, along)
+        return -np.asarray(np.einsum("kt,ktd->td", G, along))
 
     def _variance_slope(self, X: Array) -> Array:
         local = self._local(X)

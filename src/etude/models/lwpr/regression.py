@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+ACTIVE = 1e-3
+"""Fields that a sample activates less learn nothing from it."""
+
+
 @dataclass(frozen=True)
 class LWPR:
     """Locally weighted projection regression with its knobs (keeps `contracts.Regressor.condition`).
@@ -81,12 +85,26 @@ class LWPR:
         Raises DataError for unusable X or y.
         """
         from etude.models.lwpr.fields import ReceptiveFields, Scales
+        from etude.models.lwpr.steps import Rule
 
         X, y = checked_data(X, y)
-        return ReceptiveFields(self, Scales.of(X, y, self.metric))
+        rule = Rule(
+            generate=self.generate,
+            prune=self.prune,
+            active=ACTIVE,
+            add=self.add,
+            penalty=self.penalty,
+            rate=self.rate,
+            forget=self.forget,
+            forget_last=self.forget_last,
+            annealing=self.annealing,
+            full=self.full,
+        )
+        most = X.shape[1] if self.directions is None else self.directions
+        return ReceptiveFields(rule, Scales.of(X, y, self.metric), most, self.noise_floor)
 
     def condition(self, X: Array, y: Array) -> LWPRPosterior:
-        """The posterior after `passes` passes through X (n, D) and centred y (n,), in random but fixed orders.
+        """The posterior after `passes` passes through X (n, D), centred y (n,), in random but fixed orders.
 
         Raises DataError for unusable X or y.
         """

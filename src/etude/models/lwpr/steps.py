@@ -21,7 +21,7 @@ TINY = 1e-10
 LEAST_FREE = 0.1
 """Least 1 - h: the leave-one-out error is at most ten times the residual."""
 LARGEST_STEP = 0.1
-"""A gradient step that would change the metric's factor by more than this part of it halves the rate instead."""
+"""A gradient step that would change M by more than this part of it halves the rate instead."""
 DONE, FULL = 0, 1
 
 
@@ -39,20 +39,20 @@ class Fields(NamedTuple):
     All sums are weighted by w and forgotten with `forget`.
 
     Attributes:
-        count: (1,) fields in use.
+        used: (1,) fields in use.
         c: (K, D) centres; M: (K, D, D) upper triangular factors of the metrics, diagonal unless learned full.
         seen: (K,) samples absorbed; added: (K,) of them, before the newest direction was added.
         r: (K,) directions in use, the newest included. rate: (K,) of the metric's gradient steps.
         forget: (K,) forgetting factor. W: (K,) sum of weights.
         x0: (K, D), y0: (K,) weighted means.
         u: (K, R, D) sums of w z res, the directions; SZ: (K, R, D) of w z s.
-        SS, SR: (K, R) sums of w s², w s res. Q: (K, R + 1) of w res² before each direction and after the last,
-        WQ: (K, R + 1) the weights in these.
+        SS, SR: (K, R) sums of w s², w s res. Q: (K, R + 1) of w res² before each direction and after the
+        last, WQ: (K, R + 1) the weights in these.
         H: (K, R), G: (K, R) memory of the metric's gradient, the paper's H and R.
         E: (K,) sum of w e_cv²; E0: (K,) of w e². freedom: (K,) of w h, the degrees of freedom used.
     """
 
-    count: Index
+    used: Index
     c: Array
     M: Array
     seen: Index
@@ -101,13 +101,15 @@ def activation(fields: Fields, k: int, x: Array, full: bool) -> float:
             for j in range(i + 1, len(x)):
                 along += fields.M[k, i, j] * (x[j] - fields.c[k, j])
         distance += along * along
-    return np.exp(-0.5 * distance)
+    w: float = np.exp(-0.5 * distance)
+    return w
 
 
 @_compile
 def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     """A new field at x with metric MᵀM and two directions (table 3)."""
-    k, D = fields.count[0], len(x)
+    D = len(x)
+    k: int = fields.used[0]
     fields.c[k] = x
     fields.M[k] = M
     fields.seen[k] = fields.added[k] = 0
@@ -121,14 +123,14 @@ def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
         table[k] = 0.0
     fields.u[k] = 0.0
     fields.SZ[k] = 0.0
-    fields.count[0] = k + 1
+    fields.used[0] = k + 1
     return k
 
 
 @_compile
 def _remove(fields: Fields, k: int) -> None:
     """The last field takes the place of field k."""
-    last = fields.count[0] - 1
+    last = fields.used[0] - 1
     fields.c[k], fields.M[k], fields.x0[k] = fields.c[last], fields.M[last], fields.x0[last]
     fields.u[k], fields.SZ[k] = fields.u[last], fields.SZ[last]
     for table in (fields.SS, fields.SR, fields.Q, fields.WQ, fields.H, fields.G):
@@ -137,7 +139,7 @@ def _remove(fields: Fields, k: int) -> None:
         column[k] = column[last]
     for counter in (fields.seen, fields.added, fields.r):
         counter[k] = counter[last]
-    fields.count[0] = last
+    fields.used[0] = last
 
 
 @_compile
@@ -150,7 +152,7 @@ def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: 
         z[d] = x[d] - fields.x0[k, d]
     fields.y0[k] += w * (y - fields.y0[k]) / total
     fields.W[k] = total
-    residual = y - fields.y0[k]
+    residual: float = y - fields.y0[k]
     for i in range(fields.r[k]):
         fields.Q[k, i] = keep * fields.Q[k, i] + w * residual * residual
         fields.WQ[k, i] = keep * fields.WQ[k, i] + w
@@ -192,7 +194,7 @@ def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> fl
     fields.E0[k] = keep * fields.E0[k] + w * e * e
     fields.freedom[k] = keep * fields.freedom[k] + w * used
     W = fields.W[k]
-    slope = e_cv * e_cv / W - fields.E[k] / (W * W)
+    slope: float = e_cv * e_cv / W - fields.E[k] / (W * W)
     for i in range(fields.r[k]):
         SS = max(fields.SS[k, i], TINY)
         slope -= 2.0 / W * (s[i] / SS * e * fields.H[k, i] + (s[i] / SS) ** 2 * fields.G[k, i])
@@ -278,11 +280,11 @@ def absorb(
     `work` is (2 D + 2, D), to write on.
     """
     for n in range(first, len(order)):
-        if fields.count[0] >= len(fields.c):
+        if fields.used[0] >= len(fields.c):
             return n, FULL
         x, target = X[order[n]], y[order[n]]
         best, second, top, next_top = -1, -1, 0.0, 0.0
-        for k in range(fields.count[0]):
+        for k in range(fields.used[0]):
             w = activation(fields, k, x, rule.full)
             if w > top:
                 second, next_top, best, top = best, top, k, w
