@@ -15,6 +15,7 @@ from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.models.guided import GuidedPosterior
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
 
@@ -46,6 +47,8 @@ reference_points = 20
         ("dictionary_variance", ExactPosterior),
         ("ssgp_fixed", SparseSpectrumPosterior),
         ("vfe", BasisPosterior),
+        ("local_gp", GuidedPosterior),
+        ("lwpr", GuidedPosterior),
     ],
 )
 def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
