@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
 from etude.models.gp.exact import checked_data
 from etude.models.lwpr import steps
 from etude.models.lwpr.posterior import LWPRPosterior
@@ -119,7 +119,9 @@ class ReceptiveFields:
         self.samples += len(y)
 
     def posterior(self) -> LWPRPosterior:
-        """A copy for prediction, in the units of the data."""
+        """A copy for prediction, in the units of the data. DataError before the first sample."""
+        if not self.samples:
+            raise DataError("the fields have seen no sample yet")
         used = _part(self._fields, len(self))
         slope, spread = _local_models(used)
         s, out = self.scales, self.scales.output
