@@ -243,6 +243,23 @@ def test_impossible_input_is_refused_and_leaves_the_fields_as_they_were() -> Non
             LWPR(**changes)
 
 
+def test_forgetting_is_annealed_and_young_fields_predict_their_mean() -> None:
+    X, y = data(200)
+    lwpr = LWPR(metric=1e-3, rate=0.0, forget=0.9, forget_last=0.99, annealing=0.98)
+    fields = lwpr.begin(X, y)
+    fields.observe(X[:6], y[:6])
+    posterior = fields.posterior()
+    np.testing.assert_array_equal(posterior.slope, 0.0)
+    np.testing.assert_allclose(posterior.predict(X[:2])[0], posterior.level[0], rtol=1e-4)
+    fields.observe(X[6:], y[6:])
+    assert np.abs(fields.posterior().slope).min() > 0.0
+    assert fields._fields.forget[0] == pytest.approx(0.99 - 0.09 * 0.98**200)
+    used = fields._fields
+    residual = used.E[0] / (used.W[0] - used.freedom[0]) * np.var(y)
+    assert fields.posterior().residual[0] == pytest.approx(residual)
+    assert used.freedom[0] > 1.0
+
+
 def test_one_sample_at_a_time_is_the_same_as_many() -> None:
     X, y = data(50)
     one, many = LWPR().begin(X, y), LWPR().begin(X, y)
