@@ -182,11 +182,11 @@ def sogp(lesson: Lesson) -> Trained:
 
 
 def local_gp(lesson: Lesson) -> Trained:
-    """Local processes of `basis` samples each, with an exact process's parameters; that process guides."""
+    """Local processes of `points` samples each, with an exact process's parameters; that process guides."""
     from etude.models.gp.local import LocalGP
 
     gp = trained_process(lesson)
-    return Trained(LocalGP(gp, capacity=lesson.basis).condition, lesson.moving, _guide(gp, lesson))
+    return Trained(LocalGP(gp, capacity=lesson.points).condition, lesson.moving, _guide(gp, lesson))
 
 
 def lwpr(lesson: Lesson) -> Trained:
