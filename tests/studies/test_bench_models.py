@@ -14,7 +14,18 @@ from etude.studies.model_members import MEMBERS
 from etude.studies.registry import run_bench
 
 DICTIONARIES = ("dictionary_variance", "dictionary_error")
-MODELS = ("exact", "downsampled", *DICTIONARIES, "ssgp_fixed", "ssgp_learned", "fitc", "vfe", "sogp")
+MODELS = (
+    "exact",
+    "downsampled",
+    *DICTIONARIES,
+    "ssgp_fixed",
+    "ssgp_learned",
+    "fitc",
+    "vfe",
+    "sogp",
+    "local_gp",
+    "lwpr",
+)
 
 
 @pytest.fixture(autouse=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.models.contracts import HasKernel, Posterior
+from etude.models.guided import guide_of
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
@@ -67,10 +68,12 @@ class Trained:
         condition: inputs (n, D) and centred outputs (n,) -> posterior. Called again without each trajectory
             to calibrate the variance, unless the posterior can leave its samples out in closed form.
         taught: positions in the lesson of the samples to condition on.
+        guide: for a member without covariances, the process that designs the next motion in its place.
     """
 
     condition: Callable[[Array, Array], Posterior]
     taught: Index
+    guide: Posterior | None = None
 
 
 Member = Callable[[Lesson], Trained]
@@ -94,7 +97,7 @@ def is_held(lesson: Lesson, schedule: Schedule) -> bool:
 
 def _fitting(lesson: Lesson) -> HasKernel | None:
     """The earlier posterior, if it has hyperparameters of the same kernel."""
-    start: object = lesson.start
+    start: object = None if lesson.start is None else guide_of(lesson.start)
     if not isinstance(start, HasKernel) or start.kernel != lesson.kernel:
         return None
     return start
@@ -108,7 +111,8 @@ def initial_process(lesson: Lesson) -> ExactGP:
     earlier, start = _fitting(lesson), lesson.start
     if earlier is None or start is None:
         return gp
-    learned = max(start.noise_variance - lesson.floor**2, 1e-4 * start.noise_variance)
+    noise = guide_of(start).noise_variance
+    learned = max(noise - lesson.floor**2, 1e-4 * noise)
     return gp.with_parameters(np.append(earlier.theta, 0.5 * np.log(learned)))
 
 

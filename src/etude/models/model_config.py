@@ -26,8 +26,8 @@ class ModelConfig:
         kind: one of `KINDS`, or "auto": the ladder trains all that the robot allows and chooses.
         kernel: "structured" (posture, friction, linear and remainder) or "ard_se" (thesis 2.3).
         process: member of the model family that learns each output, a name in `processes.PROCESSES`.
-        points: samples each output's process is conditioned on, or members of its dictionary, at most; the
-            other approximations learn from every moving sample.
+        points: samples each output's process is conditioned on, or members of its dictionary, or samples of
+            each of its local processes, at most; the other approximations learn from every moving sample.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the

@@ -12,6 +12,7 @@ from etude.models.calibration import contiguous_blocks, inflation
 from etude.models.contracts import Posterior
 from etude.models.dataset import Dataset
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.guided import GuidedPosterior
 from etude.models.lesson import Lesson, Trained, is_held, on_schedule
 from etude.models.model_config import FLOORS, ModelConfig
 from etude.models.processes import PROCESSES
@@ -100,9 +101,13 @@ def train_output(
             scale = held.scale() if config.calibrate else 1.0
             density = held.density(scale)
         if best is None or density > best[0]:
-            best = density, OutputProcess(posterior, offset, scale)
+            best = density, OutputProcess(_guided(posterior, trained), offset, scale)
     assert best is not None
     return best[1]
+
+
+def _guided(posterior: Posterior, trained: Trained) -> Posterior:
+    return posterior if trained.guide is None else GuidedPosterior(posterior, trained.guide)
 
 
 def _kernel(config: ModelConfig, dof: int, width: int, axis: int) -> Kernel:

@@ -14,6 +14,7 @@ from etude.models.lesson import Lesson, Member, Trained, initial_process, traine
 from etude.models.thesis_dictionary import thesis_dictionary
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
+    from etude.models.gp.exact import ExactGP
     from etude.models.gp.inducing import Form
     from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 
@@ -123,6 +124,26 @@ def sogp(lesson: Lesson) -> Trained:
     return Trained(online.condition, lesson.kept)
 
 
+def local_gp(lesson: Lesson) -> Trained:
+    """Local processes of `points` samples each, with an exact process's parameters; that process guides."""
+    from etude.models.gp.local import LocalGP
+
+    gp = trained_process(lesson)
+    return Trained(LocalGP(gp, capacity=lesson.points).condition, lesson.moving, _guide(gp, lesson))
+
+
+def lwpr(lesson: Lesson) -> Trained:
+    """Receptive fields on every moving sample; an exact process is trained beside them, to guide."""
+    from etude.models.lwpr.regression import LWPR
+
+    member = LWPR(noise_floor=lesson.floor)
+    return Trained(member.condition, lesson.moving, _guide(trained_process(lesson), lesson))
+
+
+def _guide(gp: ExactGP, lesson: Lesson) -> Posterior:
+    return gp.condition(lesson.X[lesson.kept], lesson.y[lesson.kept])
+
+
 PROCESSES: dict[str, Member] = {
     "exact": exact,
     "dictionary_variance": dictionary("variance"),
@@ -134,6 +155,8 @@ PROCESSES: dict[str, Member] = {
     "fitc": inducing("fitc"),
     "vfe": inducing("vfe"),
     "sogp": sogp,
+    "local_gp": local_gp,
+    "lwpr": lwpr,
 }
 """The members by the name that `model.process` gives."""
 SPECTRAL = ("ssgp_fixed", "ssgp_learned")
