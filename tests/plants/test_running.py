@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from arm_examples import MIDDLE, Sines
@@ -31,7 +33,7 @@ def part(inputs: LoopInputs, rows: slice) -> LoopInputs:
 
 
 def in_pieces(running: RunningArm, inputs: LoopInputs, edges: list[int]) -> list[Trace]:
-    return [running.advance(part(inputs, slice(a, b))) for a, b in zip(edges, edges[1:], strict=False)]
+    return [running.advance(part(inputs, slice(a, b))) for a, b in itertools.pairwise(edges)]
 
 
 def joined(traces: list[Trace], field: str) -> np.ndarray:

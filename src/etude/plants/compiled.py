@@ -304,8 +304,8 @@ def open_loop(arm: ArmParameters, q: Array, v: Array, z: Array, volts: Array) ->
 
 def at_rest(q: Array) -> LoopState:
     """The state before the first control tick: at rest at the angles q (dof,)."""
-    q, dof = np.array(q, dtype=np.float64), len(q)
-    return LoopState(q, *(np.zeros(dof) for _ in range(4)), np.zeros(1, dtype=np.int64))
+    v, z, before, rate = np.zeros((4, len(q)))
+    return LoopState(np.array(q, dtype=np.float64), v, z, before, rate, np.zeros(1, dtype=np.int64))
 
 
 def advance(

@@ -33,7 +33,7 @@ def _predict_row(rng: np.random.Generator) -> Row:
         process(RATE_NOISE).condition(rng.normal(size=(POINTS, INPUTS)), rng.normal(size=POINTS))
         for _ in range(OUTPUTS)
     ]
-    mean, inputs = PointMean.of(posteriors), rng.normal(size=(REPEATS, INPUTS))
+    mean, inputs = PointMean(posteriors), rng.normal(size=(REPEATS, INPUTS))
     value = _median_us(lambda i: mean(inputs[i]))
     return Row("predict_one_point_us", value, "us", f"aim; {OUTPUTS} outputs, n = {POINTS}", AIM_PREDICT_US)
 

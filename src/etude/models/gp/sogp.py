@@ -16,6 +16,7 @@ from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import triangular_inverse
 from etude.models.gp.exact import checked_data
 from etude.models.gp.kernels import Kernel
+from etude.models.gp.point_kernel import PointCovariances
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -115,6 +116,7 @@ class OnlineProcess:
         self.prior = prior
         self.samples, self.log_density, self._diagonal_sum = 0, 0.0, 0.0
         self.basis = np.zeros((0, inputs))
+        self._point = PointCovariances(prior.kernel, prior.theta, inputs)
         self._L, self._S, self._m = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
 
     @property
@@ -144,7 +146,11 @@ class OnlineProcess:
         sn² is too small; the process is then as it was.
         """
         x, own = self._checked(x, y)
-        a = self._whitened(x[None])[:, 0]
+        a = (
+            np.asarray(dtrtrs(self._L, self._point(x, self.basis), lower=1)[0])
+            if len(self.basis)
+            else self._m
+        )
         novelty = max(own - float(a @ a), 0.0)
         mean = float(a @ self._m)
         variance = novelty + max(float(a @ self._S @ a), 0.0) + self.prior.noise_variance
@@ -199,7 +205,7 @@ class OnlineProcess:
             raise UsageError(f"expected an input of shape {self.basis.shape[1:]}, got {x.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y)):
             raise DataError("a sample contains NaN or infinite values", next_step="Skip it.")
-        own = float(self.prior.kernel.diagonal(self.prior.theta, x[None])[0])
+        own = float(self._point(x, x[None])[0])
         if not self.prior.noise_variance >= LEAST_NOISE * own:
             raise NumericalError(
                 f"noise variance {self.prior.noise_variance:.1e} is below {LEAST_NOISE:.0e} of the prior "
