@@ -127,6 +127,11 @@ class DictionaryStream:
             explained = np.einsum("ij,ij->i", K @ self._members.P[:n, :n], K)
             return K @ self._members.alpha[:n], np.maximum(prior - explained, 0.0)
 
+    def mean(self, x: Array) -> float:
+        """Mean at one input x (D,), thesis (2.5): O(u), for a controller's tick."""
+        n = len(self)
+        return float(self._point(x, self._members.X[:n]) @ self._members.alpha[:n])
+
     def posterior(self) -> ExactPosterior:
         """The exact process given the members; its noise variance is d. DataError if there are none."""
         if not len(self):

@@ -118,6 +118,7 @@ class OnlineProcess:
         self.basis = np.zeros((0, inputs))
         self._point = PointCovariances(prior.kernel, prior.theta, inputs)
         self._L, self._S, self._m = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+        self._weights: Array | None = None
 
     @property
     def alpha(self) -> Array:
@@ -161,6 +162,7 @@ class OnlineProcess:
         self._S = self._S - np.outer(Sa / variance, Sa)
         if len(self._m) > self.prior.capacity:
             self._delete(int(np.argmin(self.scores())))
+        self._weights = None
         self.samples += 1
         self._diagonal_sum += own
         self.log_density -= 0.5 * ((y - mean) ** 2 / variance + float(np.log(2.0 * np.pi * variance)))
@@ -181,6 +183,14 @@ class OnlineProcess:
         removed = np.einsum("ut,ut->t", A, A - self._S @ A)
         prior = self.prior.kernel.diagonal(self.prior.theta, X)
         return A.T @ self._m, np.maximum(prior - removed, 0.0)
+
+    def mean(self, x: Array) -> float:
+        """Mean at one input x (D,): O(u), after O(u²) if there was an update since."""
+        if not len(self.basis):
+            return 0.0
+        if self._weights is None:
+            self._weights = np.asarray(dtrtrs(self._L, self._m, lower=1, trans=1)[0])
+        return float(self._point(x, self.basis) @ self._weights)
 
     def posterior(self) -> BasisPosterior:
         """A copy that later updates leave alone, O(u³); DataError before the first sample."""
