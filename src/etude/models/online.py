@@ -44,11 +44,6 @@ class OnlineConfig:
     guarded: bool = True
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            known = ", ".join(METHODS)
-            raise UsageError(
-                f"there is no online method {self.method!r}", next_step=f"Choose one of: {known}."
-            )
         for name in ("size", "frequencies"):
             if getattr(self, name) < 1:
                 raise UsageError(f"{name} must be at least 1, got {getattr(self, name)}")
