@@ -20,7 +20,8 @@ class OnlineConfig:
 
     Attributes:
         method: a name in `online_methods.METHODS`.
-        size: members of a dictionary or basis points of the sparse online process, at most.
+        size: members of a dictionary or basis points of the sparse online process, at most; None for the
+            method's own (`online_methods.DICTIONARY_SIZE`, `BASIS_SIZE`).
         frequencies: of a squared exponential term of the incremental spectrum, at most.
         half_life: s in which what a dictionary's member is worth halves, or in which a sample of the
             incremental spectrum comes to count half; None forgets nothing. The sparse online process cannot.
@@ -34,7 +35,7 @@ class OnlineConfig:
     """
 
     method: str = "variance"
-    size: int = 300
+    size: int | None = None
     frequencies: int = 60
     half_life: float | None = None
     rate_hz: float = 10.0
@@ -45,8 +46,9 @@ class OnlineConfig:
 
     def __post_init__(self) -> None:
         for name in ("size", "frequencies"):
-            if getattr(self, name) < 1:
-                raise UsageError(f"{name} must be at least 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise UsageError(f"{name} must be at least 1, got {value}")
         for name in ("rate_hz", "window_s", "memory_s", "half_life"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):

@@ -15,10 +15,11 @@ from scipy.special import ndtri
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.point_kernel import Terms, kernel_terms
+from etude.models.gp.point_kernel import kernel_terms
 from etude.models.gp.spectral_features import cosine_sine
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 PER_INPUT = 10
 """Frequencies of a term for each input that it depends on, until the most allowed are reached."""
@@ -28,43 +29,35 @@ PER_INPUT = 10
 class RandomFeatures:
     """phi (n, size) with phi(x)·phi(z) close to k(x, z); see `random_features`.
 
+    Feature k is scale_k times entry wave_k of [1, cos(Ωx), sin(Ωx)] times entry line_k of [1, x].
+
     Attributes:
-        terms: the kernel.
-        frequencies: for each term (m, D) angular frequencies; none where it has no squared exponential.
+        frequencies: Ω (M, D), of all terms.
+        wave, line: (size,) positions. scale: (size,).
     """
 
-    terms: Terms
-    frequencies: tuple[Array, ...]
+    frequencies: Array
+    wave: Index
+    line: Index
+    scale: Array
 
     @property
     def inputs(self) -> int:
         """D."""
-        return int(self.terms.curve.shape[1])
+        return int(self.frequencies.shape[1])
 
     @property
     def size(self) -> int:
         """Number of features."""
-        return sum(
-            max(2 * len(own), 1) * (int(np.count_nonzero(slope)) if linear else 1)
-            for own, slope, linear in zip(self.frequencies, self.terms.slope, self.terms.linear, strict=True)
-        )
+        return len(self.scale)
 
     def transform(self, X: Array) -> Array:
         """phi (n, size) at X (n, D)."""
-        blocks = []
-        for s, frequencies in enumerate(self.frequencies):
-            wave = np.ones((len(X), 1))
-            m = len(frequencies)
-            if m:
-                wave = np.empty((len(X), 2 * m))
-                cosine_sine(X @ frequencies.T, wave[:, :m], wave[:, m:])
-                wave *= np.sqrt(np.exp(self.terms.log_variance[s]) / m)
-            if self.terms.linear[s]:
-                active = np.flatnonzero(self.terms.slope[s])
-                line = X[:, active] * np.sqrt(self.terms.slope[s, active])
-                wave = (line[:, :, None] * wave[:, None, :]).reshape(len(X), -1)
-            blocks.append(wave)
-        return np.concatenate(blocks, axis=1)
+        m = len(self.frequencies)
+        waves = np.ones((len(X), 1 + 2 * m))
+        cosine_sine(X @ self.frequencies.T, waves[:, 1 : 1 + m], waves[:, 1 + m :])
+        lines = np.concatenate([np.ones((len(X), 1)), X], axis=1)
+        return np.asarray(self.scale * waves[:, self.wave] * lines[:, self.line])
 
 
 def random_features(
@@ -81,13 +74,33 @@ def random_features(
     if most < 1:
         raise UsageError(f"at least one frequency is needed, got {most}")
     terms = kernel_terms(kernel, theta, inputs)
-    frequencies = []
-    for curve, curved in zip(terms.curve, terms.curved, strict=True):
-        m = min(most, PER_INPUT * int(np.count_nonzero(curve))) if curved else 0
-        strata = rng.permuted(np.tile(np.arange(m)[:, None], (1, inputs)), axis=0)
-        normal = ndtri((strata + rng.uniform(size=strata.shape)) / max(m, 1))
-        frequencies.append(normal * np.sqrt(curve))
-    return RandomFeatures(terms, tuple(frequencies))
+    counts = [
+        min(most, PER_INPUT * int(np.count_nonzero(curve))) if curved else 0
+        for curve, curved in zip(terms.curve, terms.curved, strict=True)
+    ]
+    total, first = sum(counts), 1
+    places, scales = [], []
+    for s, m in enumerate(counts):
+        own = first + np.arange(m)
+        waves = np.concatenate([own, own + total]) if m else np.zeros(1, dtype=np.int64)
+        active = np.flatnonzero(terms.slope[s])
+        lines = active + 1 if terms.linear[s] else np.zeros(1, dtype=np.int64)
+        slopes = np.sqrt(terms.slope[s, active]) if terms.linear[s] else np.ones(1)
+        places.append(np.stack(np.meshgrid(waves, lines, indexing="ij")).reshape(2, -1))
+        amplitude = np.sqrt(np.exp(terms.log_variance[s]) / max(m, 1))
+        scales.append(np.tile(amplitude * slopes, len(waves)))
+        first += m
+    frequencies = [
+        _stratified(m, inputs, rng) * np.sqrt(curve) for m, curve in zip(counts, terms.curve, strict=True)
+    ]
+    wave, line = np.concatenate(places, axis=1)
+    return RandomFeatures(np.concatenate(frequencies), wave, line, np.concatenate(scales))
+
+
+def _stratified(count: int, inputs: int, rng: np.random.Generator) -> Array:
+    """(count, inputs) standard normal numbers; along each input, one in each of equally likely strata."""
+    strata = rng.permuted(np.tile(np.arange(count)[:, None], (1, inputs)), axis=0)
+    return np.asarray(ndtri((strata + rng.uniform(size=strata.shape)) / max(count, 1)))
 
 
 @dataclass(frozen=True, eq=False)
