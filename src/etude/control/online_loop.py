@@ -32,6 +32,7 @@ class OnlineRun:
         log: as of any run; t starts at 0 with the first pass, the lead-in lies before.
         weights: (T, dof) part of each command that came from the updated model.
         predict_s, update_s: (T,) seconds that each tick spent on its feedforward and on learning.
+        learned: (T,) whether an output learned a sample in that tick.
         passes: how often the trajectory was run.
     """
 
@@ -39,6 +40,7 @@ class OnlineRun:
     weights: Array
     predict_s: Array
     update_s: Array
+    learned: NDArray[np.bool_]
     passes: int
 
     def pass_errors(self) -> Array:
@@ -119,7 +121,7 @@ def _run(
 ) -> OnlineRun:
     T, dof = samples.q.shape
     rows = {name: np.empty((T, dof)) for name in ("q", "q_true", "tau", "tau_fb", "tau_ff")}
-    weights, spent = np.zeros((T, dof)), np.zeros((T, 2))
+    weights, spent, learned = np.zeros((T, dof)), np.zeros((T, 2)), np.zeros(T, dtype=np.bool_)
     limit = robot.spec.command
     for k in range(T):
         while due and samples.t[k] >= due[0][0]:
@@ -139,7 +141,7 @@ def _run(
             rows[name][k] = getattr(trace, name)[0]
         if online is not None:
             start = time.perf_counter()
-            online.observe(float(samples.t[k]), trace.q[0], trace.tau[0])
+            learned[k] = online.observe(float(samples.t[k]), trace.q[0], trace.tau[0]) > 0
             spent[k, 1] = time.perf_counter() - start
     log = RobotLog(
         names=robot.spec.names,
@@ -155,7 +157,7 @@ def _run(
         tau_fb=rows["tau_fb"],
         tau_ff=rows["tau_ff"],
     )
-    return OnlineRun(log, weights, spent[:, 0], spent[:, 1], passes)
+    return OnlineRun(log, weights, spent[:, 0], spent[:, 1], learned, passes)
 
 
 def _repeated(trajectory: Trajectory, rate: float, passes: int) -> TrajectorySamples:

@@ -75,8 +75,11 @@ class OnlineModel:
         self._waiting: list[deque[tuple[float, Array, float]]] = [deque() for _ in posteriors]
         self._ticks = 0
 
-    def observe(self, t: float, q: Array, tau: Array) -> None:
-        """One control tick's measurement: time in s, measured position and applied command (dof,)."""
+    def observe(self, t: float, q: Array, tau: Array) -> int:
+        """One control tick's measurement: time in s, measured position and applied command (dof,).
+
+        Returns the number of samples that were learned.
+        """
         self._window.push(t, q, tau)
         self.counts.ignored = self._window.ignored
         place = self._ticks % self._stride
@@ -85,9 +88,8 @@ class OnlineModel:
             sample = self._window.middle()
             if sample is not None:
                 self._judge(sample)
-        for j, learner in enumerate(self.learners):
-            if place == j * self._stride // len(self.learners):
-                self._teach(j, learner, t)
+        turn = [j for j in range(len(self.learners)) if place == j * self._stride // len(self.learners)]
+        return sum(self._teach(j, t) for j in turn)
 
     def command(self, x: Array, base: Array, frozen: Array) -> Array:
         """The command (dof,) at one planned instant, before clipping.
@@ -119,14 +121,16 @@ class OnlineModel:
             self.guards[j].judge(y[j] - frozen[j], y[j] - self.learners[j].mean(x))
             self._waiting[j].append((sample.t, x, float(y[j])))
 
-    def _teach(self, j: int, learner: OnlineOutput, now: float) -> None:
-        """The oldest waiting sample, if it has waited long enough."""
+    def _teach(self, j: int, now: float) -> bool:
+        """Output j learns its oldest waiting sample, if that has waited long enough."""
         waiting, due = self._waiting[j], now - self.config.hold_s - 0.5 * self.config.window_s
         if not waiting or waiting[0][0] > due:
-            return
+            return False
         t, x, y = waiting.popleft()
         try:
-            learner.observe(x, y, t)
-            self.counts.learned[j] += 1
+            self.learners[j].observe(x, y, t)
         except EtudeError:  # the learner is as it was
             self.counts.refused[j] += 1
+            return False
+        self.counts.learned[j] += 1
+        return True
