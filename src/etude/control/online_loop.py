@@ -31,7 +31,7 @@ class OnlineRun:
     Attributes:
         log: as of any run; t starts at 0 with the first pass, the lead-in lies before.
         weights: (T, dof) part of each command that came from the updated model.
-        predict_s, update_s: (T,) seconds that each tick spent on its feedforward and on learning.
+        predict_s, update_s: (T,) processor seconds that each tick spent on its feedforward and on learning.
         learned: (T,) whether an output learned a sample in that tick.
         passes: how often the trajectory was run.
     """
@@ -84,10 +84,10 @@ def run_online(
             where=f"{robot.name}, {robot.spec.dof} joints",
             next_step="Give one pass or more, of the robot's own joints.",
         )
-    samples = _repeated(trajectory, robot.spec.rate, passes)
-    samples = _led_in(samples, round(lead_in * robot.spec.rate), robot.spec.rate)
+    held = round(lead_in * robot.spec.rate)
+    motion = _repeated(trajectory, robot.spec.rate, passes)
+    plan, samples = _plan(motion, model, robot, held), _led_in(motion, held, robot.spec.rate)
     noise = np.zeros_like(samples.q) if rng is None else rng.normal(0.0, robot.encoder_noise, samples.q.shape)
-    plan = _plan(samples, model, robot)
     running = robot.begin(samples.q[0])
     due = sorted((changes or {}).items(), key=lambda change: change[0])
     with threads_for(0):
@@ -96,17 +96,21 @@ def run_online(
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """Along the desired motion: features (T, D), mean function and frozen feedforward (T, dof)."""
+    """Along the desired motion: features (T, D), mean function and frozen feedforward (T, dof).
+
+    During the lead-in the first row holds, as in every run.
+    """
 
     X: Array
     base: Array
     frozen: Array
 
 
-def _plan(samples: TrajectorySamples, model: InverseDynamicsModel, robot: SimulatedRobot) -> _Plan:
+def _plan(samples: TrajectorySamples, model: InverseDynamicsModel, robot: SimulatedRobot, held: int) -> _Plan:
     motion = samples.q, samples.qd, samples.qdd
     frozen = model_feedforward(model, robot.spec)(samples)
-    return _Plan(model.features.transform(*motion), model.mean_function(*motion), frozen)
+    rows = (model.features.transform(*motion), model.mean_function(*motion), frozen)
+    return _Plan(*(np.concatenate([np.repeat(x[:1], held, axis=0), x]) for x in rows))
 
 
 def _run(
@@ -126,12 +130,12 @@ def _run(
     for k in range(T):
         while due and samples.t[k] >= due[0][0]:
             running.change(due.pop(0)[1])
-        start = time.perf_counter()
+        start = time.thread_time()
         ff = plan.frozen[k]
         if online is not None:
             ff = np.clip(online.command(plan.X[k], plan.base[k], ff), -limit, limit)
             weights[k] = online.weights()
-        spent[k, 0] = time.perf_counter() - start
+        spent[k, 0] = time.thread_time() - start
         one = slice(k, k + 1)
         trace = running.advance(
             LoopInputs(samples.q[one], samples.qd[one], ff[None], noise[one], robot.substeps)
@@ -140,9 +144,9 @@ def _run(
         for name in ("q", "q_true", "tau", "tau_fb"):
             rows[name][k] = getattr(trace, name)[0]
         if online is not None:
-            start = time.perf_counter()
+            start = time.thread_time()
             learned[k] = online.observe(float(samples.t[k]), trace.q[0], trace.tau[0]) > 0
-            spent[k, 1] = time.perf_counter() - start
+            spent[k, 1] = time.thread_time() - start
     log = RobotLog(
         names=robot.spec.names,
         command_unit=robot.spec.command_unit,

@@ -12,13 +12,17 @@ class Guard:
     """The weight of an updated model beside the frozen one it started from.
 
     With errors e_f and e_u of both on a sample before it is learned, the combination f + w (u - f) has the
-    error e_f - w (e_f - e_u). The weight is the w in [0, 1] of least squared error over the remembered
-    samples, drawn towards 0 until the models have differed by more than noise:
+    error e_f - w (e_f - e_u). The w in [0, 1] of least squared error over the remembered samples, drawn
+    towards 0 until the models have differed by more than noise, is
 
-        w = Σ e_f (e_f - e_u) / (Σ (e_f - e_u)² + NEEDED sn²).
+        w* = Σ e_f (e_f - e_u) / (Σ (e_f - e_u)² + NEEDED sn²).
 
-    An updated model that predicts worse than the frozen one in every mixture gets the weight 0: the robot is
-    driven by the frozen model, while the other goes on learning and may come back.
+    It is above 1/2 where the updated model by itself errs less than the frozen one. The weight is the smooth
+    step w*² (3 - 2 w*), nearer to 0 where that is the worse model and to 1 where it is the better: without
+    it, a model that is wrong by far would serve, with a tiny weight, as an estimate of the other's bias.
+    On the remembered samples either of the two errs no more than the frozen model.
+
+    An updated model that gets no weight goes on learning and may come back.
 
     Args:
         memory: samples after which a comparison counts 1/e.
@@ -43,6 +47,7 @@ class Guard:
 
     @property
     def weight(self) -> float:
-        """w in [0, 1]."""
+        """In [0, 1]."""
         below = self._apart + self._doubt
-        return min(max(self._along / below, 0.0), 1.0) if below > 0.0 else 0.0
+        best = min(max(self._along / below, 0.0), 1.0) if below > 0.0 else 0.0
+        return best * best * (3.0 - 2.0 * best)
