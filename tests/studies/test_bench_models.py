@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
+from etude.studies import (
+    arm_accuracy,
+    bench_models,
+    model_latency,
+    model_members,
+    online,
+    online_rows,
+    ur10_accuracy,
+)
 from etude.studies.model_members import MEMBERS
 from etude.studies.registry import run_bench
 
@@ -29,6 +37,9 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(model_members, "BASIS", 20)
     monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
     monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
+    few = {name: online.RULES[name] for name in ("none", "variance", "sogp")}
+    monkeypatch.setattr(online_rows, "RULES", few)
+    monkeypatch.setattr(online, "PASS_S", 6.0)
 
 
 def test_all_rows_are_there_and_finite(capsys) -> None:
@@ -38,6 +49,7 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert found["command"] == "etude bench models --quick --json"
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
+    wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_sogp_deg"}
     wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
     wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
     wanted |= {f"fit_s_{model}" for model in MODELS}
