@@ -73,6 +73,7 @@ class OnlineModel:
         self._frozen = PointMean(posteriors)
         self._stride = max(1, round(rate / config.rate_hz))
         self._waiting: list[deque[tuple[float, Array, float]]] = [deque() for _ in posteriors]
+        self._turn = [j * self._stride // model.dof for j in range(model.dof)]
         self._ticks = 0
 
     def observe(self, t: float, q: Array, tau: Array) -> int:
@@ -88,8 +89,7 @@ class OnlineModel:
             sample = self._window.middle()
             if sample is not None:
                 self._judge(sample)
-        turn = [j for j in range(len(self.learners)) if place == j * self._stride // len(self.learners)]
-        return sum(self._teach(j, t) for j in turn)
+        return sum(self._teach(j, t) for j, turn in enumerate(self._turn) if turn == place)
 
     def command(self, x: Array, base: Array, frozen: Array) -> Array:
         """The command (dof,) at one planned instant, before clipping.

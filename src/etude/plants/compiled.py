@@ -308,35 +308,55 @@ def at_rest(q: Array) -> LoopState:
     return LoopState(np.array(q, dtype=np.float64), v, z, before, rate, np.zeros(1, dtype=np.int64))
 
 
-def advance(
-    arm: ArmParameters, state: LoopState, inputs: LoopInputs, constants: Arrays | None = None
-) -> Trace:
-    """The closed loop over the control ticks of `inputs`, from `state`, which moves along.
+class Constants(NamedTuple):
+    """What the compiled loop takes of an arm and its controller, made once."""
 
-    `constants` are `arrays(arm)` where they are at hand.
-    """
+    kp: Array
+    kd: Array
+    arm: Arrays
+    resolution: float
+    supply: float
+    tick: float
+    share: float
+
+
+def constants(arm: ArmParameters) -> Constants:
+    """Of the arm with these parameters."""
     c = arm.controller
+    return Constants(
+        kp=np.array(c.kp),
+        kd=np.array(c.kd),
+        arm=arrays(arm),
+        resolution=float(c.resolution),
+        supply=c.supply,
+        tick=c.encoder_tick,
+        share=c.velocity_filter,
+    )
+
+
+def advance(arm: Constants, state: LoopState, inputs: LoopInputs) -> Trace:
+    """The closed loop over the control ticks of `inputs`, from `state`, which moves along."""
     measured, true, tau, tau_fb = _closed_loop(
         state,
         inputs.q_des,
         inputs.qd_des,
         inputs.tau_ff,
         inputs.noise,
-        np.array(c.kp),
-        np.array(c.kd),
-        arrays(arm) if constants is None else constants,
+        arm.kp,
+        arm.kd,
+        arm.arm,
         inputs.substeps,
-        float(c.resolution),
-        c.supply,
-        c.encoder_tick,
-        c.velocity_filter,
+        arm.resolution,
+        arm.supply,
+        arm.tick,
+        arm.share,
     )
     return Trace(q=measured, q_true=true, tau=tau, tau_fb=tau_fb)
 
 
 def simulate(arm: ArmParameters, inputs: LoopInputs) -> Trace:
     """The closed loop over all control ticks, from rest at the first desired position."""
-    return advance(arm, at_rest(inputs.q_des[0]), inputs)
+    return advance(constants(arm), at_rest(inputs.q_des[0]), inputs)
 
 
 def inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from etude.plants.compiled import advance, arrays, at_rest
+from etude.plants.compiled import advance, at_rest, constants
 from etude.plants.parameters import ArmParameters
 from etude.plants.trace import Array, LoopInputs, Trace
 
@@ -21,8 +21,8 @@ class RunningArm:
 
     def change(self, parameters: ArmParameters) -> None:
         """From the next tick on the arm has these parameters; angles, rates and bristles stay."""
-        self._arm, self._constants = parameters, arrays(parameters)
+        self._arm = constants(parameters)
 
     def advance(self, inputs: LoopInputs) -> Trace:
         """Goes on over the ticks of `inputs`."""
-        return advance(self._arm, self._state, inputs, self._constants)
+        return advance(self._arm, self._state, inputs)
