@@ -52,7 +52,7 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert found["command"] == "etude bench models --quick --json"
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
-    wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_sogp_deg"}
+    wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_ssgp_deg"}
     wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
     wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
     wanted |= {f"fit_s_{model}" for model in MODELS}

@@ -27,27 +27,30 @@ class Guard:
     Args:
         memory: samples after which a comparison counts 1/e.
         noise_variance: sn² of the output.
+
+    Attributes:
+        weight: in [0, 1], after the last comparison.
     """
 
     def __init__(self, memory: float, noise_variance: float) -> None:
         self._keep = math.exp(-1.0 / memory)
         self._doubt = NEEDED * noise_variance
         self._along, self._apart = 0.0, 0.0
+        self.weight = 0.0
 
     def judge(self, frozen_error: float, updated_error: float) -> None:
         """Take in one sample; one with an error that is not finite counts fully against the updated model."""
         if not math.isfinite(frozen_error):
             return
-        if not math.isfinite(updated_error):
+        if math.isfinite(updated_error):
+            gap = frozen_error - updated_error
+            self._along = self._keep * self._along + frozen_error * gap
+            self._apart = self._keep * self._apart + gap * gap
+        else:
             self._along = min(self._along, 0.0)
-            return
-        gap = frozen_error - updated_error
-        self._along = self._keep * self._along + frozen_error * gap
-        self._apart = self._keep * self._apart + gap * gap
+        self.weight = self._step()
 
-    @property
-    def weight(self) -> float:
-        """In [0, 1]."""
+    def _step(self) -> float:
         below = self._apart + self._doubt
         best = min(max(self._along / below, 0.0), 1.0) if below > 0.0 else 0.0
         return best * best * (3.0 - 2.0 * best)
