@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
+from etude.studies import (
+    arm_accuracy,
+    bench_models,
+    model_latency,
+    model_members,
+    online_rows,
+    ur10_accuracy,
+)
 from etude.studies.model_members import MEMBERS
+from etude.studies.online import Cell, Outcome
 from etude.studies.registry import run_bench
 
 DICTIONARIES = ("dictionary_variance", "dictionary_error")
@@ -28,6 +36,11 @@ MODELS = (
 )
 
 
+def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
+    """What `test_online` tests; here only its place among the rows."""
+    return {name: Outcome([[1.0, 2.0]], (1.0, 1.0), (1.0, 1.0)) for name in rules}
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch) -> None:
     monkeypatch.setattr(bench_models, "SIZE", 40)
@@ -41,6 +54,7 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(model_members, "BASIS", 20)
     monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
     monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
+    monkeypatch.setattr(online_rows, "outcomes_of", third_passes)
 
 
 def test_all_rows_are_there_and_finite(capsys) -> None:
@@ -50,6 +64,7 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert found["command"] == "etude bench models --quick --json"
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
+    wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_ssgp_deg"}
     wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
     wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2", "msll") for model in MODELS}
     costs = ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")

@@ -29,6 +29,7 @@ MEASURES = (
     "etude.studies.model_latency:latency_rows",
     "etude.studies.ur10_accuracy:ur10_rows",
     "etude.studies.arm_accuracy:member_rows",
+    "etude.studies.online_rows:online_rows",
 )
 """module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
 

@@ -13,7 +13,7 @@ from etude.errors import UsageError
 # name -> "module:function"; the function takes json and seed (a bench perhaps quick and pythons, a study
 # also seeds and folder), and prints a table or the line of `rows_json`
 BENCHES = {"gp": "etude.studies.bench_gp:run", "models": "etude.studies.bench_models:run"}
-STUDIES = {"arm": "etude.studies.arm:run"}
+STUDIES = {"arm": "etude.studies.arm:run", "online": "etude.studies.online:run"}
 
 
 def run_bench(name: str, *, json: bool, seed: int, quick: bool = False, pythons: Sequence[Path] = ()) -> None:
