@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.models.dataset import Dataset
+from etude.models.guard import linear_fit, linear_inputs
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,5 @@ def split_blocks(dataset: Dataset) -> tuple[Dataset, Dataset]:
 
 def linear_regression(train: Dataset, test: Dataset) -> Array:
     """Commands (n, dof) at the test samples by least squares in q, qd, qdd and a constant."""
-    design, at = (np.hstack([d.q, d.qd, d.qdd, np.ones((len(d), 1))]) for d in (train, test))
-    weights, *_ = np.linalg.lstsq(design, train.tau, rcond=None)
-    return np.asarray(at @ weights)
+    weights = linear_fit(linear_inputs(train.q, train.qd, train.qdd), train.tau)
+    return np.asarray(linear_inputs(test.q, test.qd, test.qdd) @ weights)

@@ -38,6 +38,8 @@ class ModelConfig:
             from the others, at four times the cost.
         friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
         calibrate: multiply variances by the held-out z^2 where that exceeds 1.
+        guard: outputs that linear regression predicts better on trajectories held out fall back to it (see
+            `models.guard`).
     """
 
     kind: Kind | Literal["auto"] = "auto"
@@ -53,6 +55,7 @@ class ModelConfig:
     noise_floor: float | Literal["auto"] = 0.002
     friction_fraction: float = 0.02
     calibrate: bool = True
+    guard: bool = True
 
     def __post_init__(self) -> None:
         _one_of("kind", self.kind, (*KINDS, "auto"))
@@ -103,5 +106,6 @@ PRESETS = {
         noise_floor=0.0,
         friction_fraction=0.0,
         calibrate=False,
+        guard=False,
     ),
 }
