@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
+from etude.studies import (
+    arm_accuracy,
+    bench_models,
+    crazyflie_accuracy,
+    model_latency,
+    model_members,
+    real_accuracy,
+    real_logs,
+)
 from etude.studies.model_members import MEMBERS
 from etude.studies.registry import run_bench
 
@@ -38,7 +46,9 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert found["command"] == "etude bench models --quick --json"
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
-    wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
+    wanted |= {"nmse_ur10", "nmse_ur10_ladder", "crazyflie_motor_lag_ms"}
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        wanted |= {f"nmse_{log}", f"nmse_{log}_raw", f"nmse_{log}_worst_vs_linear"}
     wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
     wanted |= {f"fit_s_{model}" for model in MODELS}
     assert wanted <= set(rows)
@@ -103,10 +113,14 @@ def test_quick_has_fewer_seeds(monkeypatch) -> None:
 
 
 def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsys, tmp_path: Path) -> None:
-    monkeypatch.setattr(ur10_accuracy, "FOLDER", tmp_path)
-    assert ur10_accuracy.ur10_rows(np.random.default_rng(0)) == []
+    monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
+    monkeypatch.setattr(crazyflie_accuracy, "EXAMPLES", tmp_path)
+    assert real_accuracy.real_rows(np.random.default_rng(0)) == []
+    assert crazyflie_accuracy.crazyflie_rows(np.random.default_rng(0)) == []
     printed = capsys.readouterr()
-    assert "nmse_ur10 left out" in printed.err
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        assert f"nmse_{log} left out" in printed.err
+    assert "panda" not in printed.err
     assert printed.out == ""
 
 

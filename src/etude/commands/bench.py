@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -24,8 +25,11 @@ class Bench(Common):
     quick: bool = False
     """Fewer seeds, where a bench has several: all figures of `models` within three minutes."""
 
+    logs: Path | None = None
+    """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
+
     def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_bench
 
-        run_bench(self.name, json=self.json, seed=self.seed, quick=self.quick)
+        run_bench(self.name, json=self.json, seed=self.seed, quick=self.quick, logs=self.logs)
         return Outcome("")

@@ -22,6 +22,9 @@ Index = NDArray[np.int64]
 
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation."""
+LEAST_FIT = 100
+"""Samples for the hyperparameters at least, there being some 80 of these for six joints: where logs are too
+short for `fit_spacing_s`, samples are taken nearer to each other."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,8 @@ def train_output(
     if np.count_nonzero(moving) < 2:
         raise DataError("the axis hardly moves, so nothing of it can be learned", where=f"axis {axis}")
     kept = spread_points(dataset, moving, config.points, 0.0, rng)
-    chosen = spread_points(dataset, moving, config.fit_points, config.fit_spacing_s, rng)
+    spacing = min(config.fit_spacing_s, _seconds(dataset) / LEAST_FIT)
+    chosen = spread_points(dataset, moving, config.fit_points, spacing, rng)
     offset = float(target[kept].mean())
     lesson = Lesson(
         X=X,
@@ -155,6 +159,11 @@ def _guarded(
     if is_worse(error, linear_errors(L, tau, groups, rows), tau):
         return replace(found, role="linear", weights=linear_fit(L, tau))
     return replace(found, role="linear+process", weights=weights)
+
+
+def _seconds(dataset: Dataset) -> float:
+    """How long all trajectories last together, pauses included."""
+    return float(sum(np.ptp(dataset.t[dataset.group == number]) for number in np.unique(dataset.group)))
 
 
 def _kernel(config: ModelConfig, dof: int, width: int, axis: int) -> Kernel:
