@@ -161,3 +161,20 @@ def test_feedforward_of_a_guarded_model_is_finite() -> None:
     command = model_feedforward(train(data), pendulum())(samples)
     assert command.shape == own.q.shape
     assert np.all(np.isfinite(command))
+
+
+def test_one_trajectory_is_warned_of_and_not_guarded() -> None:
+    """Stretches of one motion say little of the next, on which linear regression may err without bound."""
+    t = np.arange(0.0, 60.0, 0.125)
+    one = trajectory(0, seconds=60.0)
+    q = np.column_stack([0.1 * t, one.q[:, 1]])
+    data = replace(
+        one, q=q, tau=np.column_stack([10.0 * q[:, 0], one.tau[:, 1]]), stuck=np.zeros_like(one.stuck)
+    )
+    guarded, bare = train(data), train(data, BARE)
+    assert guarded.guard is not None
+    assert guarded.guard.roles[0] == "unsure"
+    assert "tell another one" in guarded.warnings(("a", "b"))[0]
+    motion = (data.q, data.qd, data.qdd)
+    np.testing.assert_array_equal(guarded.predict(*motion)[0], bare.predict(*motion)[0])
+    np.testing.assert_array_equal(guarded.predict(*motion)[1], bare.predict(*motion)[1])

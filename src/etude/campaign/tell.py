@@ -33,7 +33,7 @@ class Told:
         foreign: it answers no proposal.
         repairs: one sentence for each repair made while reading it.
         learned: numbers of the logs that were learned now.
-        warnings: a sentence for each output of the model in use that fell back to linear regression.
+        warnings: a sentence for each output of the model in use that lost to linear regression.
     """
 
     number: int

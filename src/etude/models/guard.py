@@ -3,6 +3,9 @@
 A process can be worse: it returns to its mean outside the data, where a linear trend goes on, and it can
 diverge where its hyperparameters were taught by too few samples. It then learns what linear regression
 leaves, and is left out where even that does not help.
+
+Stretches of a single trajectory are no evidence for that: they are all near each other, and a regression that
+fits them best may err without bound on the next motion. Then the process stays, with a warning.
 """
 
 from __future__ import annotations
@@ -16,8 +19,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Role = Literal["process", "linear+process", "linear"]
+Role = Literal["process", "unsure", "linear+process", "linear"]
 
+OUTCOMES: dict[Role, str] = {
+    "unsure": ", but one trajectory is too little to fall back to that; tell another one",
+    "linear+process": ", so the process now learns only what linear regression leaves",
+    "linear": ", so this output is predicted by linear regression alone",
+}
 ROUNDING = 1e-20
 """Part of the mean square of the target below which an error is rounding: both are right."""
 
@@ -27,9 +35,10 @@ class Guard:
     """What became of the outputs; one entry for each.
 
     Attributes:
-        roles: "process": as trained; "linear+process": the process learns what linear regression leaves;
+        roles: "process": as trained; "unsure": as trained, though linear regression predicted stretches of
+            the only trajectory better; "linear+process": the process learns what linear regression leaves;
             "linear": linear regression alone, and the process only says where no data are.
-        weights: (3 dof + 1, dof) of `linear_inputs`; zero for "process".
+        weights: (3 dof + 1, dof) of `linear_inputs`; zero for the first two.
         process_error, linear_error: (dof,) held-out mean squared errors that decided: of the process alone
             and of linear regression; NaN where nothing could be held out.
     """
@@ -46,7 +55,7 @@ class Guard:
 
     @property
     def active(self) -> bool:
-        """Whether an output had to be guarded."""
+        """Whether there is something to say of an output."""
         return any(role != "process" for role in self.roles)
 
     def linear(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -61,10 +70,9 @@ class Guard:
                 continue
             linear = self.linear_error[j]
             worse = float(np.sqrt(self.process_error[j] / linear)) if linear > 0.0 else np.inf
-            now = "linear regression" + (" alone" if role == "linear" else " and a process on what it leaves")
             found.append(
                 f"{names[j]}: on motion held out the process erred {worse:.3g} times as much as linear "
-                f"regression, so this output is predicted by {now}."
+                f"regression{OUTCOMES[role]}."
             )
         return tuple(found)
 

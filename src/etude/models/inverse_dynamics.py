@@ -40,7 +40,7 @@ class InverseDynamicsModel:
         stick_velocity: (dof,) top speed of the samples that were masked as stuck, rad/s; 0 without a mask.
         fallback: the rigid-body model, which is also the mean function; None for "gp".
         residual_variance: (dof,) mean squared error of the rigid-body model on trajectories held out.
-        guard: outputs that fell back to linear regression; None if none did, or nothing was compared.
+        guard: outputs that lost to linear regression; None if none did, or nothing was compared.
     """
 
     kind: Kind
@@ -59,7 +59,7 @@ class InverseDynamicsModel:
         return self.features.dof
 
     def warnings(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """A sentence for each output that fell back to linear regression; `names` are the axes'."""
+        """A sentence for each output that lost to linear regression; `names` are the axes'."""
         if self.guard is None or self.kind in PHYSICS:
             return ()
         return self.guard.messages(names)

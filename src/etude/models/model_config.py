@@ -30,7 +30,8 @@ class ModelConfig:
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
-            likelihood then takes their agreement for precision.
+            likelihood then takes their agreement for precision. With the structured kernel less, where short
+            logs would leave fewer than 100.
         steps, method: length and method of the training (see `training.fit`).
         prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
         noise_floor: least noise deviation as a part of the command limit (never more than a tenth of the

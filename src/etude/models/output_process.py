@@ -23,8 +23,8 @@ Index = NDArray[np.int64]
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation."""
 LEAST_FIT = 100
-"""Samples for the hyperparameters at least, there being some 80 of these for six joints: where logs are too
-short for `fit_spacing_s`, samples are taken nearer to each other."""
+"""Samples for the hyperparameters of the structured kernel at least; it has some 80 of these for six joints.
+Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,9 @@ def train_output(
     if np.count_nonzero(moving) < 2:
         raise DataError("the axis hardly moves, so nothing of it can be learned", where=f"axis {axis}")
     kept = spread_points(dataset, moving, config.points, 0.0, rng)
-    spacing = min(config.fit_spacing_s, _seconds(dataset) / LEAST_FIT)
+    spacing = config.fit_spacing_s
+    if config.kernel == "structured":
+        spacing = min(spacing, _seconds(dataset) / LEAST_FIT)
     chosen = spread_points(dataset, moving, config.fit_points, spacing, rng)
     offset = float(target[kept].mean())
     lesson = Lesson(
@@ -146,6 +148,8 @@ def _guarded(
     known = replace(plain, process_error=float(np.mean(held.error**2)), linear_error=float(np.mean(fair**2)))
     if not is_worse(held.error, fair, tau):
         return known
+    if len(np.unique(dataset.group)) < 2:
+        return replace(known, role="unsure")
     weights = linear_fit(L, lesson.y)
     second = _attempt(replace(lesson, y=lesson.y - L @ weights), floors, groups, config)
 

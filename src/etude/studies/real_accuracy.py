@@ -26,10 +26,11 @@ Array = NDArray[np.float64]
 def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row]:
     """For every recording that is there, figures of the default process without a rigid body.
 
-    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`, and `nmse_<log>_ladder` of the default
-    choice for a robot with a model file. Means over the joints, on samples where that joint moves. A log
-    that should be there and is not has no row but a message on stderr; so has every output that fell back to
-    linear regression.
+    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all_points` conditioned on
+    all samples, where these are more than the default's cap; `nmse_<log>_ladder` of the default choice for a
+    robot with a model file. Means over the joints, on samples where that joint moves. A log that should be
+    there and is not has no row but a message on stderr; so has every output that fell back to linear
+    regression.
 
     Args:
         logs: folder with recordings that are not part of the project.
@@ -58,6 +59,13 @@ def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list
         say(f"{name}, {message}")
     linear = linear_regression(data.train, data.test)
     rows = accuracy_rows(name, data.test.tau, _mean(model, data), linear, ~data.test.stuck, data.raw)
+    if len(data.train) > ModelConfig().points:  # what the cap on the samples conditioned on costs
+        every = train_model(data.train, data.spec, ModelConfig(kind="gp", points=len(data.train)), rng)
+        rows.append(
+            accuracy_rows(f"{name}_all_points", data.test.tau, _mean(every, data), linear, ~data.test.stuck)[
+                0
+            ]
+        )
     if data.spec.model_file is not None:
         chosen = train_ladder(data.train, data.spec, ModelConfig(), rng).model
         ladder = accuracy_rows(f"{name}_ladder", data.test.tau, _mean(chosen, data), linear, ~data.test.stuck)
