@@ -46,6 +46,8 @@ def test_every_recording_has_a_licence_and_only_permissive_ones_are_bundled() ->
 def test_no_training_sample_is_within_the_filters_length_of_a_test_sample(tx40: Recording) -> None:
     apart = np.abs(tx40.train.t[:, None] - tx40.test.t)
     assert apart.min() >= 0.03 - 1e-9  # one period of the cutoff, 33 Hz
+    ur10 = REAL_LOGS[0].load(real_logs.EXAMPLES / "ur10" / "ur10_exciting.csv")  # cutoff 7.3 Hz, samples 8 Hz
+    assert np.abs(ur10.train.t[:, None] - ur10.test.t).min() >= 1.0 / 7.4
     assert len(np.flatnonzero(np.diff(tx40.test.t) > 0.5)) == 3  # four blocks
     share = len(tx40.test) / (len(tx40.test) + len(tx40.train))
     assert 0.18 < share < 0.26
