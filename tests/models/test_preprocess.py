@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.logs.log import RobotLog
 from etude.models.dataset import concatenate
-from etude.models.preprocess import PRESETS, DataConfig, build_dataset, preset
+from etude.models.preprocess import PRESETS, DataConfig, build_dataset, duration, preset
 from etude.robots.spec import Axis, RobotSpec
 
 Array = NDArray[np.float64]
@@ -157,3 +157,14 @@ def test_presets() -> None:
     with pytest.raises(UsageError, match=r"unknown data preset 'best'.*default, thesis"):
         preset("best")
     assert PRESETS["thesis"].inputs == "desired"
+
+
+def test_a_short_log_keeps_more_samples_a_second_and_the_thesis_does_not() -> None:
+    log = log_of(np.arange(0.0, 6.0, 0.01))
+    config = DataConfig(cutoff_hz=20.0)
+    counts = [len(build_dataset(log, SPEC, replace(config, least_samples=n))) for n in (0, 150, 10**6)]
+    assert counts[0] == pytest.approx(6.0 * 8.0, rel=0.1)
+    assert counts[1] >= 140  # the ends are trimmed afterwards
+    assert counts[2] == pytest.approx(600, abs=15)  # all there are
+    assert preset("thesis").least_samples == 0
+    assert duration(log) == pytest.approx(5.99)

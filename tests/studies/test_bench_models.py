@@ -12,10 +12,12 @@ from scipy.stats import norm
 from etude.studies import (
     arm_accuracy,
     bench_models,
+    crazyflie_accuracy,
     model_latency,
     model_members,
     online_rows,
-    ur10_accuracy,
+    real_accuracy,
+    real_logs,
 )
 from etude.studies.model_members import MEMBERS
 from etude.studies.online import Cell, Outcome
@@ -65,7 +67,9 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
     wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_ssgp_deg"}
-    wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
+    wanted |= {"nmse_ur10", "nmse_ur10_ladder", "crazyflie_motor_lag_ms"}
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        wanted |= {f"nmse_{log}", f"nmse_{log}_raw", f"nmse_{log}_worst_vs_linear"}
     wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2", "msll") for model in MODELS}
     costs = ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")
     wanted |= {f"{figure}_{model}" for figure in costs for model in MODELS}
@@ -79,7 +83,6 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert rows["nmse_exact_arm4"]["reference"] == "linear regression, 2 seeds"
     assert len({rows[f"nmse_{model}_arm4"]["reference_value"] for model in MODELS}) == 1
     assert rows["nmse_ur10"]["ratio"] < 0.2
-    assert "kind = gp" in rows["nmse_ur10"]["reference"]
     share = int(rows["dictionary_points_per_s"]["reference"].split("%")[0].split()[-1])
     assert share >= 30
     drift = rows["dictionary_drift_10k"]
@@ -143,10 +146,14 @@ def test_quick_has_fewer_seeds(monkeypatch) -> None:
 
 
 def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsys, tmp_path: Path) -> None:
-    monkeypatch.setattr(ur10_accuracy, "FOLDER", tmp_path)
-    assert ur10_accuracy.ur10_rows(np.random.default_rng(0)) == []
+    monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
+    monkeypatch.setattr(crazyflie_accuracy, "EXAMPLES", tmp_path)
+    assert real_accuracy.real_rows(np.random.default_rng(0)) == []
+    assert crazyflie_accuracy.crazyflie_rows(np.random.default_rng(0)) == []
     printed = capsys.readouterr()
-    assert "nmse_ur10 left out" in printed.err
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        assert f"nmse_{log} left out" in printed.err
+    assert "panda" not in printed.err
     assert printed.out == ""
 
 

@@ -216,7 +216,7 @@ def test_other_interpreters_come_from_the_command_line() -> None:
 
 
 def test_a_bench_without_peers_refuses_interpreters() -> None:
-    with pytest.raises(UsageError, match="only `etude bench gp`"):
+    with pytest.raises(UsageError, match="no use for --python"):
         run_bench("models", json=True, seed=0, pythons=[HERE])
 
 

@@ -21,6 +21,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
         "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
         "rate_hz": "samples kept per second of log",
+        "least_samples": "of a short log more are kept per second, until there are this many",
         "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
         "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
     },
@@ -39,6 +40,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "noise_floor": 'least noise, fraction of the command limit; or "auto"',
         "friction_fraction": "width of the friction feature, fraction of the velocity limit; 0 for none",
         "calibrate": "widen variances that held-out trajectories show to be too small",
+        "guard": "outputs that linear regression predicts better on held-out trajectories fall back to it",
     },
     "design": {
         "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',

@@ -30,8 +30,13 @@ class Bench(Common):
     """The interpreter of another environment, for libraries that `gp` compares with and that are not in this
     one; can be given several times. They are timed in a process of their own."""
 
+    logs: Path | None = None
+    """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
+
     def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_bench
 
-        run_bench(self.name, json=self.json, seed=self.seed, quick=self.quick, pythons=self.python)
+        run_bench(
+            self.name, json=self.json, seed=self.seed, quick=self.quick, pythons=self.python, logs=self.logs
+        )
         return Outcome("")

@@ -31,7 +31,8 @@ class ModelConfig:
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
-            likelihood then takes their agreement for precision.
+            likelihood then takes their agreement for precision. With the structured kernel less, where short
+            logs would leave fewer than 100.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
             or, if negative, evaluations of the likelihood (see `training.fit`).
         schedule: what becomes of the hyperparameters of the last log's model (thesis 6.1): "update" trains on
@@ -45,6 +46,8 @@ class ModelConfig:
             from the others, at four times the cost.
         friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
         calibrate: multiply variances by the held-out z^2 where that exceeds 1.
+        guard: outputs that linear regression predicts better on trajectories held out fall back to it (see
+            `models.guard`).
     """
 
     kind: Kind | Literal["auto"] = "auto"
@@ -61,6 +64,7 @@ class ModelConfig:
     noise_floor: float | Literal["auto"] = 0.002
     friction_fraction: float = 0.02
     calibrate: bool = True
+    guard: bool = True
 
     def __post_init__(self) -> None:
         _one_of("kind", self.kind, (*KINDS, "auto"))
@@ -119,5 +123,6 @@ PRESETS = {
         noise_floor=0.0,
         friction_fraction=0.0,
         calibrate=False,
+        guard=False,
     ),
 }

@@ -149,7 +149,7 @@ class IncrementalSpectrum:
     @property
     def posterior(self) -> SparseSpectrumPosterior:
         """What is known now, as a value that later updates do not change; of spectral features alone."""
-        if not isinstance(self._features, SpectralFeatures):
+        if not (isinstance(self._features, SpectralFeatures) and isinstance(self.gp, SparseSpectrumGP)):
             raise UsageError(
                 "a process of these features has no posterior for the design", next_step="Use mean."
             )
