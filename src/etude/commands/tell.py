@@ -18,8 +18,8 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV or Parquet with time and, by name, positions and commands of every axis; of a vehicle, accelerometer,
-    gyroscope and commands, and if known position and attitude."""
+    """CSV or Parquet with time and, by name, positions and commands of every axis; of a vehicle
+    accelerometer, gyroscope and commands, and if known position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False
