@@ -7,7 +7,9 @@ import pytest
 
 from etude.logs.flight_lag import command_lag
 from etude.logs.flight_log import FlightLog
-from etude.studies import crazyflie as study
+from etude.models.blocks import block_masks
+from etude.studies import crazyflie_flights as study
+from etude.studies.crazyflie import crazyflie_rows
 from etude.studies.rows import Row
 
 
@@ -18,7 +20,7 @@ def flights() -> dict[int, list[FlightLog]]:
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, Row]:
-    return {row.metric: row for row in study.crazyflie_rows(np.random.default_rng(0), quick=True)}
+    return {row.metric: row for row in crazyflie_rows(np.random.default_rng(0), quick=True)}
 
 
 def test_rows_are_named_and_finite(rows) -> None:
@@ -48,7 +50,7 @@ def test_training_pieces_keep_away_from_the_test(flights) -> None:
     (log,) = flights[10]
     pieces = study.training_pieces([log])
     assert len(pieces) == 5
-    held = log.t[study.block_masks(log.t)[1]]
+    held = log.t[block_masks(log.t)[1]]
     assert len(held) == pytest.approx(0.2 * len(log), abs=4)
     times = np.concatenate([piece.t for piece in pieces])
     assert np.abs(times[:, None] - held).min() >= study.GAP_S - 1e-9

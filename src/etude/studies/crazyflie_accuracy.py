@@ -1,10 +1,17 @@
-"""Rows of `etude bench models` on the real flights: measured by `studies.crazyflie`, named as the arms'."""
+"""Rows of `etude bench models` on the real flights: measured by `crazyflie_flights`, named as the arms'."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from etude.studies.crazyflie import Mask, Outcome, by_block, by_manoeuvre, crazyflie_flights, in_flight
+from etude.studies.crazyflie_flights import (
+    Mask,
+    Outcome,
+    by_block,
+    by_manoeuvre,
+    crazyflie_flights,
+    in_flight,
+)
 from etude.studies.real_accuracy import accuracy_rows, say
 from etude.studies.rows import Row
 
