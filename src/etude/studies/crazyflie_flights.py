@@ -18,7 +18,7 @@ from etude.logs.flight_lag import command_lag, without_lag
 from etude.logs.flight_log import FlightLog
 from etude.logs.flight_table import read_flight
 from etude.models.blocks import block_masks
-from etude.models.flight_config import FlightModelConfig
+from etude.models.flight_config import PRESETS, FlightModelConfig
 from etude.models.flight_dataset import FlightDataset
 from etude.models.flight_ladder import train_flight_ladder
 from etude.models.flight_lesson import fitted_physics, lesson
@@ -89,22 +89,26 @@ def _robot() -> Path:
 
 
 def by_block(
-    flights: dict[int, list[FlightLog]], rng: np.random.Generator, lag: float | None = None
+    flights: dict[int, list[FlightLog]],
+    rng: np.random.Generator,
+    lag: float | None = None,
+    config: FlightModelConfig = PRESETS["default"],
 ) -> Outcome:
     """Blocks 3, 8, 13 and 18 of 20 of every stretch, predicted from the others.
 
     Args:
         lag: s; None measures it on the training blocks.
+        config: of the ladder; inputs that the flights lack are left out.
     """
     if lag is None:
         lag = command_lag(*training_pieces([log for logs in flights.values() for log in logs]))
-    return _outcome(flights, (), lag, rng)
+    return _outcome(flights, (), lag, rng, config)
 
 
 def by_manoeuvre(flights: dict[int, list[FlightLog]], rng: np.random.Generator) -> Outcome:
     """Flight 16 whole, and the held-out blocks of flights 10 and 15, from the other blocks of these two."""
     seen = [log for number, logs in flights.items() if number != UNSEEN for log in logs]
-    return _outcome(flights, (UNSEEN,), command_lag(*training_pieces(seen)), rng)
+    return _outcome(flights, (UNSEEN,), command_lag(*training_pieces(seen)), rng, PRESETS["default"])
 
 
 def in_flight(found: Outcome, number: int = UNSEEN) -> Mask:
@@ -160,10 +164,14 @@ def _divided(
 
 
 def _outcome(
-    flights: dict[int, list[FlightLog]], unseen: tuple[int, ...], lag: float, rng: np.random.Generator
+    flights: dict[int, list[FlightLog]],
+    unseen: tuple[int, ...],
+    lag: float,
+    rng: np.random.Generator,
+    config: FlightModelConfig,
 ) -> Outcome:
     train, test, raw = _divided(flights, unseen, lag)
-    config = FlightModelConfig().suited_to(train.states)
+    config = config.suited_to(train.states)
     model = train_flight_ladder(train, None, config, rng).model
     mean, variance = model.predict(test.states)
     X = model.features.transform(test.states)
