@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.flight_learner import load_chosen
+from etude.campaign.flight_learner import load_chosen, told_flights
 from etude.campaign.folder import Campaign, open_campaign
 from etude.cli import main
 from etude.logs.flight_lag import command_lag
 from etude.logs.flight_parquet import write_flight
 from etude.logs.flight_table import read_flight
+from etude.models.flight_preprocess import FlightDataConfig, build_flight_dataset
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
 QUICK = {
@@ -63,6 +64,10 @@ def test_the_lag_is_that_of_all_flights_together(told) -> None:
     assert first == pytest.approx(command_lag(logs[0]), abs=1e-6)
     assert second == pytest.approx(command_lag(*logs), abs=1e-6)
     assert 0.02 < second < first < 0.08
+    data, lag = told_flights(told, [1, 2])
+    for number, log in enumerate(logs):
+        alone = build_flight_dataset(log, told.spec.flight, FlightDataConfig(lag_s=lag))
+        np.testing.assert_allclose(data.command[data.group == number], alone.command, atol=1e-9)
 
 
 def test_a_flight_can_be_asked_for(told) -> None:

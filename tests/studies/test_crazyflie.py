@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from etude.logs.flight_lag import command_lag
 from etude.logs.flight_log import FlightLog
 from etude.models.blocks import block_masks
+from etude.studies import crazyflie
 from etude.studies import crazyflie_flights as study
 from etude.studies.crazyflie import crazyflie_rows
+from etude.studies.registry import run_bench
 from etude.studies.rows import Row
 
 
@@ -72,3 +76,15 @@ def test_errors_are_of_the_definition() -> None:
     command = rng.normal(size=(400, 4)) * [1.0, 2.0, 3.0, 4.0]
     assert study.nmse(command, command.mean(axis=0)) == pytest.approx(1.0)
     assert study.nmse(command, command) == 0.0
+
+
+def test_the_bench_prints_its_rows(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(
+        crazyflie, "crazyflie_rows", lambda rng, quick: [Row("crazyflie_nmse", 0.1 + quick, "1")]
+    )
+    run_bench("crazyflie", json=True, seed=0, quick=True)
+    found = json.loads(capsys.readouterr().out)
+    assert found["command"] == "etude bench crazyflie --quick --json"
+    assert found["rows"][0]["value"] == 1.1
+    run_bench("crazyflie", json=False, seed=0)
+    assert "crazyflie_nmse" in capsys.readouterr().out

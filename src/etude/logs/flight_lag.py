@@ -23,7 +23,7 @@ def command_lag(*logs: FlightLog, longest: float = LONGEST_LAG) -> float:
     The commands of `lag` ago are fitted by least squares with the motion now (all that every state tells) and
     a constant for each flight; the lag that leaves the least squares wins, refined by a parabola. Levels are
     compared, as a model learns them. Rates of change weigh noise and the quickest motion, which a motor with
-    a time constant lags less: on real flights the lag they gave left models twice the error.
+    a time constant lags less: on real flights the lag they gave left models more error.
 
     Args:
         logs: of one vehicle, whose lag they share. Those that are too slow or short to tell have no say.
