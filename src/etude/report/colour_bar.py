@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from etude.report.markup import Html, number, text
-from etude.report.png import colours, png_address
+from etude.report.png import STOPS, colours, png_address
+
+Array = NDArray[np.float64]
 
 
-def colour_bar(low: float, high: float, unit: str, place: tuple[float, float] = (66.0, 26.0)) -> Html:
-    """SVG of the strip, its upper left corner at `place` px; 110 px wide, the values on both sides of it."""
-    x, y = place
-    ramp = png_address(colours(np.linspace(0.0, 1.0, 64)[None, :]))
+def colour_bar(low: float, high: float, unit: str, stops: Array = STOPS) -> Html:
+    """SVG of the strip under a panel's title, the values on both sides of it."""
+    ramp = png_address(colours(np.linspace(0.0, 1.0, 64)[None, :], stops))
     return Html(
-        f'<text class="tick" x="{x - 6:g}" y="{y + 10:g}" text-anchor="end">{number(low, 2)}</text>'
-        f'<image x="{x:g}" y="{y:g}" width="110" height="11" preserveAspectRatio="none" href="{ramp}"/>'
-        f'<text class="tick" x="{x + 116:g}" y="{y + 10:g}">{number(high, 2)} {text(unit)}</text>'
+        f'<text class="tick" x="60" y="36" text-anchor="end">{number(low, 2)}</text>'
+        f'<image x="66" y="26" width="110" height="11" preserveAspectRatio="none" href="{ramp}"/>'
+        f'<text class="tick" x="182" y="36">{number(high, 2)} {text(unit)}</text>'
     )

@@ -275,7 +275,7 @@ def _axis_labels(x: Axis, y: Axis, sx: Scale, sy: Scale, height: int) -> str:
     middle_x, middle_y = (sx.start + sx.end) / 2, (sy.start + sy.end) / 2
     return (
         f'<text class="axis" x="{middle_x:.1f}" y="{height - 8}" text-anchor="middle">{text(x.label)}</text>'
-        f'<text class="axis" transform="translate(15,{middle_y:.1f})rotate(-90)" text-anchor="middle">'
+        f'<text class="axis" transform="translate(12,{middle_y:.1f})rotate(-90)" text-anchor="middle">'
         f"{text(y.label)}</text>"
     )
 

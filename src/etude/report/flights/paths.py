@@ -21,6 +21,7 @@ from etude.report.flights.files import (
 )
 from etude.report.flights.scene import Path, scene
 from etude.report.markup import Html, grid, missing, number, paragraph, section, text
+from etude.report.png import VIRIDIS
 from etude.report.record import Record
 from etude.report.words import test_title
 from etude.robots.flight_spec import FlightSpec
@@ -109,7 +110,7 @@ def _scene(flown: Flown, spec: FlightSpec, ends: tuple[float, float]) -> Html:
     drawing = scene(flown.title, spec, [Path(said.t, said.position, shades(said.spread, ends))])
     mean = f"mean {number(float(said.spread.mean()), 2)} {unit}"
     words = f'<text class="tick" x="388" y="36" text-anchor="end">{text(mean)}</text>'
-    return Html(drawing.replace("</svg>", words + colour_bar(*ends, unit) + "</svg>"))
+    return Html(drawing.replace("</svg>", words + colour_bar(*ends, unit, VIRIDIS) + "</svg>"))
 
 
 def shades(spread: Array, ends: tuple[float, float]) -> Array:

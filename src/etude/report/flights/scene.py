@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.report.markup import Html, text
-from etude.report.png import colours
+from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text
 from etude.report.svg import polyline
 from etude.robots.flight_spec import FlightSpec
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""
 SIZE = (400, 310)
-SIDES = {"left": 46.0, "right": 22.0, "top": 56.0, "bottom": 42.0}
+SIDES = {"left": 46.0, "right": 30.0, "top": 56.0, "bottom": 42.0}
 SHADES = 12
 """Steps of colour along a path."""
 STEM_S = 5.0
@@ -178,7 +178,7 @@ def _shaded(pixels: Array, shade: Array) -> list[str]:
     parts = []
     for start, stop in pairwise([0, *(np.flatnonzero(np.diff(step)) + 1).tolist(), len(step)]):
         if stop > start:
-            red, green, blue = colours(np.array((step[start] + 0.5) / SHADES))
+            red, green, blue = colours(np.array((step[start] + 0.5) / SHADES), VIRIDIS)
             line = polyline(*pixels[start : stop + 1].T)
             parts.append(f'<path class="track" style="stroke:#{red:02x}{green:02x}{blue:02x}" d="{line}"/>')
     return parts

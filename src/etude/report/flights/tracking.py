@@ -43,8 +43,8 @@ def tracking(record: Record) -> Html:
     if not found:
         return section("tracking", TITLE, *_newest(record))
     text = paragraph(
-        "Each test flight under PID alone, with the analytic model that knows the exact linear drag, and "
-        "with what was learned. The dashed line is the desired path; the side view has its own scale of height."
+        "Each test flight under PID alone, with the analytic model that knows the exact drag, and with what "
+        "was learned. The dashed line is the desired path; the side view has its own scale of height."
     )
     parts = [_test(name, runs) for name, runs in found]
     return section("tracking", TITLE, text, *parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,7 @@ def calibration(record: Record) -> Html:
         "cautious. Coverage is the share of the commands inside the predicted 95 % interval. The "
         "bands show what is good enough."
     )
-    sentences = [text, *_uncalibrated(record), paragraph(_verdict(record))]
+    sentences = [text, *_uncalibrated(record), paragraph(_verdict(record)), *_early(record)]
     return section("calibration", title, *sentences, grid(_panels(record)))
 
 
@@ -79,6 +80,16 @@ def _panels(record: Record) -> list[Html]:
         panel("z² on held-out data", rounds, z2_axis, [target, ideal, *z2]),
         panel("Coverage of the 95 % interval", rounds, cover_axis, [good, nominal, *cover]),
     ]
+
+
+def _early(record: Record) -> list[Html]:
+    """Which of the scores are those of models that did not claim to be calibrated."""
+    pairs = itertools.pairwise(record.state.trained)
+    early = [now.number for before, now in pairs if not (before.trained or {}).get("calibrated", True)]
+    if not early:
+        return []
+    logs = f"log {early[0]}" if len(early) == 1 else f"logs {', '.join(map(str, early))}"
+    return [paragraph(f"The models that predicted {logs} were not calibrated yet.", class_="soft")]
 
 
 def in_use(trained: Facts | None, quantity: str) -> Array | None:

@@ -46,8 +46,8 @@ def _by_round(record: Record) -> list[Html]:
     """Every kind of model over the rounds; rings are around the kinds in use."""
     text = paragraph(
         "On the left every model on each new log before learning it; the ring is around the one in use when "
-        "the log came. On the right every model's error on told flights, each left out in turn: by this the "
-        "one in use is chosen, in the ring."
+        "the log came. On the right every model's error on told flights, each left out in turn: from two "
+        "flights on the least chooses the one in use, in the ring; before, physics alone compete."
     )
     rounds, unit = record.state.trained, record.spec.command_unit if record.spec else "1"
     seen = {kind: {r.number: score(r.trained, kind, "nmse") for r in rounds} for kind in scored_kinds(record)}
