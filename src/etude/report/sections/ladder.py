@@ -23,7 +23,7 @@ def ladder(record: Record) -> Html:
     scored = [r for r in record.state.trained if r.trained and r.trained.get("models")]
     if not scored:
         return section("ladder", title, missing("No model has been scored yet."))
-    by_round = _by_round(record) if record.flying and len(scored) > 1 else []
+    by_round = _by_round(record) if record.flying else []
     return section("ladder", title, *_newest(record, scored[-1]), *by_round)
 
 
