@@ -41,6 +41,7 @@ class Tell(Common):
             lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
         if found.learned:
             lines.append(f"Learned: {', '.join(map(str, found.learned))}.")
+        lines += [f"Warning: {sentence}" for sentence in found.warnings]
         lines.append(f"Next: etude status {self.folder}, etude ask {self.folder}")
         data = {
             "number": found.number,
@@ -48,5 +49,6 @@ class Tell(Common):
             "foreign": found.foreign,
             "repairs": found.repairs,
             "learned": found.learned,
+            "warnings": found.warnings,
         }
         return Outcome("\n".join(lines), data)
