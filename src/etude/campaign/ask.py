@@ -124,7 +124,7 @@ def _propose(
             _check_stop(campaign, state, facts["gain"])
     else:
         trajectory = kind.first(campaign, rng)
-        facts = {"status": "random, scaled to the limits: nothing has been learned yet", "gain": None}
+        facts = {"status": "random, inside the limits: nothing has been learned yet", "gain": None}
     files = kind.render(trajectory, campaign.spec).write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"

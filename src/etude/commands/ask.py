@@ -45,10 +45,11 @@ class Ask(Common):
             ]
             for row in found.certificate.rows
         ]
+        rest = "; at rest at both ends" if found.certificate.at_rest else ""
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(["axis", "limit", "proved min", "proved max", "used"], rows),
-            "Proved for all times; at rest at both ends. Written:",
+            f"Proved for all times{rest}. Written:",
             *(f"  {name}" for name in files),
             f"Run it, then: etude tell {self.folder} LOG",
         ]
