@@ -16,6 +16,7 @@ from page import Page
 from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
+from etude.campaign.journal import commit
 from etude.campaign.simulate import simulate
 from etude.logs.flight_parquet import read_flight_parquet, write_flight
 from etude.models.calibration import NORMAL_95
@@ -289,6 +290,30 @@ def test_a_certificate_of_other_quantities_still_has_its_rows() -> None:
     assert "at most 0.2500 rad" in found
     assert "&lt;new&gt;" in found
     assert "<m>" not in found
+
+
+@pytest.mark.parametrize(
+    ("pid", "words"),
+    [(0.101, "about the same"), (0.09, "better than what was learned"), (0.5, "5.0 times as much")],
+)
+def test_the_headline_compares_honestly(tmp_path: Path, pid: float, words: str) -> None:
+    folder = made(tmp_path / "lab")
+    commit(folder, "told", 1, "0" * 64, [], sha256="1", robot_seconds=10.0, repairs=[])
+    commit(folder, "trained", 1, "0" * 64, [], models={}, chosen="gp", robot_seconds=10.0)
+    for error, facts in ((pid, {"baseline": "pid"}), (0.1, {})):
+        errors = [0.0, 0.0, 0.0, error]
+        commit(
+            folder,
+            "evaluated",
+            1,
+            "0" * 64,
+            [],
+            test="uniform",
+            robot_seconds=10.0,
+            tracking_error_m=errors,
+            **facts,
+        )
+    assert f"PID control alone has {with_unit(pid, 'm')} ({words})." in drawn(folder).text
 
 
 def test_rings_mark_the_model_in_use(flown: Path) -> None:

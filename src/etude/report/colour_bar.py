@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.report.markup import Html, number, text
+from etude.report.markup import Html, number, text, with_unit
 from etude.report.png import STOPS, colours, png_address
 
 Array = NDArray[np.float64]
@@ -17,5 +17,5 @@ def colour_bar(low: float, high: float, unit: str, stops: Array = STOPS) -> Html
     return Html(
         f'<text class="tick" x="60" y="36" text-anchor="end">{number(low, 2)}</text>'
         f'<image x="66" y="26" width="110" height="11" preserveAspectRatio="none" href="{ramp}"/>'
-        f'<text class="tick" x="182" y="36">{number(high, 2)} {text(unit)}</text>'
+        f'<text class="tick" x="182" y="36">{text(with_unit(high, unit, 2))}</text>'
     )

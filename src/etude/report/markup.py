@@ -75,8 +75,8 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
-    """A number with its unit: `0.131°` for "deg", `0.071 m` for "m"."""
-    return number(value, digits) + ("°" if unit == "deg" else f" {unit}")
+    """A number with its unit: `0.131°` for "deg", `0.071 m` for "m", the bare number for "1"."""
+    return number(value, digits) + {"deg": "°", "1": ""}.get(unit, f" {unit}")
 
 
 def times(value: float, unit: float) -> str:

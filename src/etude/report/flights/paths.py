@@ -20,7 +20,7 @@ from etude.report.flights.files import (
     told_flight,
 )
 from etude.report.flights.scene import Path, scene
-from etude.report.markup import Html, grid, missing, number, paragraph, section, text
+from etude.report.markup import Html, grid, missing, paragraph, section, text, with_unit
 from etude.report.png import VIRIDIS
 from etude.report.record import Record
 from etude.report.words import test_title
@@ -59,9 +59,10 @@ def paths(record: Record) -> Html:
 
 
 def _text(spec: FlightSpec) -> str:
+    unit = "" if spec.command_unit == "1" else f", {spec.command_unit}"
     return (
         "Each path in the vehicle's room, with its shadow on the floor and a stem every 5 s; the ring is its "
-        f"start. Colour is the deviation (mean over the four commands, {spec.command_unit}) that the model "
+        f"start. Colour is the deviation (mean over the four commands{unit}) that the model "
         "predicted for this flight before it had learned from it: dark where it was sure, bright where it "
         "had most to learn. All drawings share one logarithmic scale."
     )
@@ -108,7 +109,7 @@ def _scene(flown: Flown, spec: FlightSpec, ends: tuple[float, float]) -> Html:
     if said is None or said.position is None:
         return scene(flown.title, spec, [flown.path], note="no model yet when it was flown")
     drawing = scene(flown.title, spec, [Path(said.t, said.position, shades(said.spread, ends))])
-    mean = f"mean {number(float(said.spread.mean()), 2)} {unit}"
+    mean = f"mean {with_unit(float(said.spread.mean()), unit, 2)}"
     words = f'<text class="tick" x="388" y="36" text-anchor="end">{text(mean)}</text>'
     return Html(drawing.replace("</svg>", words + colour_bar(*ends, unit, VIRIDIS) + "</svg>"))
 

@@ -23,7 +23,8 @@ SIZE = (400, 320)
 DRAWING = (324.0, 226.0)
 """Width and height of the axes of a panel of `SIZE` with one row of legend, px."""
 VIEWS = (("x", "y", "From above"), ("x", "z", "From the side"))
-SHOWN = (("pid", "PID alone", "c2"), ("exact_drag", "exact drag", "c3 thin"), (None, "learned", "c1 thick"))
+EXACT = "exact drag"
+SHOWN = (("pid", "PID alone", "c2"), (None, "learned", "c1 thick"), ("exact_drag", EXACT, "c3 dash"))
 """Controller, its short name and its style; short, so that a legend fits one row."""
 
 
@@ -51,7 +52,7 @@ def tracking(record: Record) -> Html:
 
 
 def _runs(record: Record, test: str) -> list[Run]:
-    """The runs of one test that have a desired and a measured position, the learned one last."""
+    """The runs of one test that have a desired and a measured position, in the order of drawing."""
     runs = []
     for baseline, label, style in SHOWN:
         found = tested_flight(record, test, baseline)
@@ -94,7 +95,7 @@ def _view(runs: list[Run], view: tuple[str, str, str], *, equal: bool) -> Html:
     marks: list[Mark] = []
     for run in runs:
         assert run.log.position is not None
-        if run.style.endswith("thin"):
+        if run.label == EXACT:
             continue  # one curve more would hide the two that matter
         marks.append(Line(run.log.position[:, i], run.log.position[:, j], run.label, run.style))
     desired = runs[0].log.position_des

@@ -15,7 +15,7 @@ from etude.report.flights.files import (
     tested_flight,
     told_flight,
 )
-from etude.report.markup import Html, grid, missing, number, paragraph, section
+from etude.report.markup import Html, grid, missing, number, paragraph, section, with_unit
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.prediction import band_panel
@@ -36,10 +36,11 @@ def voltages(record: Record) -> Html:
         return section("voltages", TITLE, missing("This needs two flights: one to learn, one to predict."))
     which, said = found
     inside = np.abs(said.command - said.mean) <= NORMAL_95 * said.deviation
+    size = with_unit(float(np.abs(said.command - said.mean).mean()), spec.command_unit, 2)
     text = paragraph(
         f"{which} The band should hold 95 % of the measured commands; here it holds "
         f"{number(100.0 * float(inside.mean()))} %. On the right the same, less the prediction: the error is "
-        f"{number(float(np.abs(said.command - said.mean).mean()), 2)} {spec.command_unit} on average."
+        f"{size} on average."
     )
     return section("voltages", TITLE, text, grid(_panels(said, spec.command_names, spec.command_unit)))
 

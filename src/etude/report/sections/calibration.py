@@ -70,7 +70,7 @@ def _panels(record: Record) -> list[Html]:
     good_enough = _target(record)
     highest = 1.5 * np.nanmax([10.0 / 1.5, *(value for line in z2 for value in line.y)])
     lowest = np.nanmin([0.5, *(value for line in cover for value in line.y)])
-    rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5))
+    rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5), whole=True)
     target: Mark = Band(*good_enough.z2, "target")
     good: Mark = Band(good_enough.coverage, 1.0, "target")
     z2_axis = Axis("z² (1)", log=True, limits=(0.1, float(highest)))

@@ -19,6 +19,9 @@ from etude.report.markup import Html, duration, element, join, missing, number, 
 from etude.report.record import Record
 from etude.report.words import BASELINES, test_name
 
+SAME = 0.02
+"""Errors that differ by no more than this part are told as the same."""
+
 
 def headline(record: Record) -> Html:
     """Plain sentences and four large numbers."""
@@ -64,6 +67,8 @@ def _comparisons(test: Test, now: Evaluation) -> list[str]:
 
 
 def _relation(other: Evaluation, now: Evaluation) -> str:
+    if abs(other.mean - now.mean) <= SAME * now.mean:
+        return "about the same"
     if other.mean < now.mean:
         return "better than what was learned"
     return f"{times(other.mean, now.mean)} as much"

@@ -74,7 +74,7 @@ def _kinds(record: Record, title: str, axis: str, values: Series, ringed: dict[i
         style = "c7 dash" if kind == "linear" else joint_style(index)
         marks += [Line(x, y, kind_name(record, kind), style, markers=True)] if len(x) else []
     marks.append(Points(*_means(ringed), label="in use", style="ring", radius=8.0))
-    logs = Axis("log", limits=(0.5, max(r.number for r in record.state.trained) + 0.5))
+    logs = Axis("log", limits=(0.5, max(r.number for r in record.state.trained) + 0.5), whole=True)
     return panel(title, logs, Axis(axis, log=True), marks)
 
 

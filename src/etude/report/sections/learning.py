@@ -169,5 +169,5 @@ def _joint_scores(record: Record, joint: int, name: str) -> Html:
             style = "c5 dash" if kind == "linear" else joint_style((0, 2, 3, 5)[index % 4])
             marks.append(Line(x, y, kind_name(record, kind), style, markers=True))
     last = float(record.state.trained[-1].number)
-    axes = Axis("round", limits=(0.5, last + 0.5)), Axis("held-out nMSE (1)", log=True)
+    axes = Axis("round", limits=(0.5, last + 0.5), whole=True), Axis("held-out nMSE (1)", log=True)
     return panel(name, *axes, marks, size=(560, 300))
