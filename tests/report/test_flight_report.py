@@ -288,8 +288,38 @@ def test_a_certificate_of_other_quantities_still_has_its_rows() -> None:
     ]  # fmt: skip
     found = proofs({"rows": rows, "ok": True})
     assert "at most 0.2500 rad" in found
+    assert found.count('style="left:0.0%;right:75.0%"') == 2  # a size is drawn from 0, the other from -limit
     assert "&lt;new&gt;" in found
     assert "<m>" not in found
+
+
+def panels(folder: Path, title: str) -> list[ElementTree.Element]:
+    drawings = re.findall(r"<svg.*?</svg>", (folder / "report.html").read_text(), re.DOTALL)
+    return [
+        svg for d in drawings if (svg := ElementTree.fromstring(d)).attrib["aria-label"].startswith(title)
+    ]
+
+
+def test_the_view_from_above_is_to_scale_and_that_from_the_side_is_not(flown: Path) -> None:
+    for title, equal in (("From above", True), ("From the side", False)):
+        for svg in panels(flown, title):
+            xl, xh, xs, xe, yl, yh, ys, ye, *_ = map(float, svg.attrib["data-scale"].split())
+            px, py = (xe - xs) / (xh - xl), (ys - ye) / (yh - yl)
+            assert (abs(px / py - 1.0) < 0.01) == equal
+
+
+def test_every_model_of_the_ladder_has_its_curve(flown: Path) -> None:
+    trained = read_record(flown).state.trained[-1].trained
+    assert trained is not None
+    for title, kinds in (
+        ("On told flights left out", trained["held_out_mae"]),
+        ("On each new log", trained["models"]),
+    ):
+        (svg,) = panels(flown, title)
+        words = [text.text for text in svg.iter("text")]
+        assert len(kinds) >= 4
+        for kind in kinds:
+            assert curves.kind_name(read_record(flown), kind) in words
 
 
 @pytest.mark.parametrize(
