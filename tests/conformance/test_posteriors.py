@@ -15,6 +15,7 @@ from etude.models.gp.exact import ExactGP
 from etude.models.gp.incremental_spectrum import IncrementalSpectrum
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.shared_exact import condition_shared
 from etude.models.gp.sogp import SOGP
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 
@@ -27,6 +28,10 @@ def exact(kernel: Kernel) -> Callable[[np.ndarray, np.ndarray], Posterior]:
         return ExactGP(kernel, theta, np.log(0.05), noise_floor=0.1).condition(X, y)
 
     return condition
+
+
+def shared(X: np.ndarray, y: np.ndarray) -> Posterior:
+    return condition_shared(SE, X, np.column_stack([y[::-1], y])).outputs[1]
 
 
 def inducing(kernel: Kernel, form: Form) -> Callable[[np.ndarray, np.ndarray], Posterior]:
@@ -66,6 +71,7 @@ SE = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.5, *[1.0] * D]), np.
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(structured_kernel(2, 0)),
+    "exact, one kernel for two outputs": shared,
     "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
     "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),

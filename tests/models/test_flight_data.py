@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_examples import SPEC, flights, log_of, random_states
+from inverse_flights import SPEC, flights, log_of, random_states
 
 from etude.errors import DataError, UsageError
 from etude.models.flight_dataset import flight_dataset

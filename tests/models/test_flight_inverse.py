@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_examples import TRUTH, VEHICLE, flights, random_states, voltages
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from inverse_flights import TRUTH, VEHICLE, flights, random_states, voltages
 
 from etude.errors import DataError
 from etude.models.physics.flight_inverse import (

@@ -16,6 +16,10 @@ PHYSICS_KINDS: tuple[FlightKind, ...] = ("nominal", "identified")
 LEAST_FLIGHTS = 4
 """Flights from which held-out ones tell how wrong a new one will be; with fewer a model is uncalibrated."""
 
+FLOORS = (0.4, 0.25, 0.15)
+"""Noise floors tried with noise_floor = "auto". Training goes down them, each from the optimum of the last: a
+high floor has one smooth optimum, where a low one may fall for lengths that are too short."""
+
 
 @dataclass(frozen=True)
 class FlightModelConfig:
@@ -34,7 +38,8 @@ class FlightModelConfig:
             likelihood takes their agreement for precision. At 10 Hz that cost a factor of four in error.
         steps, starts: of the training by L-BFGS; the best end wins.
         prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
-        noise_floor: least noise deviation, as a part of the deviation of what a process learns.
+        noise_floor: least noise deviation, as a part of the deviation of what a process learns; "auto"
+            chooses among `FLOORS` by how well each flight is predicted from the others.
         calibrate: multiply variances by the held-out z² where that exceeds 1.
         student_t: fit the tails of the held-out errors, for the reported density.
     """
@@ -52,7 +57,7 @@ class FlightModelConfig:
     steps: int = 60
     starts: int = 3
     prior: Literal["weak", "none"] = "weak"
-    noise_floor: float = 0.2
+    noise_floor: float | Literal["auto"] = "auto"
     calibrate: bool = True
     student_t: bool = True
 
@@ -67,8 +72,15 @@ class FlightModelConfig:
                 raise UsageError(f"{name} must be at least {least}", where=f"{name} = {getattr(self, name)}")
         for name in ("fit_spacing_s", "noise_floor"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
+            if name == "noise_floor" and value == "auto":
+                continue
+            if isinstance(value, str) or not (math.isfinite(value) and value >= 0):
                 raise UsageError(f"{name} must be a number >= 0", where=f"{name} = {value!r}")
+
+    @property
+    def floors(self) -> tuple[float, ...]:
+        """The noise floors to try."""
+        return FLOORS if self.noise_floor == "auto" else (self.noise_floor,)
 
     def features(self) -> FlightFeatures:
         """The map from states to the processes' inputs."""

@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 
 from etude.models.flight_config import PHYSICS_KINDS, FlightKind, FlightModelConfig
 from etude.models.flight_dataset import FlightDataset
+from etude.models.flight_lesson import HeldOut, fitted_physics, lesson, physics_held_out
 from etude.models.flight_model import FlightModel
-from etude.models.flight_training import (
-    WITH_PROCESS,
-    HeldOut,
-    fitted_physics,
-    lesson,
-    physics_alone,
-    physics_held_out,
-    train_process,
-)
+from etude.models.flight_training import WITH_PROCESS, physics_alone, train_process
 from etude.robots.vehicle import Vehicle
 
 Array = NDArray[np.float64]
