@@ -1,14 +1,15 @@
 """etude study quadrotor: which flights teach best, under three random baselines and on three test sets.
 
-Two presets (`flight_orders_world`). A cell is one seed of one preset: a common first flight, then five flights
-in all for every arm (`flight_orders_cell`), and its figures in one JSON file, from which an interrupted study
-goes on. Extreme tests are designed flights of seeds that are used for nothing else.
+Two presets (`flight_orders_world`). A cell is one seed of one preset: a common first flight, then five
+flights in all for every arm (`flight_orders_cell`), and its figures in one JSON file, from which an
+interrupted study goes on. Extreme tests are designed flights of seeds that are used for nothing else.
 """
 
 from __future__ import annotations
 
 import json as json_module
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -121,14 +122,12 @@ def ordinary_cell(
 
 
 def extreme_cell(cell: Cell, folder: Path, effort: Effort) -> dict[str, Any]:
-    """Designed flights of a seed that is used for nothing else, by criterion; from its file if it is there."""
+    """Designed flights of a seed that no other cell has, by criterion; from its file if it is there."""
     return _kept(cell, folder, effort, lambda: designed_flights(cell, effort))
 
 
 def designed_flights(cell: Cell, effort: Effort, flights: int = EXTREME_FLIGHTS) -> dict[str, Any]:
     """`flights[criterion]`: parameters of all flights after the first; `cpu_s`."""
-    import time
-
     began, world = time.process_time(), World.of(cell.preset, effort.points)
     first = first_round(world, cell.seed, every_kind=False)
     found = {}
@@ -138,9 +137,7 @@ def designed_flights(cell: Cell, effort: Effort, flights: int = EXTREME_FLIGHTS)
     return {"flights": found, "cpu_s": time.process_time() - began}
 
 
-def _kept(
-    cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]
-) -> dict[str, Any]:
+def _kept(cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """What the cell's file says, if the same effort made it; else what `work` finds, written there."""
     path, asked = folder / f"{cell.name}.json", json_module.loads(json_module.dumps(asdict(effort)))
     if path.exists():

@@ -7,7 +7,7 @@ numbers are named by the seed and what they are for, so that no arm's luck depen
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -152,7 +152,7 @@ def test_flights(
 ) -> dict[str, FlightDataset]:
     """The three test sets of a seed, flown; the same for all its arms."""
     rng = np.random.default_rng([seed, TEST])
-    chosen = {
+    chosen: dict[str, Iterable[Array]] = {
         "uniform": SAMPLERS["uniform"](rng, world.feasible, effort.tests["uniform"]),
         "boundary": SAMPLERS["boundary"](rng, world.feasible, effort.tests["boundary"]),
         "extremes": some_extremes(extremes, effort.tests["extremes"], rng),

@@ -12,9 +12,14 @@ from etude.errors import UsageError
 
 # name -> "module:function"; the function takes json and seed (a bench perhaps quick, a study also seeds and
 # folder), and prints a table or the line of `rows_json`
-BENCHES = {"gp": "etude.studies.bench_gp:run", "models": "etude.studies.bench_models:run"}
+BENCHES = {
+    "gp": "etude.studies.bench_gp:run",
+    "models": "etude.studies.bench_models:run",
+    "quadrotor": "etude.studies.bench_quadrotor:run",
+}
 STUDIES = {
     "arm": "etude.studies.arm:run",
+    "quadrotor": "etude.studies.flight_orders:run",
     "quadrotor_loop": "etude.studies.flight_loop:run",
 }
 
