@@ -1,4 +1,4 @@
-"""`etude bench quadrotor`: cost, orderings, calibration and tracking of flights, beside what is asked of each.
+"""`etude bench quadrotor`: cost, orderings, calibration and tracking of flights, and what is asked of each.
 
 A measure is a function of a random generator that returns rows, with a shorter form if it takes `quick`;
 `MEASURES` lists them.
@@ -89,7 +89,7 @@ def order_bench_rows(
     figure over the criterion's after the last flight, above 1 where the criterion is better.
     """
     effort = effort or (QUICK if quick else FULL)
-    cells = _cells(rng, effort, seeds or (3 if quick else 8), 2 if quick else len(EXTREME_SEEDS))
+    cells = _cells(rng, effort, seeds or (5 if quick else 10), 2 if quick else len(EXTREME_SEEDS))
     last = min(CALIBRATED_FROM, effort.flights)
     z2 = figures(cells, RANDOM, last, "uniform", "z2")
     rows = mean_rows("z2_uniform", z2, "1", "calibrated; required 0.5 .. 2", [1.0])
@@ -133,7 +133,7 @@ def tracking_rows(
     first = int(rng.integers(1000, 100_000))
     cells = [
         LoopCell("quadrotor", "moving", 2, own)
-        for own in range(first, first + (seeds or (2 if quick else 4)))
+        for own in range(first, first + (seeds or (3 if quick else 6)))
     ]
     errors = [seed_errors(cell, tests or (4 if quick else 8), (4,)) for cell in cells]
     pid, exact, learned = ([own[f"{name}/calm"] for own in errors] for name in ("pid", "exact_drag", LEARNED))

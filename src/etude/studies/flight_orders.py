@@ -1,6 +1,6 @@
 """etude study quadrotor: which flights teach best, under three random baselines and on three test sets.
 
-Two presets (`flight_orders_world`). A cell is one seed of one preset: a common first flight, then five
+Presets are in `flight_orders_world`. A cell is one seed of one preset: a common first flight, then five
 flights in all for every arm (`flight_orders_cell`), and its figures in one JSON file, from which an
 interrupted study goes on. Extreme tests are designed flights of seeds that are used for nothing else.
 """
@@ -63,7 +63,7 @@ def run(
     effort: Effort | None = None,
     workers: int | None = None,
 ) -> None:
-    """Runs seeds `seed` .. `seed + seeds - 1` of both presets and prints rows and verdicts.
+    """Runs seeds `seed` .. `seed + seeds - 1` of every preset and prints rows and verdicts.
 
     Args:
         json: one line of JSON instead of tables. seed, seeds: which.
@@ -138,14 +138,15 @@ def designed_flights(cell: Cell, effort: Effort, flights: int = EXTREME_FLIGHTS)
 
 
 def _kept(cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What the cell's file says, if the same effort made it; else what `work` finds, written there."""
-    path, asked = folder / f"{cell.name}.json", json_module.loads(json_module.dumps(asdict(effort)))
+    """What the cell's file says, if the same settings made it; else what `work` finds, written there."""
+    path = folder / f"{cell.name}.json"
+    asked = json_module.loads(json_module.dumps([asdict(effort), asdict(PRESETS[cell.preset])]))
     if path.exists():
         known: dict[str, Any] = json_module.loads(path.read_text(encoding="utf-8"))
-        if known["effort"] == asked:
+        if known["settings"] == asked:
             return known
     with threads_for(0):
-        figures = {"preset": cell.preset, "seed": cell.seed, "effort": asked, **work()}
+        figures = {"preset": cell.preset, "seed": cell.seed, "settings": asked, **work()}
     write_atomic(path, json_module.dumps(figures, allow_nan=False).encode())
     return figures
 

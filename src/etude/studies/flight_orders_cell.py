@@ -132,13 +132,13 @@ def cell_measures(
         rung; `speed[arm]`: mean speed of each flight, m/s; `cpu_s`.
     """
     began, world = time.process_time(), World.of(preset, effort.points)
-    tests = test_flights(world, seed, extremes, effort)
+    tests = flown_tests(world, seed, extremes, effort)
     first = first_round(world, seed, every_kind=True)
     judge = Judge.of(world, seed, first)
     measured: dict[str, Any] = {}
     speed: dict[str, list[float]] = {}
     start = judge.measures(first, tests)
-    for arm in effort.arms:
+    for arm in effort.arms if world.preset.arms is None else world.preset.arms:
         flights = max(effort.flights, effort.longer if arm in world.preset.longer else 0)
         measured[arm], last = {"1": start}, first
         for last in rounds(world, seed, arm, first, flights, effort, every_kind=True):
@@ -147,7 +147,7 @@ def cell_measures(
     return {"measured": measured, "speed": speed, "cpu_s": time.process_time() - began}
 
 
-def test_flights(
+def flown_tests(
     world: World, seed: int, extremes: Mapping[str, Sequence[Array]], effort: Effort
 ) -> dict[str, FlightDataset]:
     """The three test sets of a seed, flown; the same for all its arms."""

@@ -48,8 +48,9 @@ def verdict_rows(found: Mapping[str, Cells]) -> list[Row]:
             rows += _log_ivr(preset, cells)
         rows += _extremes(preset, cells)
         rows += _orderings(preset, cells)
-    if "thesis" in found:
-        rows += _thesis("thesis", found["thesis"])
+    for preset in ("thesis", "literal"):
+        if preset in found:
+            rows += _thesis(preset, found[preset])
     if "clean" in found and last_count(found["clean"]) >= CALIBRATED_FROM:
         rows += _calibration("clean", found["clean"])
     return rows

@@ -1,4 +1,4 @@
-"""The two presets of the study of flights: what flies, how it is logged, and what learns from the logs."""
+"""The presets of the study of flights: what flies, how it is logged, and what learns from the logs."""
 
 from __future__ import annotations
 
@@ -36,18 +36,30 @@ class Preset:
         drag_aware: whether plans lean against the drag that the flights so far show.
         points: samples that processes are conditioned on, at most.
         longer: arms that fly `Effort.longer` times.
+        arms: the only ones of the preset; None: all.
     """
 
     setting: Setting
     drag_aware: bool
     points: int
     longer: tuple[str, ...] = ()
+    arms: tuple[str, ...] | None = None
 
 
+_THESIS = SETTINGS["thesis"]
+_LITERAL = replace(_THESIS, config=replace(_THESIS.config, noise_floor=0.0))
 PRESETS = {
     # reference row L: ten flights of the thesis's criterion and of uniform random ones
-    "thesis": Preset(SETTINGS["thesis"], drag_aware=False, points=1200, longer=("uniform", "mean_variance")),
+    "thesis": Preset(_THESIS, drag_aware=False, points=1200, longer=("uniform", "mean_variance")),
     "clean": Preset(SETTINGS["default"], drag_aware=True, points=600),
+    # plain maximum likelihood on the first flight, as the thesis's text says
+    "literal": Preset(
+        _LITERAL,
+        drag_aware=False,
+        points=1200,
+        longer=("uniform", "mean_variance"),
+        arms=("uniform", "mean_variance", "ivr"),
+    ),
 }
 
 
