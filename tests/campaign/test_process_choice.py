@@ -15,6 +15,7 @@ from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.models.guided import GuidedPosterior
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
 
@@ -46,6 +47,8 @@ reference_points = 20
         ("dictionary_variance", ExactPosterior),
         ("ssgp_fixed", SparseSpectrumPosterior),
         ("vfe", BasisPosterior),
+        ("local_gp", GuidedPosterior),
+        ("lwpr", GuidedPosterior),
     ],
 )
 def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
@@ -56,8 +59,10 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     tell(campaign, write_log(tmp_path / "answer.csv", stored_trajectory(campaign, number), number))
     _, second = campaign.state().trained
     assert second.trained is not None
-    assert max(second.trained["models"]["gp"]["nmse"]) < 0.5
-    assert (second.trained["moved"] is None) == (process == "ssgp_fixed")  # it has no kernel to compare
+    # after one motion of 20 s a local process knows less of another motion than one process of all samples
+    worst = 0.8 if process == "local_gp" else 0.5
+    assert max(second.trained["models"]["gp"]["nmse"]) < worst
+    assert second.trained["moved"] is not None
     model = newest_model(campaign, campaign.state())
     assert model is not None
     assert all(type(posterior) is kind for posterior in model.posteriors)

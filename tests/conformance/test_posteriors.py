@@ -1,4 +1,7 @@
-"""What every posterior owes. A new model is a row in MODELS: inputs, outputs -> posterior."""
+"""What every posterior owes. A new model is a row in MODELS: inputs, outputs -> posterior.
+
+One that has no covariance between inputs is a row in POINTWISE instead.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from etude.errors import UsageError
 from etude.models.contracts import Posterior
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
@@ -15,9 +19,11 @@ from etude.models.gp.exact import ExactGP
 from etude.models.gp.incremental_spectrum import IncrementalSpectrum
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.local import LocalGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.gp.sogp import SOGP
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude.models.lwpr.regression import LWPR
 
 D = 8
 
@@ -84,6 +90,17 @@ MODELS = {
     "sparse spectrum": SPECTRUM.condition,
     "sparse spectrum, on line": online,
 }
+# members that their papers give no covariance between inputs: what they owe of the rest
+POINTWISE = {
+    "local processes": LocalGP(SE, capacity=8).condition,
+    "local processes, one": LocalGP(SE, capacity=64).condition,
+    "local processes, nearest two": LocalGP(SE, capacity=8, nearest=2).condition,
+    "receptive fields": LWPR(metric=0.5, generate=0.3).condition,
+    "receptive fields, full metric": LWPR(metric=0.5, full=True).condition,
+}
+POINTWISE_ROWS = pytest.mark.parametrize("model", POINTWISE.values(), ids=POINTWISE.keys())
+EVERY = {**MODELS, **POINTWISE}
+EVERY_ROW = pytest.mark.parametrize("model", EVERY.values(), ids=EVERY.keys())
 ROWS = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
 
@@ -121,16 +138,16 @@ def test_more_data_never_raises_the_variance(model) -> None:
     assert np.all(full.predict(Z)[1] <= half.predict(Z)[1] + 1e-10)
 
 
-@ROWS
+@EVERY_ROW
 def test_mean_gradient(model) -> None:
-    posterior, (Z, _) = model(*data(30)), data(6, 3)
+    posterior, (Z, _) = model(*data(60)), data(6, 3)
     expected = central(lambda z: float(posterior.predict(z)[0].sum()), Z)
     np.testing.assert_allclose(posterior.mean_gradient(Z), expected, rtol=1e-6, atol=1e-8)
 
 
-@ROWS
+@EVERY_ROW
 def test_variance_gradient(model) -> None:
-    posterior, (Z, _) = model(*data(30)), data(6, 4)
+    posterior, (Z, _) = model(*data(60)), data(6, 4)
     g = np.random.default_rng(5).normal(size=6)
     expected = central(lambda z: float(g @ posterior.predict(z)[1]), Z)
     np.testing.assert_allclose(posterior.variance_gradient(Z, g), expected, rtol=1e-6, atol=1e-8)
@@ -149,3 +166,19 @@ def test_the_variance_does_not_depend_on_the_outputs(model) -> None:
     X, y = data(25)
     Z, _ = data(7, 9)
     np.testing.assert_array_equal(model(X, y).predict(Z)[1], model(X, -3.0 * y).predict(Z)[1])
+
+
+@POINTWISE_ROWS
+def test_without_covariances_the_variances_stand_alone_and_a_covariance_is_refused(model) -> None:
+    posterior, (Z, _) = model(*data(60)), data(9, 1)
+    mean, variance = posterior.predict(Z)
+    assert mean.shape == variance.shape == (9,)
+    assert np.all(variance > 0.0)
+    assert np.all(variance <= posterior.signal_variance * (1.0 + 1e-9))
+    assert posterior.noise_variance > 0.0
+    with pytest.raises(UsageError, match="no covariance between two inputs"):
+        posterior.covariance(Z, Z)
+    with pytest.raises(UsageError, match="Design with an exact process"):
+        posterior.covariance_gradient(Z, Z, np.eye(9))
+    with pytest.raises(UsageError, match="expected inputs"):
+        posterior.predict(Z[:, :3])

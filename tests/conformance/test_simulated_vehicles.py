@@ -156,7 +156,11 @@ def test_a_flight_ends_at_the_ground_and_at_the_wall(vehicle: SimulatedVehicle) 
     assert left.ended.position[0] == pytest.approx(1.0, abs=0.02)
     assert (np.abs(left.position[:, :2]) <= 1.0).all()
     inside = replace(room, lower=(-9.0, -9.0, 0.0), upper=(9.0, 9.0, 3.0), radius=0.9)
-    assert "room" in vehicle.fly(away, None, room=inside).ended.reason
+    aside = replace(plan, position=plan.position + [0.0, 2.0, 0.0] * plan.t[:, None])
+    rounded = vehicle.fly(aside, None, room=inside).ended
+    assert rounded is not None
+    assert "room" in rounded.reason
+    assert np.hypot(*rounded.position[:2]) == pytest.approx(0.9, abs=0.02)
 
 
 def test_bad_plans_are_refused(vehicle: SimulatedVehicle) -> None:

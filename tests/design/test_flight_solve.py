@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flight_design_examples import DRAG, box, flight_model
+from scipy.optimize import linprog
 
 from etude.design.flight_config import FlightDesignConfig
 from etude.design.flight_reference import IntendedFlights, uniform_intended
@@ -16,7 +17,7 @@ from etude.trajectories.flatness import flat_motion
 from etude.trajectories.flight_certificate import certify_flight
 from etude.trajectories.flight_family import FlightFamily
 from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight_samplers import boundary_parameters, uniform_parameters
 
 SMALL = FlightDesignConfig(points=20, reference_points=40, inducing=40, candidates=12, starts=4, steps=24)
 FAMILY = FlightFamily()
@@ -91,6 +92,10 @@ def test_the_forecast_is_what_conditioning_on_the_planned_samples_gives() -> Non
     cross = kernel.value(theta, R, X)
     K = kernel.value(theta, X, X) + np.diag(noises)
     after = kernel.diagonal(theta, R) - np.einsum("rn,nr->r", cross, np.linalg.solve(K, cross.T))
+    rng = np.random.default_rng(0)
+    objective = flight_objective(model, box(), FAMILY, SMALL, rng, intended, DRAG)
+    chosen = FAMILY.parameters(found.trajectory.coefficients)
+    assert found.value == pytest.approx(objective.value(chosen), rel=1e-9)
     # other states of the same flights: equal but for the sampling of a mean
     assert found.deviation_after == pytest.approx(np.sqrt(after.mean()), rel=0.05)
 
@@ -102,16 +107,54 @@ def test_intended_flights_are_what_a_reference_criterion_looks_at() -> None:
     assert found.reference == "survey"
 
 
-def test_a_search_from_outside_ends_inside() -> None:
-    feasible, rng = feasible_flights(box(), FAMILY), np.random.default_rng(0)
+@pytest.mark.parametrize("limits", [{}, {"speed": 0.7}, {"radius": 3.0, "speed": 2.0}])
+@pytest.mark.parametrize("steps", [1, 12])
+def test_a_search_from_outside_ends_inside(limits, steps: int) -> None:
+    feasible, rng = feasible_flights(box(**limits), FAMILY), np.random.default_rng(0)
     intended = uniform_intended(rng, feasible, FAMILY, 4)
     objective = flight_objective(flight_model(), box(), FAMILY, SMALL, rng, intended, DRAG)
     outside = feasible.centre + 3.0 * (uniform_parameters(rng, feasible)[0] - feasible.centre)
     assert not feasible.contains(outside)
-    for steps in (1, 20):
-        end = refine_flight(objective, feasible, outside, criterion="log_ivr", steps=steps)
-        assert feasible.contains(end.parameters)
-        assert end.value == objective.value(end.parameters)
+    end = refine_flight(objective, feasible, outside, criterion="log_ivr", steps=steps)
+    assert feasible.contains(end.parameters)
+    assert end.value == objective.value(end.parameters)
+
+
+class Slope:
+    """A linear function of the parameters instead of a criterion."""
+
+    def __init__(self, gradient: np.ndarray) -> None:
+        self.gradient = gradient
+
+    def value(self, parameters: np.ndarray) -> float:
+        return float(self.gradient @ parameters)
+
+    def value_and_gradient(self, parameters: np.ndarray) -> tuple[float, np.ndarray]:
+        return self.value(parameters), self.gradient
+
+
+@pytest.mark.parametrize("method", ["gradient", "finite_differences"])
+def test_the_search_finds_the_optimum_where_it_is_known(method) -> None:
+    """Linear programming on box and lift alone; under a tight speed limit no feasible flight is better."""
+    rng = np.random.default_rng(4)
+    for seed in range(3):
+        slope = Slope(np.random.default_rng(seed).standard_normal(FAMILY.size))
+        options = {"criterion": "mean_variance", "steps": 60, "method": method}
+        wide = feasible_flights(box(speed=100.0), FAMILY)
+        rows = np.concatenate([wide.slabs, -wide.slabs])
+        ends = np.concatenate([1.0 + wide.middle, 1.0 - wide.middle])
+        best = linprog(-slope.gradient, A_ub=rows, b_ub=ends, bounds=(None, None))
+        start = uniform_parameters(rng, wide, 1, 50)[0]
+        assert refine_flight(slope, wide, start, **options).value == pytest.approx(-best.fun, rel=1e-4)
+        slow = feasible_flights(box(speed=1.0), FAMILY)
+        start = uniform_parameters(rng, slow, 1, 50)[0]
+        end = refine_flight(slope, slow, start, **options)
+        # at an optimum every feasible direction leads down; and it is on the edge
+        others = boundary_parameters(rng, slow, 400) - end.parameters
+        assert (others @ slope.gradient).max() < 1e-3 * abs(end.value)
+        assert slow.furthest(end.parameters - slow.centre) == pytest.approx(1.0, abs=1e-4)
+        ahead = slow.shrink(end.parameters + 0.1 * slope.gradient)
+        assert slope.value(ahead) <= end.value * (1.0 + 1e-4)
 
 
 def test_without_searches_the_best_random_flight_is_proposed() -> None:

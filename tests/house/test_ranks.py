@@ -86,9 +86,15 @@ def test_imports_go_down(path: Path) -> None:
         assert allowed, f"{name} (rank {RANKS[own]}) imports etude.{other} (rank {RANKS[other]})"
 
 
-@pytest.mark.parametrize(("own", "foreign"), [("gp", "physics"), ("physics", "gp")])
+@pytest.mark.parametrize(
+    ("own", "foreign"), [("gp", "physics"), ("physics", "gp"), ("lwpr", "kernels, physics")]
+)
 def test_processes_know_no_robot_and_physics_no_process(own: str, foreign: str) -> None:
-    allowed = {"gp": {"gp"}, "physics": {"physics", "dataset", "features"}}[own]
+    allowed = {
+        "gp": {"gp"},
+        "physics": {"physics", "dataset", "features"},
+        "lwpr": {"lwpr", "gp"},  # the check of training data
+    }[own]
     for path in sorted((SOURCE / "models" / own).glob("*.py")):
         rooms = {name.split(".")[2] for name in imported(path) if name.startswith("etude.models.")}
         assert rooms <= allowed, f"{path.name} imports {rooms - allowed}, {foreign} or above"

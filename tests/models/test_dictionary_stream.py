@@ -111,6 +111,21 @@ def test_the_stream_predicts_as_its_posterior() -> None:
     assert posterior.noise_variance == stream.diagonal
 
 
+@pytest.mark.parametrize("kernel", [structured_kernel(2, 0), Linear((0, 3)) * Linear((1,))])
+def test_one_point_at_a_time_equals_many_compiled_or_not(kernel) -> None:
+    """The second kernel has two linear factors, for which a single row is not compiled."""
+    rng = np.random.default_rng(12)
+    X, gp = motion(rng, 60, 8, rate=5.0), ExactGP(kernel, 0.2 * rng.normal(size=kernel.size), -2.0)
+    y, streams = outputs(X, rng), []
+    for step in (1, 60):
+        streams.append(DictionaryGP(gp, DictionaryConfig(size=15)).stream(8))
+        for first in range(0, 60, step):
+            streams[-1].offer(X[first : first + step], y[first : first + step])
+    assert np.array_equal(streams[0].kept, streams[1].kept)
+    wanted = streams[1].predict(X)[0]
+    assert np.allclose([streams[0].mean(x) for x in X], wanted, atol=1e-7 * np.abs(wanted).max())
+
+
 def test_a_spoilt_inverse_is_noticed_and_repaired() -> None:
     stream, X = streamed(DictionaryConfig(size=40), 1e-2)
     stream._members.P[:] *= 3.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.logs.log import RobotLog
 from etude.models.dataset import concatenate
-from etude.models.preprocess import PRESETS, DataConfig, build_dataset, preset
+from etude.models.preprocess import PRESETS, DataConfig, build_dataset, duration, preset
 from etude.robots.spec import Axis, RobotSpec
 
 Array = NDArray[np.float64]
@@ -91,7 +91,8 @@ def test_repeated_motions_are_sampled_at_other_times() -> None:
 def test_the_thesis_takes_the_desired_motion_and_the_raw_command() -> None:
     q, qd, qdd = motion(T)
     log = replace(LOG, q_des=q + 1.0, qd_des=qd, qdd_des=qdd)
-    data = build_dataset(log, SPEC, preset("thesis"))
+    assert len(build_dataset(log, SPEC, preset("thesis"))) == np.count_nonzero(T > -1e-6)
+    data = build_dataset(log, SPEC, replace(preset("thesis"), rate_hz=100.0 / 12.0))
     rows = np.searchsorted(T, data.t - 1e-6)
     np.testing.assert_array_equal(np.diff(rows), 12)
     assert data.t[0] == pytest.approx(0.0, abs=1e-9)
@@ -156,3 +157,14 @@ def test_presets() -> None:
     with pytest.raises(UsageError, match=r"unknown data preset 'best'.*default, thesis"):
         preset("best")
     assert PRESETS["thesis"].inputs == "desired"
+
+
+def test_a_short_log_keeps_more_samples_a_second_and_the_thesis_does_not() -> None:
+    log = log_of(np.arange(0.0, 6.0, 0.01))
+    config = DataConfig(cutoff_hz=20.0)
+    counts = [len(build_dataset(log, SPEC, replace(config, least_samples=n))) for n in (0, 150, 10**6)]
+    assert counts[0] == pytest.approx(6.0 * 8.0, rel=0.1)
+    assert counts[1] >= 140  # the ends are trimmed afterwards
+    assert counts[2] == pytest.approx(600, abs=15)  # all there are
+    assert preset("thesis").least_samples == 0
+    assert duration(log) == pytest.approx(5.99)

@@ -283,3 +283,12 @@ def test_refusals() -> None:
     ]:
         with pytest.raises(UsageError, match=name):
             replace(PRIOR, **{name: value})
+
+
+def test_the_mean_at_one_point_is_the_prediction() -> None:
+    X, y = data(80)
+    process = PRIOR.begin(D)
+    assert process.mean(X[0]) == 0.0
+    for x, target in zip(X, y, strict=True):
+        process.update(x, target)
+        assert process.mean(X[3]) == pytest.approx(process.predict(X[3:4])[0][0], rel=1e-9, abs=1e-12)

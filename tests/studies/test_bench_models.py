@@ -7,13 +7,40 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from etude.studies import arm_accuracy, bench_models, model_latency, model_members, ur10_accuracy
+from etude.studies import (
+    arm_accuracy,
+    bench_models,
+    crazyflie_accuracy,
+    model_latency,
+    model_members,
+    online_rows,
+    real_accuracy,
+    real_logs,
+)
 from etude.studies.model_members import MEMBERS
+from etude.studies.online import Cell, Outcome
 from etude.studies.registry import run_bench
 
 DICTIONARIES = ("dictionary_variance", "dictionary_error")
-MODELS = ("exact", "downsampled", *DICTIONARIES, "ssgp_fixed", "ssgp_learned", "fitc", "vfe", "sogp")
+MODELS = (
+    "exact",
+    "downsampled",
+    *DICTIONARIES,
+    "ssgp_fixed",
+    "ssgp_learned",
+    "fitc",
+    "vfe",
+    "sogp",
+    "local_gp",
+    "lwpr",
+)
+
+
+def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
+    """What `test_online` tests; here only its place among the rows."""
+    return {name: Outcome([[1.0, 2.0]], (1.0, 1.0), (1.0, 1.0)) for name in rules}
 
 
 @pytest.fixture(autouse=True)
@@ -29,6 +56,7 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(model_members, "BASIS", 20)
     monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
     monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
+    monkeypatch.setattr(online_rows, "outcomes_of", third_passes)
 
 
 def test_all_rows_are_there_and_finite(capsys) -> None:
@@ -38,16 +66,23 @@ def test_all_rows_are_there_and_finite(capsys) -> None:
     assert found["command"] == "etude bench models --quick --json"
     assert tuple(MEMBERS) == MODELS
     wanted = {"dictionary_points_per_s", "dictionary_drift_10k", "predict_one_point_us", "online_update_us"}
-    wanted |= {"nmse_ur10", "nmse_ur10_ladder"}
-    wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2") for model in MODELS}
-    wanted |= {f"fit_s_{model}" for model in MODELS}
+    wanted |= {"predict_one_point_structured_us", "online_pass3_deg", "online_pass3_ssgp_deg"}
+    wanted |= {"nmse_ur10", "nmse_ur10_ladder", "crazyflie_motor_lag_ms"}
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        wanted |= {f"nmse_{log}", f"nmse_{log}_raw", f"nmse_{log}_worst_vs_linear"}
+    wanted |= {f"{figure}_{model}_arm4" for figure in ("nmse", "z2", "msll") for model in MODELS}
+    costs = ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")
+    wanted |= {f"{figure}_{model}" for figure in costs for model in MODELS}
+    wanted |= {f"{figure}_{model}_arm4_ci95" for figure in ("nmse", "z2", "msll") for model in MODELS}
     assert wanted <= set(rows)
-    assert all(row["value"] is not None and row["value"] > 0.0 for row in rows.values())
+    values = {name: row["value"] for name, row in rows.items() if not name.endswith("_ci95")}
+    assert all(row["value"] is not None for row in rows.values())
+    assert all(value > 0.0 for name, value in values.items() if not name.startswith("msll_"))
+    assert rows["msll_exact_arm4"]["value"] < -0.5
     assert rows["nmse_exact_arm4"]["ratio"] < 0.5
     assert rows["nmse_exact_arm4"]["reference"] == "linear regression, 2 seeds"
     assert len({rows[f"nmse_{model}_arm4"]["reference_value"] for model in MODELS}) == 1
     assert rows["nmse_ur10"]["ratio"] < 0.2
-    assert "kind = gp" in rows["nmse_ur10"]["reference"]
     share = int(rows["dictionary_points_per_s"]["reference"].split("%")[0].split()[-1])
     assert share >= 30
     drift = rows["dictionary_drift_10k"]
@@ -80,16 +115,24 @@ def test_figures_are_those_of_the_definitions(monkeypatch) -> None:
 
     monkeypatch.setattr(arm_accuracy, "MEMBERS", {"mean": lambda X, y, floor, rng: Ignorant()})
     monkeypatch.setattr(arm_accuracy, "QUICK_SEEDS", 1)
-    nmse, z2, seconds = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
+    rows = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
+    nmse, msll, z2, *costs = rows
     train, test = arm_accuracy.arm_data(np.random.default_rng(5).spawn(1)[0])
-    errors, wanted = [], []
+    errors, wanted, gains = [], [], []
     for j in range(4):
         tau = test.tau[~test.stuck[:, j], j]
         errors.append(float(np.mean((tau - train.tau[~train.stuck[:, j], j].mean()) ** 2)))
         wanted.append(errors[-1] / float(np.var(tau)))
+        known = train.tau[~train.stuck[:, j], j]
+        own, plain = (norm(known.mean(), deviation).logpdf(tau) for deviation in (2.0, known.std()))
+        gains.append(float(np.mean(plain - own)))
     assert nmse.value == pytest.approx(np.mean(wanted))
     assert z2.value == pytest.approx(np.mean(errors) / 4.0)
-    assert (nmse.metric, z2.metric, seconds.metric) == ("nmse_mean_arm4", "z2_mean_arm4", "fit_s_mean")
+    assert msll.value == pytest.approx(np.mean(gains))
+    assert [row.metric for row in (nmse, msll, z2)] == ["nmse_mean_arm4", "msll_mean_arm4", "z2_mean_arm4"]
+    names = [f"{figure}_mean" for figure in ("fit_s", "predict_1_us", "predict_600_ms", "memory_mb")]
+    assert [row.metric for row in costs] == names
+    assert costs[-1].value == 0.0  # it holds no array
 
 
 def test_quick_has_fewer_seeds(monkeypatch) -> None:
@@ -103,10 +146,14 @@ def test_quick_has_fewer_seeds(monkeypatch) -> None:
 
 
 def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsys, tmp_path: Path) -> None:
-    monkeypatch.setattr(ur10_accuracy, "FOLDER", tmp_path)
-    assert ur10_accuracy.ur10_rows(np.random.default_rng(0)) == []
+    monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
+    monkeypatch.setattr(crazyflie_accuracy, "EXAMPLES", tmp_path)
+    assert real_accuracy.real_rows(np.random.default_rng(0)) == []
+    assert crazyflie_accuracy.crazyflie_rows(np.random.default_rng(0)) == []
     printed = capsys.readouterr()
-    assert "nmse_ur10 left out" in printed.err
+    for log in ("ur10", "tx40", "tiago", "crazyflie"):
+        assert f"nmse_{log} left out" in printed.err
+    assert "panda" not in printed.err
     assert printed.out == ""
 
 

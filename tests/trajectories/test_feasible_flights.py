@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_examples import FAMILIES, ROOMS, room
+from feasible_examples import FAMILIES, ROOMS, room
 
 from etude.errors import UnsafeTrajectoryError
 from etude.trajectories.feasible_flights import feasible_flights

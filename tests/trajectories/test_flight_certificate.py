@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from flight_examples import room
+from feasible_examples import room
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.robots.vehicle import GRAVITY

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_examples import FAMILIES
+from feasible_examples import FAMILIES
 
 from etude.errors import UsageError
 from etude.trajectories.flight_family import FlightFamily

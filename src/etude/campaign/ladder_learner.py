@@ -49,6 +49,7 @@ def learn_ladder(campaign: Campaign, state: State, number: int) -> Learned:
         "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
         "chosen": ladder.chosen,
         "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
+        "warnings": list(ladder.model.warnings(campaign.spec.names)),
         **outlook(ladder.models[ladder.chosen], before.get(ladder.chosen), campaign, state),
     }
     this = state.rounds[number].told or {}

@@ -35,7 +35,7 @@ def preset(name: str, where: str = "", *, flying: bool = False) -> CampaignConfi
 
 
 def _thesis() -> CampaignConfig:
-    """Chapter 6: two harmonics, desired inputs, plain ARD-SE, mean variance, six trajectories."""
+    """Chapter 6: two harmonics, desired inputs, ARD-SE, dictionary by error, mean variance, six logs."""
     return CampaignConfig(
         preset="thesis",
         seed=0,

@@ -28,6 +28,7 @@ class Told:
         foreign: it answers no proposal.
         repairs: one sentence for each repair made while reading it.
         learned: numbers of the logs that were learned now.
+        warnings: a sentence for each output of the model in use that lost to linear regression.
     """
 
     number: int
@@ -35,6 +36,7 @@ class Told:
     foreign: bool
     repairs: tuple[str, ...]
     learned: tuple[int, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def tell(
@@ -73,12 +75,20 @@ def tell(
             _check_same_number(known, number, path)
             done = learn_pending(campaign, learner, say)
             repairs = tuple((known.told or {}).get("repairs", ()))
-            return Told(known.number, True, known.asked is None, repairs, tuple(done))
+            warnings = _warnings(campaign)
+            return Told(known.number, True, known.asked is None, repairs, tuple(done), warnings)
         log, answered, speed = _identify(campaign, state, path, number, foreign, degrees)
         number = answered if answered is not None else _free_number(state, number)
         _store(campaign, number, log, path, digest, answered is None, speed)
         done = learn_pending(campaign, learner, say)
-        return Told(number, False, answered is None, log.repairs, tuple(done))
+        return Told(number, False, answered is None, log.repairs, tuple(done), _warnings(campaign))
+
+
+def _warnings(campaign: Campaign) -> tuple[str, ...]:
+    """Of the newest training; journals older than the guard have none."""
+    trained = campaign.state().trained
+    facts = trained[-1].trained if trained else None
+    return tuple((facts or {}).get("warnings", ()))
 
 
 def _identify(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -22,10 +23,20 @@ class Bench(Common):
     """Of every random number."""
 
     quick: bool = False
-    """Fewer seeds, where a bench has several: all figures of `models` within three minutes."""
+    """Fewer seeds, where a bench has several: all figures of `models` within three minutes. In `gp` the other
+    libraries only up to n = 1000."""
+
+    python: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """The interpreter of another environment, for libraries that `gp` compares with and that are not in this
+    one; can be given several times. They are timed in a process of their own."""
+
+    logs: Path | None = None
+    """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
 
     def run(self, _: Say) -> Outcome:
         from etude.studies.registry import run_bench
 
-        run_bench(self.name, json=self.json, seed=self.seed, quick=self.quick)
+        run_bench(
+            self.name, json=self.json, seed=self.seed, quick=self.quick, pythons=self.python, logs=self.logs
+        )
         return Outcome("")

@@ -9,6 +9,7 @@ from etude.design.objective import DesignModel
 from etude.errors import UsageError
 from etude.models.contracts import Posterior
 from etude.models.gp.bayesian_linear import BayesianLinear, LinearPosterior
+from etude.models.guided import guide_of
 from etude.models.model_config import ModelConfig
 from etude.models.physics.base_regressor import base_regressors
 from etude.models.physics.geometry import Geometry, read_geometry
@@ -30,7 +31,7 @@ def identified_posteriors(model: DesignModel, spec: RobotSpec) -> tuple[LinearPo
     geometry, friction_velocity = _geometry(model, spec)
     regressors = base_regressors(spec, geometry.tree, geometry.drives, friction_velocity)
     made = []
-    for regressor, posterior in zip(regressors, model.posteriors, strict=True):
+    for regressor, posterior in zip(regressors, map(guide_of, model.posteriors), strict=True):
         X = _samples(posterior)
         regression = BayesianLinear(regressor, 0.0, 0.5 * float(np.log(posterior.noise_variance)))
         made.append(regression.condition(X, np.zeros(len(X))))

@@ -13,6 +13,7 @@ from etude.design.batch import Batch, batch_of
 from etude.errors import UsageError
 from etude.models.contracts import Posterior
 from etude.models.gp.cholesky import factorise
+from etude.models.guided import guide_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ class Output:
     """One output of the model, as a criterion sees it.
 
     Attributes:
-        posterior: its Gaussian process.
+        posterior: its Gaussian process; the guide of a member that has no covariances.
         reference: (r, D) states where its variance matters; r = 0 if the criterion needs none.
         reference_batch: the same as a batch of `posterior`.
         reference_variance: (r,) their latent variance now.
@@ -45,6 +46,7 @@ class Output:
     @classmethod
     def of(cls, posterior: Posterior, reference: Array, *, raw_units: bool = False) -> Output:
         """The output with everything that is fixed during a design computed once."""
+        posterior = guide_of(posterior)
         batch = batch_of(posterior, reference)
         scale = 1.0 if raw_units else posterior.signal_variance
         variance = batch.variance() if len(reference) else np.zeros(0)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.models.dataset import Dataset
+from etude.models.guard import linear_fit, linear_inputs
 
 Array = NDArray[np.float64]
 
@@ -19,10 +20,12 @@ def held_out_blocks() -> tuple[int, ...]:
     return tuple(range(FIRST, COUNT, EVERY))
 
 
-def split_blocks(dataset: Dataset) -> tuple[Dataset, Dataset]:
+def split_blocks(dataset: Dataset, gap_s: float = 0.0) -> tuple[Dataset, Dataset]:
     """Training and test samples of one log, split into contiguous blocks.
 
     Neighbouring samples are nearly equal, so a random split would test memory; whole blocks test prediction.
+    With a filter, commands near the border of a block share their noise with the other side: training samples
+    within `gap_s` of a test sample are in neither part.
 
     Raises:
         DataError: a part would be empty.
@@ -31,13 +34,23 @@ def split_blocks(dataset: Dataset) -> tuple[Dataset, Dataset]:
     rank = np.argsort(np.argsort(dataset.t, kind="stable"))
     block = rank * COUNT // len(dataset)
     test = np.isin(block, held_out_blocks())
-    if not test.any() or test.all():
+    train = ~test & ~_near(dataset.t, test, gap_s)
+    if not test.any() or not train.any():
         raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
-    return dataset.take(~test), dataset.take(test)
+    return dataset.take(train), dataset.take(test)
+
+
+def _near(t: Array, test: NDArray[np.bool_], gap_s: float) -> NDArray[np.bool_]:
+    """Which of t (n,) are less than `gap_s` from a time of the test; rounding decides nothing."""
+    if gap_s <= 0.0 or not test.any():
+        return np.zeros_like(test)
+    times = np.sort(t[test])
+    after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
+    nearest = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
+    return np.asarray(nearest < gap_s - 1e-9)
 
 
 def linear_regression(train: Dataset, test: Dataset) -> Array:
     """Commands (n, dof) at the test samples by least squares in q, qd, qdd and a constant."""
-    design, at = (np.hstack([d.q, d.qd, d.qdd, np.ones((len(d), 1))]) for d in (train, test))
-    weights, *_ = np.linalg.lstsq(design, train.tau, rcond=None)
-    return np.asarray(at @ weights)
+    weights = linear_fit(linear_inputs(train.q, train.qd, train.qdd), train.tau)
+    return np.asarray(linear_inputs(test.q, test.qd, test.qdd) @ weights)

@@ -63,6 +63,24 @@ def _score_output(tau: Array, mean: Array, variance: Array | None) -> tuple[floa
     return nmse, float(np.mean(error**2 / variance)), float(np.mean(inside))
 
 
+def standardised_log_loss(
+    tau: Array, mean: Array, variance: Array, moving: NDArray[np.bool_], trivial: Array
+) -> Array:
+    """MSLL (dof,): mean of -log p(tau), less that of a normal distribution fitted to the training commands.
+
+    Rasmussen and Williams 2006, 2.5. 0 is what predicting the mean is worth, lower is better; unlike nMSE and
+    z² it cannot be good with wrong variances or with wide ones. `tau`, `mean`, `variance` and `moving`
+    (n, dof) as for `score`, variances with noise; `trivial` (2, dof) is mean and variance of the training
+    commands. NaN for outputs without a moving sample.
+    """
+    trivial_mean, trivial_variance = trivial
+    loss = 0.5 * (np.log(variance) + (tau - mean) ** 2 / variance)
+    least = 0.5 * (np.log(trivial_variance) + (tau - trivial_mean) ** 2 / trivial_variance)
+    gain = np.where(moving, loss - least, 0.0).sum(axis=0)
+    counts = np.count_nonzero(moving, axis=0)
+    return np.asarray(np.where(counts > 0, gain / np.maximum(counts, 1), np.nan))
+
+
 def inflation(z2: float) -> float:
     """Factor on the variance: held-out z^2, but never below 1; 1 where it is unknown.
 

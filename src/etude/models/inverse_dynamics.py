@@ -11,8 +11,9 @@ from etude.errors import DataError, UsageError
 from etude.models.contracts import Posterior
 from etude.models.dataset import Dataset
 from etude.models.features import FRICTION_SCALES, FeatureMap
+from etude.models.guard import Guard
 from etude.models.model_config import PHYSICS, Kind, ModelConfig
-from etude.models.output_process import train_output
+from etude.models.output_process import OutputProcess, train_output
 from etude.models.physics.geometry import Geometry, read_geometry
 from etude.models.physics.rigid_body import RigidBodyModel, identify, nominal_model
 from etude.models.selection import in_order
@@ -39,6 +40,7 @@ class InverseDynamicsModel:
         stick_velocity: (dof,) top speed of the samples that were masked as stuck, rad/s; 0 without a mask.
         fallback: the rigid-body model, which is also the mean function; None for "gp".
         residual_variance: (dof,) mean squared error of the rigid-body model on trajectories held out.
+        guard: outputs that lost to linear regression; None if none did, or nothing was compared.
     """
 
     kind: Kind
@@ -50,16 +52,27 @@ class InverseDynamicsModel:
     stick_velocity: Array
     fallback: RigidBodyModel | None = None
     residual_variance: Array | None = None
+    guard: Guard | None = None
 
     @property
     def dof(self) -> int:
         return self.features.dof
 
+    def warnings(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """A sentence for each output that lost to linear regression; `names` are the axes'."""
+        if self.guard is None or self.kind in PHYSICS:
+            return ()
+        return self.guard.messages(names)
+
     def mean_function(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """What the processes are added to, (n, dof)."""
-        if self.fallback is None:
-            return np.tile(self.offset, (len(q), 1))
-        return self.offset + self.fallback.predict(q, qd, qdd)
+        """What the processes are added to, (n, dof): all of the mean for an output that is linear alone."""
+        mean = np.tile(self.offset, (len(q), 1))
+        if self.fallback is not None:
+            mean += self.fallback.predict(q, qd, qdd)
+        if self.guard is None:
+            return mean
+        linear = self.guard.linear(q, qd, qdd)
+        return np.where(self.guard.alone, linear, mean + linear)
 
     def predict(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Mean and variance (n, dof) of the measured command at q, qd, qdd (n, dof).
@@ -74,8 +87,13 @@ class InverseDynamicsModel:
         X = self.features.transform(q, qd, qdd)
         predicted = [posterior.predict(X) for posterior in self.posteriors]
         noise = np.array([posterior.noise_variance for posterior in self.posteriors])
-        latent = np.stack([variance for _, variance in predicted], axis=1)
-        return mean + np.stack([m for m, _ in predicted], axis=1), self.scale * (latent + noise)
+        rest = np.stack([m for m, _ in predicted], axis=1)
+        variance = self.scale * (np.stack([v for _, v in predicted], axis=1) + noise)
+        if self.guard is not None:
+            alone = self.guard.alone
+            rest = np.where(alone, 0.0, rest)
+            variance = np.where(alone, np.maximum(variance, self.guard.linear_error), variance)
+        return mean + rest, variance
 
 
 def train_model(
@@ -118,17 +136,33 @@ def train_model(
         for j in range(spec.dof)
     ]
     posteriors = tuple(output.posterior for output in outputs)
+    guard = _guard(outputs)
+    prior = np.array([p.signal_variance + p.noise_variance for p in posteriors])
+    if guard is not None:  # where linear regression is all there is, what it was to explain
+        prior = np.where(guard.alone, np.maximum(prior, dataset.tau.var(axis=0)), prior)
     return InverseDynamicsModel(
         kind=config.kind,
         features=features,
         posteriors=posteriors,
         offset=np.array([output.offset for output in outputs]),
         scale=np.array([output.scale for output in outputs]),
-        prior_deviation=np.sqrt([p.signal_variance + p.noise_variance for p in posteriors]),
+        prior_deviation=np.sqrt(prior),
         stick_velocity=stick_velocity(dataset),
         fallback=fallback,
         residual_variance=residual_variance,
+        guard=guard,
     )
+
+
+def _guard(outputs: list[OutputProcess]) -> Guard | None:
+    """None if no output needs it."""
+    guard = Guard(
+        roles=tuple(output.role for output in outputs),
+        weights=np.column_stack([output.weights for output in outputs]),
+        process_error=np.array([output.process_error for output in outputs]),
+        linear_error=np.array([output.linear_error for output in outputs]),
+    )
+    return guard if guard.active else None
 
 
 def physics_alone(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from etude.errors import UsageError
+from etude.models.lesson import SCHEDULES, Schedule
 from etude.models.processes import PROCESSES, SPECTRAL
 
 Kind = Literal["nominal", "identified", "gp", "identified+gp"]
@@ -25,19 +26,28 @@ class ModelConfig:
         kind: one of `KINDS`, or "auto": the ladder trains all that the robot allows and chooses.
         kernel: "structured" (posture, friction, linear and remainder) or "ard_se" (thesis 2.3).
         process: member of the model family that learns each output, a name in `processes.PROCESSES`.
-        points: samples each output's process is conditioned on, or members of its dictionary, at most; the
-            other approximations learn from every moving sample.
+        points: samples each output's process is conditioned on, or members of its dictionary, or samples of
+            each of its local processes, at most; the other approximations learn from every moving sample.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: of these, samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
-            likelihood then takes their agreement for precision.
-        steps, method: length and method of the training (see `training.fit`).
-        prior: "weak" log-normal priors on the hyperparameters, or "none" (maximum likelihood).
+            likelihood then takes their agreement for precision. With the structured kernel less, where short
+            logs would leave fewer than 100.
+        steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
+            or, if negative, evaluations of the likelihood (see `training.fit`).
+        schedule: what becomes of the hyperparameters of the last log's model (thesis 6.1): "update" trains on
+            from them, with spectral points if there are such; "constant" keeps those of the first training,
+            noise included; "reinitialise" trains from the data's scales. Inducing inputs are chosen anew
+            each time.
+        prior: "weak" log-normal priors on the hyperparameters, or "none": maximum likelihood, with learned
+            spectral points at once and without their guards.
         noise_floor: least noise deviation as a part of the command limit (never more than a tenth of the
             command's own deviation); "auto" chooses among `FLOORS` by how well each trajectory is predicted
             from the others, at four times the cost.
         friction_fraction: v0 of the friction feature as a part of the velocity limit; 0 for no such feature.
         calibrate: multiply variances by the held-out z^2 where that exceeds 1.
+        guard: outputs that linear regression predicts better on trajectories held out fall back to it (see
+            `models.guard`).
     """
 
     kind: Kind | Literal["auto"] = "auto"
@@ -49,15 +59,18 @@ class ModelConfig:
     fit_spacing_s: float = 0.5
     steps: int = 60
     method: Literal["lbfgs", "minimize"] = "lbfgs"
+    schedule: Schedule = "update"
     prior: Literal["weak", "none"] = "weak"
     noise_floor: float | Literal["auto"] = 0.002
     friction_fraction: float = 0.02
     calibrate: bool = True
+    guard: bool = True
 
     def __post_init__(self) -> None:
         _one_of("kind", self.kind, (*KINDS, "auto"))
         _one_of("kernel", self.kernel, ("structured", "ard_se"))
         _one_of("method", self.method, ("lbfgs", "minimize"))
+        _one_of("schedule", self.schedule, SCHEDULES)
         _one_of("prior", self.prior, ("weak", "none"))
         _one_of("process", self.process, tuple(PROCESSES))
         if self.basis < 1:
@@ -65,6 +78,12 @@ class ModelConfig:
         for name in ("points", "fit_points"):
             if getattr(self, name) < 2:
                 raise UsageError(f"{name} must be at least 2", where=f"model.{name} = {getattr(self, name)}")
+        if self.steps < 0 and self.method == "lbfgs":
+            raise UsageError(
+                "negative steps count evaluations of the likelihood, which L-BFGS cannot be limited to",
+                where=f"model.steps = {self.steps}",
+                next_step="Set method = 'minimize', or a number of iterations.",
+            )
         numbers = ["fit_spacing_s", "friction_fraction"]
         for name in numbers if self.noise_floor == "auto" else [*numbers, "noise_floor"]:
             value = getattr(self, name)
@@ -94,6 +113,7 @@ PRESETS = {
     "thesis": ModelConfig(
         kind="gp",
         kernel="ard_se",
+        process="thesis_dictionary_error",
         points=500,
         fit_points=500,
         fit_spacing_s=0.0,
@@ -103,5 +123,6 @@ PRESETS = {
         noise_floor=0.0,
         friction_fraction=0.0,
         calibrate=False,
+        guard=False,
     ),
 }

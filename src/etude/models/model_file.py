@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.models.features import FeatureMap
+from etude.models.guard import Guard
 from etude.models.inverse_dynamics import InverseDynamicsModel
 from etude.models.physics.kinematics import KinematicTree
 from etude.models.physics.rigid_body import RigidBodyModel
@@ -27,6 +28,7 @@ VERSION = 1
 NUMBERS, WORDS = "model.npz", "model.json"
 POINTWISE = ("offset", "scale", "prior_deviation", "stick_velocity")
 TREE = tuple(KinematicTree.__dataclass_fields__)
+GUARD = ("weights", "process_error", "linear_error")
 RIGID = ("friction_velocity", "inertial", "extra", "rank", "deviation")
 
 
@@ -43,12 +45,15 @@ def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
         arrays |= {f"output{j}.{name}": array for name, array in posterior_arrays(posterior).items()}
     if model.fallback is not None:
         arrays |= _rigid_arrays(model.fallback)
+    if model.guard is not None:
+        arrays |= {f"guard.{name}": getattr(model.guard, name) for name in GUARD}
     words = {
         "version": VERSION,
         "kind": model.kind,
         "dof": model.dof,
         "friction_scales": model.features.friction_scales,
         "outputs": [posterior_words(posterior) for posterior in model.posteriors],
+        "guard": None if model.guard is None else model.guard.roles,
     }
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
@@ -89,8 +94,15 @@ def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:
         posteriors=posteriors,
         fallback=_rigid_model(arrays) if "rigid.inertial" in arrays else None,
         residual_variance=arrays.get("residual_variance"),
+        guard=_guard(words, arrays),
         **{name: arrays[name] for name in POINTWISE},
     )
+
+
+def _guard(words: dict[str, Any], arrays: Arrays) -> Guard | None:
+    if words.get("guard") is None:  # none needed, or stored before there were guards
+        return None
+    return Guard(tuple(words["guard"]), **{name: arrays[f"guard.{name}"] for name in GUARD})
 
 
 def _rigid_arrays(model: RigidBodyModel) -> Arrays:

@@ -13,8 +13,11 @@ from etude.models.contracts import Posterior
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
+from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.models.guided import GuidedPosterior
+from etude.models.lwpr.posterior import LWPRPosterior
 
 Arrays = dict[str, NDArray[Any]]
 Words = dict[str, Any]
@@ -65,6 +68,30 @@ def _spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
         np.asfortranarray(array("L")),
         array("X"),
         array("y"),
+        array("theta"),
+    )
+
+
+def _local(words: Words, array: Lookup) -> LocalPosterior:
+    return local_posterior_given(
+        kernel_of(words["kernel"]),
+        array("theta"),
+        float(words["noise_variance"]),
+        array("centres"),
+        array("lengths"),
+        int(words["nearest"]),
+        (array("X"), array("y"), array("counts")),
+    )
+
+
+LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
+
+
+def _lwpr(words: Words, array: Lookup) -> LWPRPosterior:
+    return LWPRPosterior(
+        float(words["noise_variance"]),
+        float(words["signal_variance"]),
+        *(array(name) for name in LWPR_ARRAYS),
     )
 
 
@@ -77,14 +104,28 @@ FORMS = {
         _basis,
     ),
     "spectrum": Form(
-        SparseSpectrumPosterior, ("weights", "L", "X", "y"), ("noise_variance", "signal_variance"), _spectrum
+        SparseSpectrumPosterior,
+        ("weights", "L", "X", "y", "theta"),
+        ("noise_variance", "signal_variance"),
+        _spectrum,
     ),
+    "local": Form(
+        LocalPosterior,
+        ("theta", "centres", "lengths", "X", "y", "counts"),
+        ("noise_variance", "nearest"),
+        _local,
+    ),
+    "lwpr": Form(LWPRPosterior, LWPR_ARRAYS, ("noise_variance", "signal_variance"), _lwpr),
 }
 """The forms on disk by name; an exact posterior, of a dictionary too, is computed again from its points."""
+GUIDE = "guide"
+"""A guided posterior is stored as its own form, with its guide's words and arrays under this name."""
 
 
 def posterior_words(posterior: Posterior) -> Words:
     """Form, kernel and numbers of a posterior, for JSON. TypeError if its type has no form."""
+    if isinstance(posterior, GuidedPosterior):
+        return posterior_words(posterior.own) | {GUIDE: posterior_words(posterior.guide)}
     name, form = _form_of(posterior)
     kernel = getattr(posterior, "kernel", None)
     words: Words = {"form": name} if kernel is None else {"form": name, "kernel": kernel_words(kernel)}
@@ -93,6 +134,9 @@ def posterior_words(posterior: Posterior) -> Words:
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name. TypeError if its type has no form."""
+    if isinstance(posterior, GuidedPosterior):
+        of_guide = posterior_arrays(posterior.guide)
+        return posterior_arrays(posterior.own) | {f"{GUIDE}_{name}": a for name, a in of_guide.items()}
     arrays: Arrays = {name: getattr(posterior, name) for name in _form_of(posterior)[1].arrays}
     if isinstance(posterior, SparseSpectrumPosterior):
         arrays["frequencies"] = posterior.features.frequencies
@@ -108,7 +152,10 @@ def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) 
     name = words.get("form", "exact")  # the only form that earlier files knew
     if name not in FORMS:
         raise ValueError(f"unknown form {name!r} of a posterior")
-    return FORMS[name].make(words, lambda array: arrays[prefix + array])
+    own = FORMS[name].make(words, lambda array: arrays[prefix + array])
+    if GUIDE not in words:
+        return own
+    return GuidedPosterior(own, posterior_of(words[GUIDE], arrays, f"{prefix}{GUIDE}_"))
 
 
 def _form_of(posterior: Posterior) -> tuple[str, Form]:

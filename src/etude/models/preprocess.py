@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -38,7 +38,10 @@ class DataConfig:
             (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
         cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `derivatives.auto_cutoff`,
             "none" leaves both as measured.
-        rate_hz: samples kept per second at least, evenly spaced (thesis: every 12th of 100 Hz).
+        rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
+            choose from, and 100/12 for downsampling.
+        least_samples: of a log so short that fewer than these would be left, more are kept per second, up to
+            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute.
         stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
             less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
             speed below which samples lie about the friction is far above the encoder's noise.
@@ -49,6 +52,7 @@ class DataConfig:
     inputs: Literal["measured", "desired"] = "measured"
     cutoff_hz: float | Literal["auto", "none"] = "auto"
     rate_hz: float = 8.0
+    least_samples: int = 150
     stick_fraction: float = 0.05
     trim_s: float | Literal["auto"] = "auto"
 
@@ -59,6 +63,7 @@ class DataConfig:
             )
         _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
         _check_number("rate_hz", self.rate_hz, (), above_zero=True)
+        _check_number("least_samples", self.least_samples, (), above_zero=False)
         _check_number("stick_fraction", self.stick_fraction, (), above_zero=False)
         _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
 
@@ -77,7 +82,7 @@ def _check_number(name: str, value: float | str, words: tuple[str, ...], *, abov
 PRESETS = {
     "default": DataConfig(),
     "thesis": DataConfig(
-        inputs="desired", cutoff_hz="none", rate_hz=100.0 / 12.0, stick_fraction=0.0, trim_s=0.0
+        inputs="desired", cutoff_hz="none", rate_hz=100.0, least_samples=0, stick_fraction=0.0, trim_s=0.0
     ),
 }
 
@@ -113,7 +118,8 @@ def build_dataset(log: RobotLog, spec: RobotSpec, config: DataConfig, group: int
             next_step="Tell it with its proposal, or use inputs = 'measured'.",
         )
     rate = median_rate(log.t)
-    cutoff = _cutoff(log, rate, config)
+    cutoff = filter_cutoff(log, config)
+    config = replace(config, rate_hz=max(config.rate_hz, config.least_samples / duration(log)))
     parts = [
         part for piece in segments(log.t) if (part := _segment(log, piece, rate, cutoff, spec, config, group))
     ]
@@ -126,7 +132,14 @@ def build_dataset(log: RobotLog, spec: RobotSpec, config: DataConfig, group: int
     return concatenate(parts)
 
 
-def _cutoff(log: RobotLog, rate: float, config: DataConfig) -> float:
+def duration(log: RobotLog) -> float:
+    """Seconds that the log's stretches last together."""
+    return float(sum(np.ptp(log.t[piece]) for piece in segments(log.t)))
+
+
+def filter_cutoff(log: RobotLog, config: DataConfig) -> float:
+    """The cutoff in Hz with which `build_dataset` filters the log; infinite without a filter."""
+    rate = median_rate(log.t)
     if config.cutoff_hz == "none":
         return math.inf
     if config.cutoff_hz != "auto":

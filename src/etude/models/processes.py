@@ -2,94 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.contracts import HasKernel, Posterior
+from etude.models.contracts import Posterior
+from etude.models.lesson import Lesson, Member, Trained, initial_process, trained_process
+from etude.models.thesis_dictionary import thesis_dictionary
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
     from etude.models.gp.inducing import Form
-    from etude.models.gp.kernels import Kernel
     from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 
+__all__ = ["PROCESSES", "SPECTRAL", "Lesson", "Member", "Trained", "initial_process", "trained_process"]
+
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Lesson:
-    """What a member learns one output from, and how long it may train.
-
-    Attributes:
-        X, y: (n, D) features and (n,) centred targets of all samples, by trajectory and time.
-        group: (n,) number of each sample's trajectory.
-        moving: positions of the samples that count; those of a stuck joint are not among them.
-        kept: at most `points` of these, evenly spread: what an exact process is conditioned on.
-        chosen: fewer of these, far enough apart for the likelihood: what hyperparameters are fitted to.
-        kernel: covariance function.
-        floor: least noise deviation, units of y.
-        start: an earlier posterior of this output, for a warm start.
-        points: most samples kept. basis: inducing inputs, spectral points or basis points, at most.
-        steps, method, prior: of the training, as `training.fit`. rng: of what is drawn.
-    """
-
-    X: Array
-    y: Array
-    group: Index
-    moving: Index
-    kept: Index
-    chosen: Index
-    kernel: Kernel
-    floor: float
-    start: Posterior | None
-    points: int
-    basis: int
-    steps: int
-    method: Literal["lbfgs", "minimize"]
-    prior: Literal["weak"] | None
-    rng: np.random.Generator
-
-
-@dataclass(frozen=True)
-class Trained:
-    """A member with its hyperparameters.
-
-    Attributes:
-        condition: inputs (n, D) and centred outputs (n,) -> posterior. Called again without each trajectory
-            to calibrate the variance, unless the posterior can leave its samples out in closed form.
-        taught: positions in the lesson of the samples to condition on.
-    """
-
-    condition: Callable[[Array, Array], Posterior]
-    taught: Index
-
-
-Member = Callable[[Lesson], Trained]
-
-
-def initial_process(lesson: Lesson) -> ExactGP:
-    """The process to train from: the earlier hyperparameters if they fit, else the data's scales."""
-    from etude.models.gp.training import initial_gp
-
-    gp = initial_gp(lesson.kernel, lesson.X[lesson.chosen], lesson.y[lesson.chosen], noise_floor=lesson.floor)
-    start = lesson.start
-    if start is None or not isinstance(start, HasKernel) or start.kernel != lesson.kernel:
-        return gp
-    learned = max(start.noise_variance - lesson.floor**2, 1e-4 * start.noise_variance)
-    return gp.with_parameters(np.append(start.theta, 0.5 * np.log(learned)))
-
-
-def trained_process(lesson: Lesson) -> ExactGP:
-    """An exact process with the hyperparameters of the chosen samples, which many members borrow."""
-    from etude.models.gp.training import fit
-
-    X, y = lesson.X[lesson.chosen], lesson.y[lesson.chosen]
-    return fit(initial_process(lesson), X, y, method=lesson.method, steps=lesson.steps, prior=lesson.prior)
 
 
 def exact(lesson: Lesson) -> Trained:
@@ -119,41 +50,56 @@ def dictionary(rule: Literal["variance", "error"]) -> Member:
 
 
 def ssgp_fixed(lesson: Lesson) -> Trained:
-    """A sparse spectrum with the likeliest of 100 draws of its points; starts anew every time."""
+    """A sparse spectrum with the likeliest of 100 draws of its points, or with those of the earlier one."""
     return Trained(_spectrum(lesson).condition, lesson.moving)
 
 
 def ssgp_learned(lesson: Lesson) -> Trained:
-    """A sparse spectrum whose points are learned, until the newest trajectory is predicted no better."""
+    """A sparse spectrum whose points are learned, until the newest trajectory is predicted no better.
+
+    Without a prior, by maximum likelihood over points and hyperparameters at once, as the thesis: no guard.
+    """
     from etude.models.gp.sparse_spectrum_training import fit_sparse_spectrum
 
-    X, y, group = (part[lesson.chosen] for part in (lesson.X, lesson.y, lesson.group))
+    X, y, group = lesson.X[lesson.chosen], lesson.y[lesson.chosen], lesson.group[lesson.chosen]
+    fit = partial(fit_sparse_spectrum, method=lesson.method, steps=lesson.steps, prior=lesson.prior)
+    if lesson.prior is None:
+        gp = fit(replace(_drawn_spectrum(lesson), learned=True), X, y, point_prior=False)
+        return Trained(gp.condition, lesson.moving)
     newest = group == group.max()
     held_out = None if newest.all() else (X[newest], y[newest])
     known = np.ones_like(newest) if held_out is None else ~newest
-    gp = fit_sparse_spectrum(
-        replace(_spectrum(lesson), learned=True),
-        X[known],
-        y[known],
-        method=lesson.method,
-        steps=lesson.steps,
-        prior=lesson.prior,
-        held_out=held_out,
-    )
+    gp = fit(replace(_spectrum(lesson), learned=True), X[known], y[known], held_out=held_out)
     return Trained(gp.condition, lesson.moving)
 
 
 def _spectrum(lesson: Lesson) -> SparseSpectrumGP:
-    """Drawn points, and the hyperparameters found with them."""
-    from etude.models.gp.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
+    """Points that stay, and the hyperparameters found with them."""
+    from etude.models.gp.sparse_spectrum_training import fit_sparse_spectrum
 
     X, y = lesson.X[lesson.chosen], lesson.y[lesson.chosen]
-    gp = initial_sparse_spectrum(X, y, lesson.basis, lesson.rng, noise_floor=lesson.floor)
+    gp = _drawn_spectrum(lesson)
     return fit_sparse_spectrum(gp, X, y, method=lesson.method, steps=lesson.steps, prior=lesson.prior)
 
 
+def _drawn_spectrum(lesson: Lesson) -> SparseSpectrumGP:
+    """The earlier points if there are as many, else the likeliest of 100 draws, as the authors' code."""
+    from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+    from etude.models.gp.sparse_spectrum_training import redrawn
+    from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+
+    gp, start, shape = initial_process(lesson), lesson.start, (lesson.basis, lesson.X.shape[1])
+    if isinstance(start, SparseSpectrumPosterior) and start.points.shape == shape:
+        return SparseSpectrumGP(start.points, gp.theta, gp.log_noise, gp.noise_floor)
+    blank = SparseSpectrumGP(np.zeros(shape), gp.theta, gp.log_noise, gp.noise_floor)
+    return redrawn(blank, lesson.X[lesson.chosen], lesson.y[lesson.chosen], lesson.rng)
+
+
 def inducing(form: Form) -> Member:
-    """`basis` inducing inputs, moved together with the hyperparameters to explain the chosen samples."""
+    """`basis` inducing inputs, moved together with the hyperparameters to explain the chosen samples.
+
+    They are chosen anew among the samples each time; with constant hyperparameters they stay there.
+    """
 
     def train(lesson: Lesson) -> Trained:
         from etude.models.gp.inducing import InducingGP
@@ -162,7 +108,7 @@ def inducing(form: Form) -> Member:
         X, y = lesson.X[lesson.chosen], lesson.y[lesson.chosen]
         gp = initial_process(lesson)
         Z = X[greedy_points(gp.kernel, gp.theta, X, lesson.basis)]
-        start = InducingGP(gp.kernel, gp.theta, gp.log_noise, Z, form, lesson.floor)
+        start = InducingGP(gp.kernel, gp.theta, gp.log_noise, Z, form, gp.noise_floor)
         trained = fit_inducing(start, X, y, method=lesson.method, steps=lesson.steps, prior=lesson.prior)
         return Trained(trained.condition, lesson.moving)
 
@@ -174,19 +120,43 @@ def sogp(lesson: Lesson) -> Trained:
     from etude.models.gp.sogp import SOGP
 
     gp = trained_process(lesson)
-    online = SOGP(gp.kernel, gp.theta, gp.log_noise, lesson.floor, capacity=lesson.basis)
+    online = SOGP(gp.kernel, gp.theta, gp.log_noise, gp.noise_floor, capacity=lesson.basis)
     return Trained(online.condition, lesson.kept)
+
+
+def local_gp(lesson: Lesson) -> Trained:
+    """Local processes of `points` samples each, with an exact process's parameters; that process guides."""
+    from etude.models.gp.local import LocalGP
+
+    gp = trained_process(lesson)
+    return Trained(LocalGP(gp, capacity=lesson.points).condition, lesson.moving, _guide(gp, lesson))
+
+
+def lwpr(lesson: Lesson) -> Trained:
+    """Receptive fields on every moving sample; an exact process is trained beside them, to guide."""
+    from etude.models.lwpr.regression import LWPR
+
+    member = LWPR(noise_floor=lesson.floor)
+    return Trained(member.condition, lesson.moving, _guide(trained_process(lesson), lesson))
+
+
+def _guide(gp: ExactGP, lesson: Lesson) -> Posterior:
+    return gp.condition(lesson.X[lesson.kept], lesson.y[lesson.kept])
 
 
 PROCESSES: dict[str, Member] = {
     "exact": exact,
     "dictionary_variance": dictionary("variance"),
     "dictionary_error": dictionary("error"),
+    "thesis_dictionary_variance": thesis_dictionary("variance"),
+    "thesis_dictionary_error": thesis_dictionary("error"),
     "ssgp_fixed": ssgp_fixed,
     "ssgp_learned": ssgp_learned,
     "fitc": inducing("fitc"),
     "vfe": inducing("vfe"),
     "sogp": sogp,
+    "local_gp": local_gp,
+    "lwpr": lwpr,
 }
 """The members by the name that `model.process` gives."""
 SPECTRAL = ("ssgp_fixed", "ssgp_learned")

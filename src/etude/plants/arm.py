@@ -10,7 +10,7 @@ import numpy as np
 from etude.errors import UsageError
 from etude.plants.parameters import ArmParameters, load_parameters
 from etude.plants.robot import Gains, SimulatedRobot
-from etude.plants.trace import Array, LoopInputs, Trace
+from etude.plants.trace import Array, LoopInputs, Running, Trace
 from etude.robots.spec import RobotSpec
 
 
@@ -30,6 +30,7 @@ def arm_robot(name: str, spec: RobotSpec, engine: str) -> SimulatedRobot:
         encoder_noise=arm.controller.encoder_noise,
         closed_loop=_engine(engine, arm),
         inverse_model=partial(_inverse, arm),
+        begin=partial(_begin, arm) if engine == "compiled" else None,
     )
 
 
@@ -44,6 +45,12 @@ def _engine(engine: str, arm: ArmParameters) -> Callable[[LoopInputs], Trace]:
 
         return partial(simulate, arm)
     raise UsageError(f"there is no engine {engine!r}", next_step="Choose one of: mujoco, compiled.")
+
+
+def _begin(arm: ArmParameters, q: Array) -> Running:
+    from etude.plants.running import RunningArm
+
+    return RunningArm(arm, q)
 
 
 def _inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:

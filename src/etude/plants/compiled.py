@@ -210,8 +210,26 @@ def _open_loop(q: Array, v: Array, z: Array, volts: Array, p: Arrays) -> tuple[A
     return qs, vs, zs
 
 
+class LoopState(NamedTuple):
+    """The arm and its controller between two control ticks; `_closed_loop` changes it in place.
+
+    Attributes:
+        q, v, z: (dof,) angles rad, rates rad/s, bristle deflections.
+        before, rate: (dof,) the controller's last measured position, and its filtered difference.
+        ticks: (1,) control ticks since the start; at the first there is no difference yet.
+    """
+
+    q: Array
+    v: Array
+    z: Array
+    before: Array
+    rate: Array
+    ticks: NDArray[np.int64]
+
+
 @_compile
 def _closed_loop(
+    state: LoopState,
     q_des: Array,
     qd_des: Array,
     tau_ff: Array,
@@ -226,9 +244,8 @@ def _closed_loop(
     share: float,
 ) -> tuple[Array, Array, Array, Array]:
     ticks, dof = q_des.shape
-    q, v, z = q_des[0].copy(), np.zeros(dof), np.zeros(dof)
+    q, v, z, before, rate = state.q, state.v, state.z, state.before, state.rate
     M, f, volts = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof)
-    before, rate = np.zeros(dof), np.zeros(dof)
     measured, true = np.empty((ticks, dof)), np.empty((ticks, dof))
     tau, tau_fb = np.empty((ticks, dof)), np.empty((ticks, dof))
     period = substeps * p.timestep
@@ -236,7 +253,7 @@ def _closed_loop(
         for j in range(dof):
             true[k, j] = q[j]
             measured[k, j] = np.rint((q[j] + noise[k, j]) / tick) * tick
-            if k > 0:
+            if state.ticks[0] > 0:
                 rate[j] += share * ((measured[k, j] - before[j]) / period - rate[j])
             before[j] = measured[k, j]
             tau_fb[k, j] = kp[j] * (q_des[k, j] - measured[k, j]) + kd[j] * (qd_des[k, j] - rate[j])
@@ -245,6 +262,7 @@ def _closed_loop(
             volts[j] = tau[k, j] / resolution * supply
         for _ in range(substeps):
             _step(q, v, z, volts, p, M, f)
+        state.ticks[0] += 1
     return measured, true, tau, tau_fb
 
 
@@ -284,24 +302,61 @@ def open_loop(arm: ArmParameters, q: Array, v: Array, z: Array, volts: Array) ->
     return motion
 
 
-def simulate(arm: ArmParameters, inputs: LoopInputs) -> Trace:
-    """The closed loop over all control ticks, from rest at the first desired position."""
+def at_rest(q: Array) -> LoopState:
+    """The state before the first control tick: at rest at the angles q (dof,)."""
+    v, z, before, rate = np.zeros((4, len(q)))
+    return LoopState(np.array(q, dtype=np.float64), v, z, before, rate, np.zeros(1, dtype=np.int64))
+
+
+class Constants(NamedTuple):
+    """What the compiled loop takes of an arm and its controller, made once."""
+
+    kp: Array
+    kd: Array
+    arm: Arrays
+    resolution: float
+    supply: float
+    tick: float
+    share: float
+
+
+def constants(arm: ArmParameters) -> Constants:
+    """Of the arm with these parameters."""
     c = arm.controller
+    return Constants(
+        kp=np.array(c.kp),
+        kd=np.array(c.kd),
+        arm=arrays(arm),
+        resolution=float(c.resolution),
+        supply=c.supply,
+        tick=c.encoder_tick,
+        share=c.velocity_filter,
+    )
+
+
+def advance(arm: Constants, state: LoopState, inputs: LoopInputs) -> Trace:
+    """The closed loop over the control ticks of `inputs`, from `state`, which moves along."""
     measured, true, tau, tau_fb = _closed_loop(
+        state,
         inputs.q_des,
         inputs.qd_des,
         inputs.tau_ff,
         inputs.noise,
-        np.array(c.kp),
-        np.array(c.kd),
-        arrays(arm),
+        arm.kp,
+        arm.kd,
+        arm.arm,
         inputs.substeps,
-        float(c.resolution),
-        c.supply,
-        c.encoder_tick,
-        c.velocity_filter,
+        arm.resolution,
+        arm.supply,
+        arm.tick,
+        arm.share,
     )
     return Trace(q=measured, q_true=true, tau=tau, tau_fb=tau_fb)
+
+
+def simulate(arm: ArmParameters, inputs: LoopInputs) -> Trace:
+    """The closed loop over all control ticks, from rest at the first desired position."""
+    return advance(constants(arm), at_rest(inputs.q_des[0]), inputs)
 
 
 def inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.logs.log import RobotLog
-from etude.plants.trace import LoopInputs, Trace
+from etude.plants.trace import LoopInputs, Running, Trace
 from etude.robots.spec import RobotSpec
 from etude.trajectories.samples import TrajectorySamples
 
@@ -37,6 +37,8 @@ class SimulatedRobot:
         encoder_noise: standard deviation before quantisation, rad.
         closed_loop: LoopInputs -> Trace.
         inverse_model: (q, qd, qdd), (T, dof) each -> command (T, dof) that produces this motion.
+        begin: angles q (dof,) at rest -> the closed loop to be advanced tick by tick; None where the engine
+            runs only as a whole.
     """
 
     name: str
@@ -46,6 +48,7 @@ class SimulatedRobot:
     encoder_noise: float
     closed_loop: Callable[[LoopInputs], Trace]
     inverse_model: Callable[[Array, Array, Array], Array]
+    begin: Callable[[Array], Running] | None = None
 
     def run(
         self,
@@ -80,7 +83,7 @@ class SimulatedRobot:
             )
         )
         noise = np.zeros_like(q_des) if rng is None else rng.normal(0.0, self.encoder_noise, q_des.shape)
-        trace = self.closed_loop(LoopInputs(q_des, qd_des, ff, noise, self._substeps()))
+        trace = self.closed_loop(LoopInputs(q_des, qd_des, ff, noise, self.substeps))
         return RobotLog(
             names=self.spec.names,
             command_unit=self.spec.command_unit,
@@ -106,7 +109,9 @@ class SimulatedRobot:
             self._check_rows(name, rows, len(q))
         return self.inverse_model(q, qd, qdd)
 
-    def _substeps(self) -> int:
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control tick."""
         return round(1.0 / (self.spec.rate * self.timestep))
 
     def _check(self, samples: TrajectorySamples, tau_ff: Array, lead_in: float) -> None:

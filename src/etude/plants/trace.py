@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,3 +38,15 @@ class Trace:
     q_true: Array
     tau: Array
     tau_fb: Array
+
+
+class Running(Protocol):
+    """A robot whose closed loop is advanced a few control ticks at a time."""
+
+    def advance(self, inputs: LoopInputs) -> Trace:
+        """Goes on from where it is, over the ticks of `inputs`; (T, dof) as for a whole run."""
+        ...
+
+    def change(self, parameters: Any) -> None:
+        """From the next tick on the robot has these physical parameters; its state stays."""
+        ...

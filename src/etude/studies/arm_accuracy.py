@@ -1,12 +1,15 @@
-"""How well every member of the model family predicts the simulated arm: error, calibration and fit time.
+"""How well every member of the model family predicts the simulated arm, and what it costs.
 
 Logs of random motions under PD control alone, preprocessed as a campaign does by default; one trajectory is
-held out. Figures are means over the joints and the seeds, on samples where that joint moves.
+held out. nMSE, mean standardised log loss and z² are means over the joints, on samples where that joint
+moves. Times and memory are those of all joints' processes together; times are processor times of all threads,
+which on one core are what it takes, however busy the machine is.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from etude.control.closed_loop import run_closed_loop
 from etude.control.feedforward import no_feedforward
 from etude.models.blocks import linear_regression
-from etude.models.calibration import score
+from etude.models.calibration import score, standardised_log_loss
 from etude.models.dataset import Dataset, concatenate
 from etude.models.inverse_dynamics import feature_map
 from etude.models.model_config import ModelConfig
@@ -22,7 +25,9 @@ from etude.models.output_process import LARGEST_FLOOR
 from etude.models.preprocess import build_dataset, preset
 from etude.plants.registry import simulated_robot
 from etude.robots.spec import RobotSpec
+from etude.studies.model_cost import held_bytes, predict_seconds
 from etude.studies.model_members import MEMBERS, Member
+from etude.studies.model_table import FIGURES
 from etude.studies.rows import Row, mean_rows
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
@@ -37,25 +42,53 @@ FLOOR = 0.002
 """Noise floor as a part of the command limit, the default of `ModelConfig`."""
 
 
+POINTS = 600
+"""Inputs predicted at once: a trajectory as the design sees it, or a minute at 10 Hz."""
+REPEATS_ONE, REPEATS_MANY = 50, 5
+
+
 def member_rows(rng: np.random.Generator, *, quick: bool = False) -> list[Row]:
-    """`nmse_`, `z2_<model>_arm4` and `fit_s_<model>` of every member; nMSE beside linear regression's."""
+    """The rows of `FIGURES` for every member, with intervals over seeds; nMSE beside linear regression's."""
     robot = simulated_robot(ROBOT, engine="compiled")
-    figures: dict[str, list[tuple[float, float, float]]] = {name: [] for name in ("linear", *MEMBERS)}
+    measured: dict[str, list[dict[str, float]]] = {name: [] for name in MEMBERS}
+    linear: list[float] = []
     _compile_members(robot.spec.dof)
-    for own in rng.spawn(QUICK_SEEDS if quick else SEEDS):
+    seeds = rng.spawn(QUICK_SEEDS if quick else SEEDS)
+    for own in _shown(seeds, quick=quick):
         train, test = arm_data(own)
-        linear = score(test.tau, linear_regression(train, test), None, ~test.stuck)
-        figures["linear"].append((float(np.nanmean(linear.nmse)), np.nan, np.nan))
+        found = score(test.tau, linear_regression(train, test), None, ~test.stuck)
+        linear.append(_mean(found.nmse))
         for name, member in MEMBERS.items():
-            figures[name].append(_measure(member, train, test, robot.spec, own))
-    linear_nmse = [nmse for nmse, _, _ in figures.pop("linear")]
+            measured[name].append(_measure(member, train, test, robot.spec, own))
+    return [row for name, found in measured.items() for row in _rows_of(name, found, linear)]
+
+
+def _rows_of(name: str, found: list[dict[str, float]], linear: list[float]) -> list[Row]:
+    outputs = "processor time, 4 outputs, mean and variance"
+    beside: dict[str, tuple[str, list[float]]] = {
+        "nmse": (f"linear regression, {len(linear)} seeds", linear),
+        "msll": ("normal distribution of the training commands", [0.0]),
+        "z2": ("calibrated", [1.0]),
+        "fit_s": ("processor time, 4 outputs, training included", []),
+        "predict_1_us": (outputs, []),
+        "predict_600_ms": (outputs, []),
+        "memory_mb": ("arrays of 4 posteriors after a prediction", []),
+    }
     rows = []
-    for name, (nmse, z2, seconds) in ((name, zip(*found, strict=True)) for name, found in figures.items()):
-        named = f"linear regression, {len(linear_nmse)} seeds"
-        rows += mean_rows(f"nmse_{name}_{ROBOT}", nmse, "1", named, linear_nmse)
-        rows.append(Row(f"z2_{name}_{ROBOT}", float(np.mean(z2)), "1", "calibrated", 1.0))
-        rows.append(Row(f"fit_s_{name}", float(np.mean(seconds)), "s", f"all {robot.spec.dof} outputs"))
+    for key, figure in FIGURES.items():
+        reference, values = beside[key]
+        metric = figure.metric.format(name)
+        rows += mean_rows(metric, [one[key] for one in found], figure.unit, reference, values)
     return rows
+
+
+def _shown(seeds: list[np.random.Generator], *, quick: bool) -> Iterable[np.random.Generator]:
+    """The seeds, with a bar on stderr where they take minutes."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    return track(seeds, "all models, seed by seed", console=console, transient=True, disable=quick)
 
 
 def arm_data(rng: np.random.Generator) -> tuple[Dataset, Dataset]:
@@ -74,26 +107,45 @@ def _compile_members(inputs: int) -> None:
     rng = np.random.default_rng(0)
     X, y = rng.normal(size=(2 * inputs, inputs)), rng.normal(size=2 * inputs)
     for member in MEMBERS.values():
-        member(X, y, 0.1, rng)
+        member(X, y, 0.1, rng).predict(X)
 
 
 def _measure(
     member: Member, train: Dataset, test: Dataset, spec: RobotSpec, rng: np.random.Generator
-) -> tuple[float, float, float]:
-    """nMSE and z² over the joints, and the seconds that training all of them took."""
+) -> dict[str, float]:
+    """The figures of one seed."""
     features = feature_map(spec, ModelConfig())
     X, at = (features.transform(data.q, data.qd, data.qdd) for data in (train, test))
     mean, variance = np.empty_like(test.tau), np.empty_like(test.tau)
-    seconds = 0.0
+    trivial = np.empty((2, spec.dof))
+    posteriors, seconds = [], 0.0
     for j in range(spec.dof):
         moving = ~train.stuck[:, j]
         tau = train.tau[moving, j]
-        offset = float(tau.mean())
+        trivial[:, j] = tau.mean(), tau.var()
         floor = min(FLOOR * float(spec.command[j]), LARGEST_FLOOR * float(tau.std()))
-        start = time.perf_counter()
-        posterior = member(X[moving], tau - offset, floor, rng)
-        seconds += time.perf_counter() - start
-        predicted, latent = posterior.predict(at)
-        mean[:, j], variance[:, j] = predicted + offset, latent + posterior.noise_variance
+        start = time.process_time()
+        posteriors.append(member(X[moving], tau - trivial[0, j], floor, rng))
+        seconds += time.process_time() - start
+        predicted, latent = posteriors[-1].predict(at)
+        mean[:, j], variance[:, j] = predicted + trivial[0, j], latent + posteriors[-1].noise_variance
+    many = np.resize(at, (POINTS, X.shape[1]))
+    return _described(test, mean, variance, trivial) | {
+        "fit_s": seconds,
+        "predict_1_us": 1e6 * predict_seconds(posteriors, at[:1], REPEATS_ONE),
+        "predict_600_ms": 1e3 * predict_seconds(posteriors, many, REPEATS_MANY),
+        "memory_mb": 1e-6 * held_bytes(posteriors),
+    }
+
+
+def _described(test: Dataset, mean: Array, variance: Array, trivial: Array) -> dict[str, float]:
+    """How good predictions are; `trivial` (2, dof) is mean and variance of the training commands."""
     found = score(test.tau, mean, variance, ~test.stuck)
-    return float(np.nanmean(found.nmse)), float(np.nanmean(found.z2)), seconds
+    loss = standardised_log_loss(test.tau, mean, variance, ~test.stuck, trivial)
+    return {"nmse": _mean(found.nmse), "msll": _mean(loss), "z2": _mean(found.z2)}
+
+
+def _mean(values: Array) -> float:
+    """Over the joints that have a value; NaN if none has."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")

@@ -8,12 +8,16 @@ the repeats, so that a busy machine weighs on both alike. References:
 * ivr gradient: the forward and the back solve of the batch, of the references (the gradient contains
   `K_RX W`; the measured time starts from the bare reference inputs too), and with the Cholesky factor of S.
   The products between these solves are in the figure and not in the reference.
+
+Then other libraries, as far as they are installed, and a sparse spectrum: `bench_peers`.
 """
 
 from __future__ import annotations
 
+import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +28,8 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import initial_gp
+from etude.studies import bench_peers
+from etude.studies.peers.catalogue import EXACT, SPECTRUM
 from etude.studies.rows import Row, rows_json, table
 from etude.threads import threads_for
 
@@ -37,17 +43,35 @@ LIKELIHOOD_REPEATS = {500: 60, 1000: 20, 3000: 5}
 GRADIENT_REPEATS = 60
 
 
-def run(*, json: bool = False, seed: int = 0) -> list[Row]:
-    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`."""
+def run(*, json: bool = False, seed: int = 0, quick: bool = False, pythons: Sequence[Path] = ()) -> list[Row]:
+    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`.
+
+    `quick` leaves out the other libraries' largest n; `pythons` are interpreters to look for them in.
+    """
     rng = np.random.default_rng(seed)
     with threads_for(0):
         rows = [likelihood_row(n, repeats, rng) for n, repeats in LIKELIHOOD_REPEATS.items()]
         rows += [mean_variance_row(rng), ivr_row(rng)]
+    rows += beside_others(seed, quick, pythons)
     if json:
-        print(rows_json(rows, "etude bench gp --json"))  # noqa: T201
+        print(rows_json(rows, _command(quick, pythons)))  # noqa: T201
     else:
         table(rows, f"exact Gaussian process, D = {INPUTS}; gradients: {BATCH} points at n = {POINTS}")
     return rows
+
+
+def beside_others(seed: int, quick: bool, pythons: Sequence[Path]) -> list[Row]:
+    """The rows of `bench_peers`, on data that do not depend on the rows before them."""
+    rng = np.random.default_rng(seed)
+    sizes = [n for n in bench_peers.REPEATS if not quick or n <= bench_peers.QUICK]
+    problems = {n: random_process(n, rng) for n in sizes}
+    rows = bench_peers.peer_rows(problems, EXACT, pythons)
+    return rows + bench_peers.spectrum_rows(INPUTS, rng, SPECTRUM, pythons)
+
+
+def _command(quick: bool, pythons: Sequence[Path]) -> str:
+    chosen = [f"--python {shlex.quote(str(python))}" for python in pythons] + ["--quick"] * quick
+    return " ".join(["etude bench gp", *chosen, "--json"])
 
 
 def medians(first: Callable[[], object], second: Callable[[], object], repeats: int) -> tuple[float, float]:

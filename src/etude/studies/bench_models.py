@@ -7,6 +7,7 @@ A measure is a function of a random generator that returns rows, with a shorter 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,9 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.studies.model_table import show
 from etude.studies.registry import call
-from etude.studies.rows import Row, rows_json, table
+from etude.studies.rows import Row, rows_json
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -26,10 +28,12 @@ MEASURES = (
     "etude.studies.bench_models:dictionary_points_per_s",
     "etude.studies.bench_models:dictionary_drift_10k",
     "etude.studies.model_latency:latency_rows",
-    "etude.studies.ur10_accuracy:ur10_rows",
+    "etude.studies.real_accuracy:real_rows",
+    "etude.studies.crazyflie_accuracy:crazyflie_rows",
     "etude.studies.arm_accuracy:member_rows",
+    "etude.studies.online_rows:online_rows",
 )
-"""module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
+"""module:function, each (rng[, quick][, logs]) -> list of rows, in the order they are run."""
 
 INPUTS, SIZE = 12, 500
 PERIOD_S, RATE_HZ = 60.0, 100.0
@@ -41,20 +45,22 @@ SWAP_SHARE = 0.3
 REPLACEMENTS = 10_000
 
 
-def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
-    """Measure all rows and print them: a table, or with `json` the one line of `rows_json`.
+def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | None = None) -> list[Row]:
+    """Measure all rows and print them: tables, or with `json` the one line of `rows_json`.
 
-    `quick` measures the same rows with fewer seeds.
+    `quick` measures the same rows with fewer seeds; `logs` is a folder with further recordings (`real_logs`).
     """
     rows: list[Row] = []
     with threads_for(0):
         for place in MEASURES:
-            rows += call(place, np.random.default_rng(seed), quick=quick)
+            rows += call(place, np.random.default_rng(seed), quick=quick, logs=logs)
     if json:
-        command = "etude bench models --quick --json" if quick else "etude bench models --json"
+        command = (
+            "etude bench models" + " --quick" * quick + " --logs FOLDER" * (logs is not None) + " --json"
+        )
         print(rows_json(rows, command))  # noqa: T201
     else:
-        table(rows, "model family")
+        show(rows, "model family")
     return rows
 
 

@@ -21,9 +21,11 @@ from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import Form
 from etude.models.gp.inducing_training import fit_inducing, initial_inducing
 from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.local import LocalGP
 from etude.models.gp.sogp import SOGP
 from etude.models.gp.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
 from etude.models.gp.training import fit, initial_gp
+from etude.models.lwpr.regression import LWPR
 
 Array = NDArray[np.float64]
 
@@ -88,6 +90,14 @@ def sogp(X: Array, y: Array, floor: float, _: np.random.Generator) -> Predicts:
     return SOGP(gp.kernel, gp.theta, gp.log_noise, gp.noise_floor, capacity=BASIS).condition(X, y)
 
 
+def local_gp(X: Array, y: Array, floor: float, _: np.random.Generator) -> Predicts:
+    return LocalGP(_exact_gp(X, y, floor), capacity=KEPT).condition(X, y)
+
+
+def lwpr(X: Array, y: Array, floor: float, _: np.random.Generator) -> Predicts:
+    return LWPR(noise_floor=floor).condition(X, y)
+
+
 MEMBERS: dict[str, Member] = {
     member.__name__: member
     for member in (
@@ -100,6 +110,8 @@ MEMBERS: dict[str, Member] = {
         fitc,
         vfe,
         sogp,
+        local_gp,
+        lwpr,
     )
 }
 

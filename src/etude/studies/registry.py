@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
 
-# name -> "module:function"; the function takes json and seed (a bench perhaps quick, a study also seeds and
-# folder), and prints a table or the line of `rows_json`
+# name -> "module:function"; the function takes json and seed (a bench perhaps one of OPTIONAL, a study also
+# seeds and folder), and prints a table or the line of `rows_json`
 BENCHES = {
     "gp": "etude.studies.bench_gp:run",
     "models": "etude.studies.bench_models:run",
@@ -19,17 +19,32 @@ BENCHES = {
 }
 STUDIES = {
     "arm": "etude.studies.arm:run",
+    "online": "etude.studies.online:run",
     "quadrotor": "etude.studies.flight_orders:run",
     "quadrotor_loop": "etude.studies.flight_loop:run",
 }
 
 
-def run_bench(name: str, *, json: bool, seed: int, quick: bool = False) -> None:
+def run_bench(
+    name: str,
+    *,
+    json: bool,
+    seed: int,
+    quick: bool = False,
+    pythons: Sequence[Path] = (),
+    logs: Path | None = None,
+) -> None:
     """Runs the bench of that name, which prints its rows. UsageError if there is none.
 
-    `quick` goes to benches that know a shorter form.
+    `quick` goes to benches that know a shorter form, `pythons`, other interpreters, and `logs`, a folder of
+    recordings, to those that use them; UsageError to one that does not.
     """
-    _run("bench", BENCHES, name, json=json, seed=seed, quick=quick)
+    known = _parameters(BENCHES[name]) if name in BENCHES else {}
+    for option, given in (("pythons", pythons), ("logs", logs)):
+        if given and name in BENCHES and option not in known:
+            flag = "--python" if option == "pythons" else "--logs"
+            raise UsageError(f"bench {name!r} has no use for {flag}", where=flag, next_step="Leave it out.")
+    _run("bench", BENCHES, name, json=json, seed=seed, quick=quick, pythons=pythons, logs=logs)
 
 
 def run_study(name: str, *, json: bool, seed: int, seeds: int, folder: Path) -> None:
@@ -44,10 +59,20 @@ def _run(kind: str, registry: Mapping[str, str], name: str, **options: Any) -> N
     call(registry[name], **options)
 
 
-def call(place: str, *arguments: Any, quick: bool = False, **options: Any) -> Any:
-    """Calls "module:function"; `quick` is passed on only to a function that takes it."""
+OPTIONAL = ("quick", "pythons", "logs")
+
+
+def call(place: str, *arguments: Any, **options: Any) -> Any:
+    """Calls "module:function"; `OPTIONAL` ones are passed on only to a function that takes them."""
+    known = _parameters(place)
+    taken = {key: value for key, value in options.items() if key not in OPTIONAL or key in known}
+    return _function(place)(*arguments, **taken)
+
+
+def _function(place: str) -> Any:
     module, name = place.split(":")
-    function = getattr(importlib.import_module(module), name)
-    if "quick" in inspect.signature(function).parameters:
-        options["quick"] = quick
-    return function(*arguments, **options)
+    return getattr(importlib.import_module(module), name)
+
+
+def _parameters(place: str) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(_function(place)).parameters

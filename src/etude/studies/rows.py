@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -93,7 +94,8 @@ def table(rows: Sequence[Row], title: str) -> None:
 
     shown = Table(title=title)
     for heading in ("metric", "value", "unit", "reference", "its value", "ratio"):
-        shown.add_column(heading, justify="left" if heading in ("metric", "unit", "reference") else "right")
+        justify: Literal["left", "right"] = "left" if heading in ("metric", "unit", "reference") else "right"
+        shown.add_column(heading, justify=justify, overflow="fold")  # on a narrow page no name is cut short
     for row in rows:
         reference = "" if row.reference_value is None else f"{row.reference_value:.4g}"
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"

@@ -6,7 +6,8 @@ what is linear in the coefficients, its root for the size of a vector, whose squ
 Box, cylinder and speed are the thesis's. Largest thrust |a + g| is convex as well, and so is tilt, a cone
 about the vertical. Least thrust is not: |a + g| >= c is replaced by its vertical part, which is linear and
 implies it. Tilt is asked of a_z and of -a_z, since a bound for all times needs both sides; so flights that
-climb hard and lean far at once are left out, although they would be allowed.
+climb hard and lean far at once are left out, although they would be allowed. Thrust and tilt are those of
+a + g z; what drag adds has to fit into the limits' own reserve.
 """
 
 from __future__ import annotations

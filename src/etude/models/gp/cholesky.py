@@ -26,12 +26,14 @@ def factorise(K: Array, noise_variance: float, *, announce: bool = True) -> tupl
     1e-10 of its mean, then ten times more, up to 1e-4, with a JitterWarning that gives the amount.
 
     Raises:
-        NumericalError: K is not finite, or 1e-4 of its diagonal was not enough.
+        NumericalError: K is not finite, or zero, or 1e-4 of its diagonal was not enough.
     """
     diagonal = K.diagonal() + noise_variance
     scale = float(diagonal.mean())
     if not np.isfinite(scale):
         raise NumericalError("the covariance matrix is not finite", next_step="Look at the hyperparameters.")
+    if not FIRST_JITTER * scale > 0.0:  # a jitter that is rounded to zero would be raised for ever
+        raise NumericalError("the covariance matrix is zero", next_step="Look at the hyperparameters.")
     jitter = 0.0
     while True:
         L = K.copy(order="F")

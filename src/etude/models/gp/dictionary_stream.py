@@ -11,6 +11,7 @@ from etude.models.gp import dictionary_steps as steps
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.dictionary_config import DictionaryConfig
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
+from etude.models.gp.point_kernel import PointCovariances
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -56,6 +57,7 @@ class DictionaryStream:
             log_det=np.zeros(1),
         )
         self._work = np.empty((4, u))
+        self._point = PointCovariances(gp.kernel, gp.theta, inputs)
 
     def __len__(self) -> int:
         return int(self._members.counts[0])
@@ -125,6 +127,11 @@ class DictionaryStream:
             explained = np.einsum("ij,ij->i", K @ self._members.P[:n, :n], K)
             return K @ self._members.alpha[:n], np.maximum(prior - explained, 0.0)
 
+    def mean(self, x: Array) -> float:
+        """Mean at one input x (D,), thesis (2.5): O(u), for a controller's tick."""
+        n = len(self)
+        return float(self._point(x, self._members.X[:n]) @ self._members.alpha[:n])
+
     def posterior(self) -> ExactPosterior:
         """The exact process given the members; its noise variance is d. DataError if there are none."""
         if not len(self):
@@ -180,8 +187,11 @@ class DictionaryStream:
 
     def _offer_block(self, X: Array, y: Array, t: Array) -> None:
         kernel, theta, n = self.gp.kernel, self.gp.theta, len(self)
-        rows = kernel.value(theta, X, self._members.X[:n]) if n else np.zeros((len(y), 0))
-        prior = kernel.diagonal(theta, X)
+        if len(y) == 1:  # online, where the bookkeeping of a matrix costs more than the row itself
+            rows, prior = self._point(X[0], self._members.X[:n])[None], self._point(X[0], X)
+        else:
+            rows = kernel.value(theta, X, self._members.X[:n]) if n else np.zeros((len(y), 0))
+            prior = kernel.diagonal(theta, X)
         block = steps.Candidates(
             X=_plain(X),
             y=_plain(y),

@@ -7,6 +7,7 @@ update of R. With fixed hyperparameters the result is that of `SparseSpectrumGP.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,29 @@ LEAST_NOISE = 1e-10
 """Least sn² as a part of s0²: below it millions of samples outweigh the prior beyond rounding."""
 FADING = 0.1
 """With forgetting, the prior on a weight is restored before it has lost this part of its precision."""
+
+
+class Features(Protocol):
+    """What turns D inputs into the columns of a linear model."""
+
+    @property
+    def inputs(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    def transform(self, X: Array) -> Array: ...
+
+
+class LinearProcess(Protocol):
+    """A process that is linear in features: a `SparseSpectrumGP`, or a `random_features.FeatureProcess`."""
+
+    @property
+    def features(self) -> Features: ...
+    @property
+    def noise_variance(self) -> float: ...
+    @property
+    def signal_variance(self) -> float: ...
+    @property
+    def ridge(self) -> float: ...
 
 
 @dataclass
@@ -51,7 +75,7 @@ class IncrementalSpectrum:
         count: samples seen.
     """
 
-    gp: SparseSpectrumGP
+    gp: LinearProcess
     forgetting: float
     A: Array
     R: Array
@@ -60,15 +84,15 @@ class IncrementalSpectrum:
     count: int = 0
 
     def __post_init__(self) -> None:
-        self._features: SpectralFeatures = self.gp.features
+        self._features = self.gp.features
         self._weights: Array | None = None
         self._next = 0
 
     @classmethod
-    def start(cls, gp: SparseSpectrumGP, *, forgetting: float = 1.0) -> IncrementalSpectrum:
+    def start(cls, gp: LinearProcess, *, forgetting: float = 1.0) -> IncrementalSpectrum:
         """Before any sample. UsageError if the noise is below `LEAST_NOISE` or λ outside (0, 1]."""
         _check(gp, forgetting)
-        size = 2 * len(gp.points)
+        size = gp.features.size
         prior = np.full(size, gp.ridge)
         return cls(gp, forgetting, np.diag(prior), np.diag(np.sqrt(prior)), np.zeros(size), prior)
 
@@ -124,15 +148,20 @@ class IncrementalSpectrum:
 
     @property
     def posterior(self) -> SparseSpectrumPosterior:
-        """What is known now, as a value that later updates do not change."""
+        """What is known now, as a value that later updates do not change; of spectral features alone."""
+        if not (isinstance(self._features, SpectralFeatures) and isinstance(self.gp, SparseSpectrumGP)):
+            raise UsageError(
+                "a process of these features has no posterior for the design", next_step="Use mean."
+            )
         return SparseSpectrumPosterior(
             self._features,
             self.gp.signal_variance,
             self.gp.noise_variance,
             self.weights.copy(),
             self.R.copy().T,
-            np.empty((0, self.gp.points.shape[1])),
+            np.empty((0, self._features.inputs)),
             np.empty(0),
+            self.gp.theta,
         )
 
     def refactor(self) -> None:
@@ -169,13 +198,13 @@ class IncrementalSpectrum:
 
     def _feature(self, x: Array) -> Array:
         x = np.asarray(x, dtype=float)
-        if x.shape != (self.gp.points.shape[1],):
-            raise UsageError(f"expected one input of shape ({self.gp.points.shape[1]},), got {x.shape}")
+        if x.shape != (self._features.inputs,):
+            raise UsageError(f"expected one input of shape ({self._features.inputs},), got {x.shape}")
         with np.errstate(invalid="ignore"):
             return np.asarray(self._features.transform(x[None])[0])
 
 
-def _check(gp: SparseSpectrumGP, forgetting: float) -> None:
+def _check(gp: LinearProcess, forgetting: float) -> None:
     if not 0.0 < forgetting <= 1.0:
         raise UsageError(f"forgetting must be above 0 and at most 1, got {forgetting}")
     if gp.noise_variance < LEAST_NOISE * gp.signal_variance:

@@ -24,6 +24,9 @@ Form = Literal["vfe", "fitc"]
 LEAST_NOISE = 1e-10
 """Least sn² as a part of the prior variance; below it the sums over the data cancel to nothing."""
 
+LEAST_VARIANCE = 1e-100
+"""Least prior variance; the likelihood of outputs that are all zero grows for ever as it falls."""
+
 
 @dataclass(frozen=True)
 class InducingGP:
@@ -203,6 +206,8 @@ def _checked_diagonal(gp: InducingGP, X: Array) -> Array:
     if X.shape[1] != gp.Z.shape[1]:
         raise UsageError(f"inputs have {X.shape[1]} columns, the inducing inputs {gp.Z.shape[1]}")
     diagonal = gp.kernel.diagonal(gp.theta, X)
+    if not LEAST_VARIANCE <= diagonal.mean() <= 1.0 / LEAST_VARIANCE:
+        raise NumericalError(f"a prior variance of {diagonal.mean():.1e} leaves the floating-point range")
     if not gp.noise_variance >= LEAST_NOISE * diagonal.mean():
         raise NumericalError(
             f"noise variance {gp.noise_variance:.1e} is below {LEAST_NOISE:.0e} of the prior variance "

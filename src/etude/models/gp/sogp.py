@@ -16,6 +16,7 @@ from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import triangular_inverse
 from etude.models.gp.exact import checked_data
 from etude.models.gp.kernels import Kernel
+from etude.models.gp.point_kernel import PointCovariances
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -115,7 +116,9 @@ class OnlineProcess:
         self.prior = prior
         self.samples, self.log_density, self._diagonal_sum = 0, 0.0, 0.0
         self.basis = np.zeros((0, inputs))
+        self._point = PointCovariances(prior.kernel, prior.theta, inputs)
         self._L, self._S, self._m = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+        self._weights: Array | None = None
 
     @property
     def alpha(self) -> Array:
@@ -144,7 +147,11 @@ class OnlineProcess:
         sn² is too small; the process is then as it was.
         """
         x, own = self._checked(x, y)
-        a = self._whitened(x[None])[:, 0]
+        a = (
+            np.asarray(dtrtrs(self._L, self._point(x, self.basis), lower=1)[0])
+            if len(self.basis)
+            else self._m
+        )
         novelty = max(own - float(a @ a), 0.0)
         mean = float(a @ self._m)
         variance = novelty + max(float(a @ self._S @ a), 0.0) + self.prior.noise_variance
@@ -155,6 +162,7 @@ class OnlineProcess:
         self._S = self._S - np.outer(Sa / variance, Sa)
         if len(self._m) > self.prior.capacity:
             self._delete(int(np.argmin(self.scores())))
+        self._weights = None
         self.samples += 1
         self._diagonal_sum += own
         self.log_density -= 0.5 * ((y - mean) ** 2 / variance + float(np.log(2.0 * np.pi * variance)))
@@ -175,6 +183,14 @@ class OnlineProcess:
         removed = np.einsum("ut,ut->t", A, A - self._S @ A)
         prior = self.prior.kernel.diagonal(self.prior.theta, X)
         return A.T @ self._m, np.maximum(prior - removed, 0.0)
+
+    def mean(self, x: Array) -> float:
+        """Mean at one input x (D,): O(u), after O(u²) if there was an update since."""
+        if not len(self.basis):
+            return 0.0
+        if self._weights is None:
+            self._weights = np.asarray(dtrtrs(self._L, self._m, lower=1, trans=1)[0])
+        return float(self._point(x, self.basis) @ self._weights)
 
     def posterior(self) -> BasisPosterior:
         """A copy that later updates leave alone, O(u³); DataError before the first sample."""
@@ -199,7 +215,7 @@ class OnlineProcess:
             raise UsageError(f"expected an input of shape {self.basis.shape[1:]}, got {x.shape}")
         if not (np.isfinite(x).all() and np.isfinite(y)):
             raise DataError("a sample contains NaN or infinite values", next_step="Skip it.")
-        own = float(self.prior.kernel.diagonal(self.prior.theta, x[None])[0])
+        own = float(self._point(x, x[None])[0])
         if not self.prior.noise_variance >= LEAST_NOISE * own:
             raise NumericalError(
                 f"noise variance {self.prior.noise_variance:.1e} is below {LEAST_NOISE:.0e} of the prior "

@@ -121,7 +121,7 @@ class SparseSpectrumGP:
         with threads_for(self._order(len(y))):
             fit = _Fit.of(self, X, y, announce=True)
         return SparseSpectrumPosterior(
-            self.features, self.signal_variance, fit.noise_variance, fit.weights, fit.L, X, y
+            self.features, self.signal_variance, fit.noise_variance, fit.weights, fit.L, X, y, self.theta
         )
 
     def evidence(self, X: Array, y: Array) -> float:

@@ -20,6 +20,16 @@ class SpectralFeatures:
 
     frequencies: Array
 
+    @property
+    def inputs(self) -> int:
+        """D."""
+        return int(self.frequencies.shape[1])
+
+    @property
+    def size(self) -> int:
+        """Number 2m of features."""
+        return 2 * len(self.frequencies)
+
     def transform(self, X: Array) -> Array:
         """phi (n, 2m) at X (n, D)."""
         m = len(self.frequencies)

@@ -12,6 +12,7 @@ from scipy.linalg.lapack import dpotrs
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.cholesky import factorise, triangular_inverse
+from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.threads import threads_for
 
@@ -29,6 +30,7 @@ class SparseSpectrumPosterior:
         noise_variance: sn², with anything that had to be added.
         weights: (2m,) w = A^-1 b. L: (2m, 2m) lower Cholesky factor of A.
         X, y: (n, D) and (n,) what it was conditioned on; n = 0 if that was not kept (learned on line).
+        theta: (D + 1,) log s0 and log ℓ_1 .. log ℓ_D: a training can go on from it.
     """
 
     features: SpectralFeatures
@@ -38,6 +40,17 @@ class SparseSpectrumPosterior:
     L: Array
     X: Array
     y: Array
+    theta: Array
+
+    @property
+    def kernel(self) -> SquaredExponential:
+        """The covariance function that the spectrum stands for."""
+        return SquaredExponential(tuple(range(len(self.theta) - 1)))
+
+    @property
+    def points(self) -> Array:
+        """(m, D) spectral points ε = ω ℓ."""
+        return np.asarray(self.features.frequencies * np.exp(self.theta[1:]))
 
     @cached_property
     def root(self) -> Array:

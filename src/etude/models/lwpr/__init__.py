@@ -1,0 +1,1 @@
+"""Locally weighted projection regression: no Gaussian process, but it answers like one where it can."""

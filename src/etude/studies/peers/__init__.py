@@ -1,0 +1,1 @@
+"""Other libraries that compute what Étude computes, timed beside it."""
