@@ -117,6 +117,18 @@ def test_a_worse_ivr_is_said_to_be_worse() -> None:
     assert rows["verdict_clean_ivr_not_worse_2"].startswith("does not hold")
 
 
+@pytest.mark.parametrize(
+    ("factor", "verdict"), [(1.3, "holds"), (1.6, "does not hold"), (0.9, "does not hold")]
+)
+def test_the_order_after_the_longest_flights(factor: float, verdict: str) -> None:
+    cells = [
+        made_up(s, lambda arm, _, s=s: 0.01 * (factor + 1e-4 * s if arm == "mean_variance" else 1.0))
+        for s in range(3)
+    ]
+    rows = {row.metric: row.reference for row in verdict_rows({"thesis": cells})}
+    assert rows["verdict_thesis_row_l"].startswith(verdict)
+
+
 def test_a_study_of_few_arms_has_fewer_verdicts() -> None:
     cells = [made_up(s, lambda *_: 0.01, arms=("uniform", "ivr"), flights=2) for s in (0, 1)]
     names = {row.metric for row in verdict_rows({"clean": cells})}
