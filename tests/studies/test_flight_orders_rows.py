@@ -68,6 +68,7 @@ def test_rows_of_ratios() -> None:
     assert close(rows["clean_mean_variance_vs_scaled_mae_uniform"].value, 2.0 / 1.6)
     assert close(rows["clean_mean_variance_vs_boundary_mae_extremes"].value, 1.6 / 0.5)
     assert close(rows["clean_ivr_vs_random_mae_uniform"].value, 1.0 / 0.8)
+    assert close(rows["clean_ivr_vs_random_mae_ladder_uniform"].value, 1.0 / 0.8)
     assert close(rows["clean_ivr_vs_random_sd"].value, 2.0)
     assert close(rows["clean_uniform_5_mae_uniform"].value, 0.02)
     low, high = (rows[f"clean_ivr_vs_random_mae_uniform_{end}"].value for end in ("low", "high"))

@@ -81,11 +81,18 @@ def deviations(cells: Cells, arm: str, count: int, name: str) -> list[float]:
 
 
 def compare(
-    cells: Cells, arm: str, baseline: str, test: str, count: int | None = None, figure: str = "mae"
+    cells: Cells,
+    arm: str,
+    baseline: str,
+    test: str,
+    count: int | None = None,
+    figure: str = "mae",
+    kind: str = "gp",
 ) -> Paired:
-    """How many times lower a figure of an arm's process is than the baseline's."""
+    """How many times lower a figure of an arm's model, by default its process, is than the baseline's."""
     count = last_count(cells) if count is None else count
-    return paired(figures(cells, baseline, count, test, figure), figures(cells, arm, count, test, figure))
+    own, other = (figures(cells, name, count, test, figure, kind) for name in (arm, baseline))
+    return paired(other, own)
 
 
 def compare_deviation(cells: Cells, arm: str, name: str = "sd", count: int | None = None) -> Paired:
@@ -159,6 +166,9 @@ def _ratios(preset: str, cells: Cells, arm: str) -> list[Row]:
             for test in TESTS:
                 found = compare(cells, arm, baseline, test, figure=figure)
                 rows += ratio_rows(f"{name}_{figure}_{test}", found, f"{baseline} random over it")
+    for test in TESTS:
+        found = compare(cells, arm, RANDOM, test, kind="ladder")
+        rows += ratio_rows(f"{preset}_{arm}_vs_random_mae_ladder_{test}", found, "uniform random over it")
     for name in DEVIATIONS:
         found = compare_deviation(cells, arm, name)
         rows += ratio_rows(f"{preset}_{arm}_vs_random_{name}", found, "uniform random over it")
