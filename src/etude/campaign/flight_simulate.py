@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
-from etude.campaign.flight_learner import load_chosen, told_flight
+from etude.campaign.flight_learner import load_chosen, told_flights
 from etude.campaign.folder import Campaign
 from etude.campaign.learner import Say
 from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
@@ -26,7 +26,6 @@ from etude.errors import DataError, UsageError
 from etude.logs.flight_log import FlightLog
 from etude.logs.flight_parquet import write_flight
 from etude.models.flight_drag import train_drag
-from etude.models.flight_preprocess import joined
 from etude.models.physics.flight_inverse import VehicleInverse, nominal_inverse
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
@@ -161,7 +160,7 @@ def _learned(campaign: Campaign, plant: SimulatedVehicle, number: int) -> Flight
     """Acceleration, learned drag, and the chosen model's voltages, gated."""
     model = load_chosen(campaign.model_folder(number))
     logs = [r.number for r in campaign.state().trained]
-    drag = train_drag(joined([told_flight(campaign, n, order) for order, n in enumerate(logs)]))
+    drag = train_drag(told_flights(campaign, logs)[0])
     nominal = _nominal(plant)
     return FlightFeedforward(drag=drag, voltages=None if nominal is None else GatedVoltages(model, nominal))
 

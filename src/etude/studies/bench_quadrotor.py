@@ -39,6 +39,7 @@ MEASURES = (
     "etude.studies.flight_design_cost:design_rows",
     "etude.studies.bench_quadrotor:order_bench_rows",
     "etude.studies.bench_quadrotor:tracking_rows",
+    "etude.studies.crazyflie:crazyflie_rows",
 )
 """module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
 
