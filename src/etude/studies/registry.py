@@ -16,10 +16,12 @@ BENCHES = {
     "crazyflie": "etude.studies.crazyflie:run",
     "gp": "etude.studies.bench_gp:run",
     "models": "etude.studies.bench_models:run",
+    "quadrotor": "etude.studies.bench_quadrotor:run",
 }
 STUDIES = {
     "arm": "etude.studies.arm:run",
     "online": "etude.studies.online:run",
+    "quadrotor": "etude.studies.flight_orders:run",
     "quadrotor_loop": "etude.studies.flight_loop:run",
 }
 
