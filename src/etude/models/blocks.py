@@ -34,13 +34,13 @@ def split_blocks(dataset: Dataset, gap_s: float = 0.0) -> tuple[Dataset, Dataset
     rank = np.argsort(np.argsort(dataset.t, kind="stable"))
     block = rank * COUNT // len(dataset)
     test = np.isin(block, held_out_blocks())
-    train = ~test & ~_near(dataset.t, test, gap_s)
+    train = ~test & ~near(dataset.t, test, gap_s)
     if not test.any() or not train.any():
         raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
     return dataset.take(train), dataset.take(test)
 
 
-def _near(t: Array, test: NDArray[np.bool_], gap_s: float) -> NDArray[np.bool_]:
+def near(t: Array, test: NDArray[np.bool_], gap_s: float) -> NDArray[np.bool_]:
     """Which of t (n,) are less than `gap_s` from a time of the test; rounding decides nothing."""
     if gap_s <= 0.0 or not test.any():
         return np.zeros_like(test)
