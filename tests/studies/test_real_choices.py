@@ -90,6 +90,20 @@ def test_a_choice_is_what_its_kernel_and_its_options_say(tx40) -> None:
     assert np.all(one.nmse(one.linear) < 1.0)
 
 
+def test_of_two_kernels_each_output_takes_the_better_one(tx40) -> None:
+    _, _, (log, spec) = tx40
+
+    def plain(dof: int, axis: int, frictions: int = 1):
+        return SquaredExponential(tuple(range((3 + frictions) * dof)))
+
+    train, _ = next(folds(log, spec, preset("default")))
+    with real_choices.structured_as(plain, structured_kernel):
+        model = real_choices.train_model(train, spec, QUICK.model, np.random.default_rng(0))
+    kernels = [posterior.kernel for posterior in model.posteriors]
+    assert kernels == [structured_kernel(spec.dof, axis, 3) for axis in range(spec.dof)]
+    assert output_process._attempt.__module__ == output_process.__name__
+
+
 def test_rows_are_beside_the_default(monkeypatch) -> None:
     choices = {"default": QUICK, "brief": replace(QUICK, model=replace(QUICK.model, steps=0))}
     monkeypatch.setattr(real_choices, "DEFAULT", QUICK)
