@@ -10,13 +10,20 @@ import pytest
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
 from etude.campaign.flight_learner import load_chosen
+from etude.campaign.flight_simulate import position_error
 from etude.campaign.folder import open_campaign
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status
 from etude.campaign.tell import tell
+from etude.control.flight_feedforward import PID_ALONE, flight_plan
 from etude.errors import DataError, UsageError
+from etude.logs.flight_log import FlightLog
 from etude.logs.flight_parquet import read_flight_parquet, write_flight
+from etude.plants.flight.disturbance import Disturbance
+from etude.plants.flight.record import flight_log
+from etude.plants.flight.registry import flight_plant
 from etude.trajectories.flight_certificate import certify_flight
+from etude.trajectories.flight_states import FlightStates
 
 QUICK = {
     "duration = 30.0": "duration = 12.0",
@@ -123,16 +130,16 @@ def test_stored_models_predict_as_told(flown):
     mean, variance = model.predict(log.states)
     assert mean.shape == log.command.shape
     assert np.all(variance > 0.0)
-    assert np.abs(mean - log.command).mean() < 0.02
+    assert np.mean((mean - log.command) ** 2) < 0.1 * np.var(log.command, axis=0).mean()
 
 
 def test_the_thesis_preset_runs(tmp_path):
     campaign = made(tmp_path / "lab", preset="thesis")
-    list(simulate(campaign, 2))
+    numbers = [done.number for done in simulate(campaign, 2)]
     trained = campaign.state().trained[-1].trained
     assert trained["chosen"] == "gp"
     assert not trained["calibrated"]
-    model = load_chosen(campaign.model_folder(2))
+    model = load_chosen(campaign.model_folder(numbers[-1]))
     assert model.features.width == 10
 
 
@@ -148,3 +155,37 @@ def test_a_vehicle_without_a_plant_cannot_be_simulated(tmp_path):
     campaign = made(tmp_path / "lab")
     with pytest.raises(UsageError, match="no simulated plant"):
         next(simulate(replace(campaign, spec=replace(campaign.spec, plant=None)), 1))
+
+
+def test_a_flight_into_the_wall_is_refused_and_says_where(tmp_path):
+    campaign = made(tmp_path / "lab")
+    ask(campaign)
+    plant = flight_plant("quadrotor")
+    plan = flight_plan(stored_trajectory(campaign, 1), PID_ALONE, plant.vehicle, plant.rate)
+    storm = Disturbance(wind=(14.0, 0.0, 0.0))
+    flown = plant.fly(plan, None, start="moving", room=campaign.spec.flight, disturbance=storm)
+    write_flight(flight_log(flown, plan, 10.0), tmp_path / "wall.parquet")
+    with pytest.raises(DataError, match="left the room after"):
+        tell(campaign, tmp_path / "wall.parquet", number=1)
+    assert campaign.state().proposals[0].number == 1
+
+
+def test_a_simulation_gives_up_flights_that_leave_the_room(tmp_path):
+    """Fast flights of a short period under feedback alone: the plan is inside, the vehicle is not always."""
+    campaign = made(tmp_path / "lab", preset="thesis")
+    rounds = list(simulate(campaign, 2))
+    assert len(rounds) == 2
+    given_up = [r.number for r in campaign.state().rounds.values() if r.abandoned]
+    assert given_up
+    assert not set(given_up) & {r.number for r in campaign.state().trained}
+
+
+def test_an_error_that_broke_off_counts_to_the_end():
+    t = np.arange(0.05, 10.0, 0.1)
+    rows = np.zeros((len(t), 3))
+    away = np.stack([np.where(t < 9.0, 0.0, 3.0), 0.0 * t, 0.0 * t], axis=1)
+    states = FlightStates(None, rows, rows, rows)
+    log = FlightLog(t, states, np.zeros((len(t), 4)), ("a", "b", "c", "d"), "V", away, rows)
+    whole = position_error(log, 10.0)
+    np.testing.assert_allclose(whole, [0.6, 0.0, 0.0, 0.6], atol=0.01)
+    np.testing.assert_allclose(position_error(log, 15.0)[0], (1.0 + 5.0) * 3.0 / 10.0, atol=0.05)

@@ -26,7 +26,8 @@ CALLS = ("open", "write", "fsync", "replace", "ftruncate")
 
 
 def run_driver(tmp_path: Path, *arguments: str) -> str:
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(HERE)}
+    places = os.pathsep.join(part for part in (str(HERE), os.environ.get("PYTHONPATH")) if part)
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": places}
     command = [sys.executable, str(HERE / "kill_driver.py"), str(tmp_path), *arguments]
     done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr

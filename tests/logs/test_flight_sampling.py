@@ -9,6 +9,8 @@ from etude.errors import DataError
 from etude.logs.flight_lag import command_lag, without_lag
 from etude.logs.flight_log import FlightLog
 from etude.logs.flight_sampling import sampled_flight
+from etude.models.flight_preprocess import FlightDataConfig, common_lag
+from etude.robots.toml_file import load_robot
 from etude.trajectories.flight_states import FlightStates
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))
@@ -40,6 +42,43 @@ def test_without_its_lag_a_flight_has_none_and_is_explained():
     assert command_lag(log) == pytest.approx(0.0, abs=1e-3)
     X = np.hstack([log.states.specific_force, log.states.rates, log.states.angular_acceleration])
     np.testing.assert_allclose(log.command, X @ MIX, atol=1e-3 * np.abs(X @ MIX).max())
+
+
+def test_flights_share_their_lag_and_short_ones_have_no_say():
+    several = [flight(0.04, noise=1e-3, seconds=20.0, seed=k) for k in range(3)]
+    assert command_lag(*several) == pytest.approx(0.04, abs=1e-3)
+    other = flight(0.15, noise=1e-3, seconds=1.0)
+    assert command_lag(*several, other) == command_lag(*several)
+    assert command_lag(other) == command_lag() == 0.0
+
+
+def test_a_battery_that_sags_and_noise_do_not_move_the_lag():
+    log = flight(0.04, noise=0.3)
+    tired = replace(log, command=log.command + 3.0 * (log.t[:, None] / log.t[-1]) ** 2)
+    assert np.ptp(tired.command, axis=0).max() > 1.2 * np.ptp(log.command, axis=0).min()
+    assert command_lag(tired) == pytest.approx(0.04, abs=3e-3)
+
+
+def test_a_motor_with_a_time_constant_lags_by_it():
+    """Speed follows its set-point as 1 / (1 + T s): at frequencies below 1 / T that is a delay of T."""
+    constant, t = 0.05, np.arange(0.0, 30.0, 0.005)
+    w, phase = np.linspace(0.7, 6.0, 9), np.linspace(0.0, 5.0, 9)
+    follows = np.sin(w * t[:, None] + phase)
+    asked = follows + constant * w * np.cos(w * t[:, None] + phase)
+    X = np.column_stack([follows, np.zeros((len(t), 0))])
+    log = FlightLog(
+        t, FlightStates(None, X[:, :3], X[:, 3:6], X[:, 6:]), asked @ MIX, ("a", "b", "c", "d"), "1"
+    )
+    assert command_lag(log) == pytest.approx(constant, abs=3e-3)
+
+
+def test_the_lag_is_measured_only_in_logs_faster_than_the_model():
+    spec = replace(load_robot("quadrotor").flight, rate=10.0)
+    slow, fast = flight(0.1, rate=19.0, seconds=60.0), flight(0.1)
+    assert command_lag(slow) == pytest.approx(0.1, abs=0.01)
+    assert common_lag([slow], spec, FlightDataConfig()) == 0.0
+    assert common_lag([slow, fast], spec, FlightDataConfig()) == pytest.approx(0.1, abs=1e-3)
+    assert common_lag([fast], spec, FlightDataConfig(lag_s=0.03)) == 0.03
 
 
 def test_a_slow_or_short_log_says_nothing():

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.logs.crazyflie import COLUMNS, Flight, read_flights
 from etude.logs.derivatives import median_rate
+from etude.logs.flight_lag import command_lag
+from etude.logs.flight_log import FlightLog
+from etude.logs.flight_table import read_flight
 from etude.logs.log import RobotLog
 from etude.logs.read import read_log
 from etude.models.preprocess import build_dataset, preset
@@ -19,13 +21,26 @@ from etude.robots.toml_file import load_robot
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 ARMS = ("tx40", "tiago")
-FILES = {"tx40": "tx40_exciting.csv", "tiago": "tiago_exciting.csv", "crazyflie": "crazyflie_flights.csv"}
-LICENCES = {"tx40": "Apache-2.0", "tiago": "Apache-2.0", "crazyflie": "MIT"}
+FLIGHTS = {
+    "crazyflie_10": "log10_thrust.csv",
+    "crazyflie_15": "log15_roll_pitch.csv",
+    "crazyflie_16a": "log16_yaw_first.csv",
+    "crazyflie_16b": "log16_yaw_second.csv",
+}
+FILES = {"tx40": "tx40_exciting.csv", "tiago": "tiago_exciting.csv", **FLIGHTS}
+LICENCES = {"tx40": "Apache-2.0", "tiago": "Apache-2.0", **dict.fromkeys(FLIGHTS, "MIT")}
 WORDS = {"Apache-2.0": "Apache License", "MIT": "Permission is hereby granted, free of charge"}
 
 
+VEHICLE = load_robot(EXAMPLES / "crazyflie" / "crazyflie.toml").flight
+
+
+def folder(name: str) -> str:
+    return name.split("_")[0]
+
+
 def csv(name: str) -> Path:
-    return EXAMPLES / name / FILES[name]
+    return EXAMPLES / folder(name) / FILES[name]
 
 
 @pytest.fixture(scope="module")
@@ -34,24 +49,25 @@ def logs() -> dict[str, RobotLog]:
 
 
 @pytest.fixture(scope="module")
-def flights() -> list[Flight]:
-    return read_flights(csv("crazyflie"))
+def flights() -> list[FlightLog]:
+    return [read_flight(csv(name), VEHICLE) for name in FLIGHTS]
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_files_are_what_their_readme_says(name: str) -> None:
-    text = (EXAMPLES / name / "README.md").read_text()
+    text = (EXAMPLES / folder(name) / "README.md").read_text()
     assert hashlib.sha256(csv(name).read_bytes()).hexdigest() in text
     assert LICENCES[name] in text
-    assert WORDS[LICENCES[name]] in (EXAMPLES / name / "LICENSE").read_text()
+    assert WORDS[LICENCES[name]] in (EXAMPLES / folder(name) / "LICENSE").read_text()
     assert csv(name).stat().st_size < 1_000_000
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_an_installed_package_has_log_licence_and_origin(name: str) -> None:
     wheel = (ROOT / "pyproject.toml").read_text()
-    for file in (FILES[name], "LICENSE", "README.md", *([f"{name}.toml"] if name in ARMS else [])):
-        assert f'"examples/{name}/{file}" = "etude/examples/{name}/{file}"' in wheel
+    own = folder(name)
+    for file in (FILES[name], "LICENSE", "README.md", f"{own}.toml"):
+        assert f'"examples/{own}/{file}" = "etude/examples/{own}/{file}"' in wheel
 
 
 def test_arm_logs_are_read_without_repairs_at_their_rates(logs: dict[str, RobotLog]) -> None:
@@ -83,14 +99,28 @@ def test_the_limits_hold_the_recorded_motion_with_little_to_spare(logs: dict[str
         assert np.all(np.abs(log.tau).max(axis=0) < spec.command)
 
 
-def test_the_flights_are_si(flights: list[Flight]) -> None:
-    assert [(f.number, len(f.t)) for f in flights] == [(10, 3000), (15, 3500), (16, 600), (16, 400)]
-    for flight in flights:
-        assert median_rate(flight.t) == pytest.approx(100.0)
+def test_the_flights_are_si(flights: list[FlightLog]) -> None:
+    assert [len(log) for log in flights] == [3000, 3500, 600, 400]
+    for log in flights:
+        assert median_rate(log.t) == pytest.approx(100.0)
+        assert log.t[0] == 0.0
         # in the mean over a flight without climb, thrust carries the weight
-        assert flight.specific_force[:, 2].mean() == pytest.approx(9.81, rel=0.1)
-        assert 0.3 < flight.command.mean() < 0.9
-        assert np.abs(flight.rates).max() < 25.0
+        assert log.states.specific_force[:, 2].mean() == pytest.approx(9.81, rel=0.1)
+        assert 0.3 < log.command.mean() < 0.9
+        assert np.abs(log.states.rates).max() < 25.0
+        assert log.states.altitude is log.states.velocity is log.position is None
+        assert log.repairs == ()
+
+
+def test_a_flight_is_its_file(flights: list[FlightLog]) -> None:
+    values = np.loadtxt(csv("crazyflie_10"), delimiter=",", skiprows=1)
+    np.testing.assert_allclose(flights[0].command, values[:, 7:], atol=1e-9)
+    np.testing.assert_allclose(flights[0].states.rates, values[:, 4:7], atol=1e-9)
+
+
+def test_the_motors_lag(flights: list[FlightLog]) -> None:
+    thrust, roll_pitch = flights[:2]
+    assert 0.02 < command_lag(roll_pitch) < command_lag(thrust, roll_pitch) < command_lag(thrust) < 0.08
 
 
 def _rewritten(folder: Path, name: str, change) -> Path:
@@ -116,36 +146,45 @@ def test_damaged_arm_logs_are_refused(name: str, tmp_path: Path) -> None:
         read_log(blank, spec)
 
 
+def _renamed(lines: list[str], old: str, new: str) -> list[str]:
+    return [lines[0].replace(old, new), *lines[1:]]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda lines: [lines[0].replace("motor_3", "motor3"), *lines[1:]], "no column motor_3"),
-        (lambda lines: lines[:30], "has 29 rows"),
-        (lambda lines: [*lines[:-1], ",".join(lines[-1].split(",")[:5])], "no numbers"),
-        (lambda lines: [*lines[:9], lines[9].replace(lines[9].split(",")[6], "nan"), *lines[10:]], "row 9"),
-        (lambda lines: [lines[0], *reversed(lines[1:])], "time does not increase"),
+        (lambda lines: _renamed(lines, "motor_3", "temperature"), "there is no command 'm3'"),
+        (lambda lines: _renamed(lines, "gyro_y", "yaw_rate"), "there is no rates"),
+        (lambda lines: _renamed(lines, "acc_z", "baro"), "there is no specific force"),
+        (lambda lines: _renamed(lines, "t [s]", "row"), "no time column"),
+        (lambda lines: _renamed(lines, "rad/s", "rpm"), "unknown unit 'rpm'"),
+        (lambda lines: lines[:30], "29 usable rows"),
+        (
+            lambda lines: [lines[0], *(",".join(x.split(",")[:5]) + "," * 6 for x in lines[1:])],
+            "empty or NaN",
+        ),
+        (lambda lines: [lines[0], *reversed(lines[1:])], "does not advance"),
     ],
-    ids=["columns", "short", "truncated", "nan", "backwards"],
+    ids=["command", "gyro", "acc", "time", "unit", "short", "truncated", "backwards"],
 )
 def test_damaged_flights_are_refused(change, message: str, tmp_path: Path) -> None:
     with pytest.raises(DataError, match=message):
-        read_flights(_rewritten(tmp_path, "crazyflie", change))
+        read_flight(_rewritten(tmp_path, "crazyflie_10", change), VEHICLE)
 
 
 @pytest.mark.parametrize(
     ("columns", "factor", "message"),
     [
-        (("motor_1", "motor_2"), 65535.0, "divide 16 bits"),
-        (("rate_x",), 180.0 / np.pi, "degrees"),
-        (("force_x", "force_y", "force_z"), 1.0 / 9.80665, "in g"),
+        ((7, 8), 65535.0, "m1' reaches"),
+        ((4, 5, 6), 180.0 / np.pi, "degrees per second"),
+        ((1, 2, 3), 1000.0, "accelerometer's length"),
     ],
 )
 def test_flights_in_other_units_are_refused(columns, factor, message: str, tmp_path: Path) -> None:
-    values = np.loadtxt(csv("crazyflie"), delimiter=",", skiprows=1)
-    for column in columns:
-        values[:, COLUMNS.index(column)] *= factor
-    path = tmp_path / "flights.csv"
-    np.savetxt(path, values[:3000], delimiter=",", header=",".join(COLUMNS), comments="", fmt="%.7g")
-    with pytest.raises(DataError) as caught:
-        read_flights(path)
-    assert message in f"{caught.value.fact} {caught.value.next_step}"
+    header = csv("crazyflie_15").read_text().split("\n", 1)[0].replace(" [rad/s]", "")
+    values = np.loadtxt(csv("crazyflie_15"), delimiter=",", skiprows=1)
+    values[:, columns] *= factor
+    path = tmp_path / "flight.csv"
+    np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.7g")
+    with pytest.raises(DataError, match=message):
+        read_flight(path, VEHICLE)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from synthetic_campaign import decode_png, write_campaign
 
 from etude.errors import UsageError
-from etude.report.markup import duration, element, number, table
+from etude.report.markup import duration, element, number, table, with_unit
 from etude.report.picture import main, write_picture
 from etude.report.png import STOPS, colours, png_address
 from etude.report.scales import Axis, Scale, fitted_scale, linear_ticks, log_ticks, tick_text
@@ -43,6 +43,13 @@ def test_log_ticks_lie_inside(low: float, ratio: float) -> None:
 def test_a_scale_maps_its_ends_and_its_middle(log: bool, middle: float) -> None:
     scale = Scale(1.0, 100.0, 20.0, 220.0, log)
     np.testing.assert_allclose(scale([1.0, middle, 100.0]), [20.0, 120.0, 220.0])
+
+
+@given(st.floats(0.0, 10.0), st.floats(0.5, 10.0))
+def test_a_scale_of_numbers_of_logs_has_whole_ticks(low: float, width: float) -> None:
+    for axis in (Axis("log", limits=(low, low + width), whole=True), Axis("log", whole=True)):
+        scale = fitted_scale(axis, np.array([low, low + width]), 0.0, 100.0)
+        assert all(tick == round(tick) for tick in scale.ticks())
 
 
 def test_a_fitted_scale_holds_what_it_is_fitted_to() -> None:
@@ -134,6 +141,9 @@ def test_numbers_have_three_digits_and_no_exponent(value: float, expected: str) 
 
 
 def test_small_words() -> None:
+    assert with_unit(0.1, "deg") == "0.100°"
+    assert with_unit(0.1, "V", 2) == "0.10 V"
+    assert with_unit(0.1, "1") == "0.100"
     assert duration(95.0) == "95 s"
     assert duration(245.0) == "4 min 5 s"
     assert duration(240.0) == "4 min"

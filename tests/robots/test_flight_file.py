@@ -26,7 +26,14 @@ def test_written_text_reads_back(name, tmp_path):
 
 
 def test_optional_limits_read_back():
-    flight = replace(load_robot("quadrotor").flight, radius=1.5, tilt=0.4, thrust=(4.0, 16.0), vehicle=None)
+    flight = replace(
+        load_robot("quadrotor").flight,
+        radius=1.5,
+        tilt=0.4,
+        thrust=(4.0, 16.0),
+        vehicle=None,
+        vertical_margin=0.2,
+    )
     assert flight_from_table(msgspec.toml.decode(flight_to_toml(flight)), where="") == flight
 
 
@@ -37,9 +44,11 @@ def test_optional_limits_read_back():
         ({"speed": -1.0}, "speed must be a number above zero"),
         ({"speed": float("nan")}, "speed must be a number above zero"),
         ({"lower": [0.0, 0.0, 6.0]}, "z of the box"),
-        ({"margin": 3.0}, "which two margins of 3 m fill"),
-        ({"margin": float("nan")}, "margin must be 0 or more"),
+        ({"margin": 10.0}, "which two margins of 10 m fill"),
+        ({"margin": float("nan")}, "a margin must be 0 or more"),
         ({"margin": 2.0, "radius": 1.5}, "fills the cylinder"),
+        ({"vertical_margin": 2.6}, "z, which two margins of 2.6 m fill"),
+        ({"vertical_margin": -0.1}, "a margin must be 0 or more"),
         ({"tilt": 30.0}, "looks like degrees"),
         ({"upper": [10000.0, 10.0, 5.0]}, "looks like millimetres"),
         ({"command_upper": [11100.0] * 4}, "looks like millivolts"),

@@ -13,6 +13,7 @@ from etude.studies import (
     arm_accuracy,
     bench_models,
     crazyflie_accuracy,
+    crazyflie_flights,
     model_latency,
     model_members,
     online_rows,
@@ -147,9 +148,9 @@ def test_quick_has_fewer_seeds(monkeypatch) -> None:
 
 def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsys, tmp_path: Path) -> None:
     monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
-    monkeypatch.setattr(crazyflie_accuracy, "EXAMPLES", tmp_path)
+    monkeypatch.setattr(crazyflie_flights, "EXAMPLES", tmp_path)
     assert real_accuracy.real_rows(np.random.default_rng(0)) == []
-    assert crazyflie_accuracy.crazyflie_rows(np.random.default_rng(0)) == []
+    assert crazyflie_accuracy.crazyflie_accuracy_rows(np.random.default_rng(0)) == []
     printed = capsys.readouterr()
     for log in ("ur10", "tx40", "tiago", "crazyflie"):
         assert f"nmse_{log} left out" in printed.err

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, UsageError
-from etude.logs.crazyflie import Flight, read_flights
 from etude.models.blocks import split_blocks
 from etude.models.calibration import score
-from etude.studies import crazyflie_accuracy, real_accuracy, real_logs
+from etude.studies import real_accuracy, real_logs
 from etude.studies.external_logs import panda_log, sarcos_samples
 from etude.studies.real_accuracy import accuracy_rows, real_rows
 from etude.studies.real_logs import REAL_LOGS, Recording
@@ -169,27 +168,6 @@ def test_a_panda_log_is_read_and_damaged_ones_refused(tmp_path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(DataError, match="cannot be read"):
         panda_log(path)
-
-
-def test_the_motors_lag_is_found() -> None:
-    """Set-points that the motion follows 40 ms later."""
-    rng = np.random.default_rng(1)
-    t = np.arange(0.0, 20.0, 0.01)
-    frequency, phase = rng.uniform(0.3, 3.0, 8), rng.uniform(0.0, 6.0, 8)
-    waves = np.sin(2 * np.pi * t[:, None] * frequency + phase)
-    command = 0.5 + 0.05 * waves @ rng.normal(size=(8, 4))
-    late = np.column_stack([np.interp(t - 0.04, t, column) for column in command.T])
-    force = np.column_stack([0 * t, 0 * t, 20.0 * late.sum(axis=1)])
-    flight = Flight(1, t, force, 3.0 * late @ rng.normal(size=(4, 3)), command)
-    assert crazyflie_accuracy.motor_lag([flight]) == pytest.approx(0.04, abs=0.0051)
-
-
-def test_crazyflies_motors_lag_as_reported() -> None:
-    flights = read_flights(real_logs.EXAMPLES / crazyflie_accuracy.FILE)
-    assert 0.03 <= crazyflie_accuracy.motor_lag([f for f in flights if f.number != 16]) <= 0.06
-    data = crazyflie_accuracy.samples(flights[0], 0.045)
-    assert np.allclose(np.diff(data.t), 0.04)
-    assert data.q[:, 2].mean() == pytest.approx(9.81, rel=0.1)
 
 
 def test_fallen_outputs_are_said(monkeypatch, capsys, tx40: Recording) -> None:

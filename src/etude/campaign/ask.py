@@ -123,8 +123,8 @@ def _propose(
         if not go_on:
             _check_stop(campaign, state, facts["gain"])
     else:
-        trajectory = kind.first(campaign, rng)
-        facts = {"status": "random, scaled to the limits: nothing has been learned yet", "gain": None}
+        trajectory, status = kind.first(campaign, rng)
+        facts = {"status": f"{status}: nothing has been learned yet", "gain": None}
     files = kind.render(trajectory, campaign.spec).write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 class FlightKind:
     """See `kinds.RobotKind`. Modules are loaded when they are needed."""
 
-    def first(self, campaign: Campaign, rng: np.random.Generator) -> FourierTrajectory:
+    def first(self, campaign: Campaign, rng: np.random.Generator) -> tuple[FourierTrajectory, str]:
         """Uniform on the feasible flights."""
         from etude.trajectories.feasible_flights import feasible_flights
         from etude.trajectories.flight_samplers import uniform_parameters
 
         family = flight_config(campaign).trajectory
         feasible = feasible_flights(flight_spec(campaign.spec), family)
-        return family.trajectory(uniform_parameters(rng, feasible)[0])
+        return family.trajectory(uniform_parameters(rng, feasible)[0]), "random, uniform on the safe flights"
 
     def design(
         self, campaign: Campaign, model: FlightModel, rng: np.random.Generator, tasks: Sequence[Trajectory]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,13 @@ from etude.campaign.plain import numbers
 from etude.campaign.state import State
 from etude.logs.flight_parquet import read_flight_parquet
 from etude.models.calibration import score
-from etude.models.flight_config import FLIGHT_KINDS, FlightKind
+from etude.models.flight_config import FLIGHT_KINDS, FlightKind, FlightModelConfig
 from etude.models.flight_dataset import FlightDataset
 from etude.models.flight_drag import train_drag
 from etude.models.flight_ladder import FlightLadder, train_flight_ladder
 from etude.models.flight_model import FlightModel
 from etude.models.flight_model_file import WORDS, load_flight_model, save_flight_model
-from etude.models.flight_preprocess import build_flight_dataset, joined
+from etude.models.flight_preprocess import build_flight_dataset, common_lag, joined
 from etude.models.physics.flight_linear import identify_linear
 
 Array = NDArray[np.float64]
@@ -36,17 +37,20 @@ def learn_flights(campaign: Campaign, state: State, number: int) -> Learned:
     before = load_flight_models(campaign.model_folder(trained[-1].number)) if trained else {}
     waiting = [r.number for r in state.pending if r.number < number]
     logs = [*(r.number for r in trained), *waiting, number]
-    parts = [told_flight(campaign, n, order) for order, n in enumerate(logs)]
-    data, flight = joined(parts), campaign.config.flight
+    data, lag = told_flights(campaign, logs)
+    flight, newest = campaign.config.flight, data.group == len(logs) - 1
     assert flight is not None
+    config = flight.model.suited_to(data.states)
+    # a model with an input that no longer every flight tells has nothing to say of the new one
+    before = {kind: model for kind, model in before.items() if model.features == config.features()}
     scores: dict[str, Mapping[str, list[float | None]]] = {
-        kind: _score(model, parts[-1]) for kind, model in before.items()
+        kind: _score(model, data.take(newest)) for kind, model in before.items()
     }
-    if len(parts) > 1:
-        scores["linear"] = _linear_score(joined(parts[:-1]), parts[-1])
+    if len(logs) > 1:
+        scores["linear"] = _linear_score(data.take(~newest), data.take(newest))
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     vehicle = None if campaign.spec.flight is None else campaign.spec.flight.vehicle
-    ladder = train_flight_ladder(data, vehicle, flight.model, rng, previous=before)
+    ladder = train_flight_ladder(data, vehicle, config, rng, previous=before)
     files = _save(campaign.model_folder(number), ladder)
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
@@ -58,18 +62,34 @@ def learn_flights(campaign: Campaign, state: State, number: int) -> Learned:
         "calibrated": ladder.model.calibrated,
         "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
         "drag": drag_of(data),
+        "lag_s": lag,
+        "warnings": _without(flight.model, config),
         **flight_outlook(ladder.model, before.get(ladder.chosen), campaign, state, drag_of(data)),
     }
     return Learned(files, facts)
 
 
-def told_flight(campaign: Campaign, number: int, group: int) -> FlightDataset:
-    """The samples of a stored flight."""
+def told_flights(campaign: Campaign, numbers: Sequence[int]) -> tuple[FlightDataset, float]:
+    """The samples of stored flights, groups in their order, and the lag in s that they were corrected by.
+
+    A quantity that one flight lacks is left out of all. The lag is the vehicle's: all flights measure it.
+    """
     flight, spec = campaign.config.flight, campaign.spec.flight
     assert flight is not None
     assert spec is not None
-    log = read_flight_parquet(campaign.run_file(number))
-    return build_flight_dataset(log, spec, flight.data, group)
+    logs = [read_flight_parquet(campaign.run_file(number)) for number in numbers]
+    lag = common_lag(logs, spec, flight.data)
+    config = replace(flight.data, lag_s=lag)
+    return joined([build_flight_dataset(log, spec, config, group) for group, log in enumerate(logs)]), lag
+
+
+def _without(asked: FlightModelConfig, used: FlightModelConfig) -> list[str]:
+    """A sentence if inputs that were asked for are missing."""
+    names = {"altitude": "altitude", "body_velocity": "velocity"}
+    missing = [words for name, words in names.items() if getattr(asked, name) != getattr(used, name)]
+    if not missing:
+        return []
+    return [f"Not every flight tells its {' and '.join(missing)}; the model does without."]
 
 
 def drag_of(data: FlightDataset) -> list[float]:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
-from etude.campaign.flight_learner import load_chosen, told_flight
+from etude.campaign.flight_learner import load_chosen, told_flights
 from etude.campaign.folder import Campaign
 from etude.campaign.learner import Say
 from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
@@ -21,11 +22,10 @@ from etude.control.flight_feedforward import (
     LinearDrag,
     flight_plan,
 )
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
 from etude.logs.flight_log import FlightLog
 from etude.logs.flight_parquet import write_flight
 from etude.models.flight_drag import train_drag
-from etude.models.flight_preprocess import joined
 from etude.models.physics.flight_inverse import VehicleInverse, nominal_inverse
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
@@ -40,13 +40,18 @@ RUN_STREAM, TEST_STREAM = 3, 4
 SETTLED_S = 5.0
 """Tracking is judged after the transient of the start."""
 TEST_HARMONICS = 2
+MOST_TRIES = 4
+"""Flights tried for each that is wanted."""
 
 
 def simulate_flights(campaign: Campaign, rounds: int, say: Say) -> Iterator[SimulatedRound]:
     """Asks, flies and tells `rounds` flights under the vehicle's own PID, and evaluates after each one.
 
+    A flight that breaks off before its middle is given up, and another one asked for.
+
     Raises:
         UsageError: the vehicle has no simulated plant.
+        DataError: too many flights left their room.
     """
     plant = _plant(campaign)
     tests = test_flights(campaign)
@@ -54,15 +59,30 @@ def simulate_flights(campaign: Campaign, rounds: int, say: Say) -> Iterator[Simu
         _evaluate(campaign, plant, tests, 0, feedforward, baseline=name)
     if campaign.state().trained:  # a run that was stopped between learning and testing
         yield _evaluate_round(campaign, plant, tests, campaign.state().trained[-1].number)
-    for _ in range(rounds):
+    flown = 0
+    for _ in range(MOST_TRIES * rounds):
+        if flown == rounds:
+            return
         number = ask(campaign, go_on=True, say=say).number
         say(f"Flying trajectory {number} on the simulated {plant.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = _fly(campaign, plant, stored_trajectory(campaign, number), PID_ALONE, rng)
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_flight(log, path)
-        tell(campaign, path, number=number, say=say)
+        try:
+            tell(campaign, path, number=number, say=say)
+        except DataError as refused:  # it broke off: what a pilot would give up too
+            say(f"Flight {number} is given up: {refused.fact}.")
+            abandon(campaign, number)
+            continue
+        flown += 1
         yield _evaluate_round(campaign, plant, tests, number)
+    if flown < rounds:
+        raise DataError(
+            f"only {flown} of {rounds} flights kept inside the room",
+            where=str(campaign.path),
+            next_step="Lower the speed or widen the margin in robot.toml: the controller cannot keep it.",
+        )
 
 
 def test_flights(campaign: Campaign) -> dict[str, FourierTrajectory]:
@@ -80,12 +100,20 @@ def test_flights(campaign: Campaign) -> dict[str, FourierTrajectory]:
     return {name: family.trajectory(parameters[0]) for name, parameters in drawn.items()}
 
 
-def position_error(log: FlightLog) -> Array:
-    """Mean |desired - actual| in m after the start's transient: along x, y, z, and the distance, (4,)."""
+def position_error(log: FlightLog, duration: float) -> Array:
+    """Mean |desired - actual| in m after the start's transient: along x, y, z, and the distance, (4,).
+
+    A flight that ended early goes on with its last error to the plan's `duration` in s.
+    """
     assert log.position is not None
     assert log.position_des is not None
-    error = (log.position_des - log.position)[log.t >= min(SETTLED_S, 0.5 * log.t[-1])]
-    return np.append(np.abs(error).mean(axis=0), np.linalg.norm(error, axis=1).mean())
+    error = log.position_des - log.position
+    step = (log.t[-1] - log.t[0]) / (len(log) - 1)
+    missing = max(0, round((duration - log.t[-1]) / step) - 1)
+    t = np.append(log.t, log.t[-1] + step * np.arange(1, missing + 1))
+    error = np.concatenate([error, np.repeat(error[-1:], missing, axis=0)])
+    settled = error[t >= min(SETTLED_S, 0.5 * duration)]
+    return np.append(np.abs(settled).mean(axis=0), np.linalg.norm(settled, axis=1).mean())
 
 
 def _plant(campaign: Campaign) -> SimulatedVehicle:
@@ -116,12 +144,15 @@ def _fly(
     trajectory: FourierTrajectory,
     feedforward: FlightFeedforward,
     rng: np.random.Generator,
+    *,
+    walls: bool = True,
 ) -> FlightLog:
+    """The flight's log; with `walls` it ends where the vehicle leaves its room."""
     flight, spec = campaign.config.flight, campaign.spec.flight
     assert flight is not None
     assert spec is not None
     plan = flight_plan(trajectory, feedforward, plant.vehicle, plant.rate)
-    flown = plant.fly(plan, rng, start=flight.trajectory.start)
+    flown = plant.fly(plan, rng, start=flight.trajectory.start, room=spec if walls else None)
     return flight_log(flown, plan, spec.rate, flight.data.averaged)
 
 
@@ -129,7 +160,7 @@ def _learned(campaign: Campaign, plant: SimulatedVehicle, number: int) -> Flight
     """Acceleration, learned drag, and the chosen model's voltages, gated."""
     model = load_chosen(campaign.model_folder(number))
     logs = [r.number for r in campaign.state().trained]
-    drag = train_drag(joined([told_flight(campaign, n, order) for order, n in enumerate(logs)]))
+    drag = train_drag(told_flights(campaign, logs)[0])
     nominal = _nominal(plant)
     return FlightFeedforward(drag=drag, voltages=None if nominal is None else GatedVoltages(model, nominal))
 
@@ -160,8 +191,8 @@ def _evaluate(
         before = known_evaluation(campaign, name, number, facts.get("baseline"))
         if before is None:
             rng = np.random.default_rng([campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-            log = _fly(campaign, plant, trajectory, feedforward, rng)
-            error = position_error(log).tolist()
+            log = _fly(campaign, plant, trajectory, feedforward, rng, walls=False)
+            error = position_error(log, trajectory.duration).tolist()
             path = (
                 campaign.path / "tests" / f"{number:04d}.{facts.get('baseline') or 'learned'}.{name}.parquet"
             )

@@ -26,10 +26,12 @@ if TYPE_CHECKING:
 class JointKind:
     """See `kinds.RobotKind`. Modules are loaded when they are needed: most commands need few of them."""
 
-    def first(self, campaign: Campaign, rng: np.random.Generator) -> FourierTrajectory:
+    def first(self, campaign: Campaign, rng: np.random.Generator) -> tuple[FourierTrajectory, str]:
         from etude.trajectories.random import random_trajectory
 
-        return random_trajectory(rng, campaign.spec, campaign.config.trajectory)
+        return random_trajectory(
+            rng, campaign.spec, campaign.config.trajectory
+        ), "random, scaled to the limits"
 
     def design(
         self,

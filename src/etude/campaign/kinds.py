@@ -54,8 +54,8 @@ class TakenIn:
 class RobotKind(Protocol):
     """Every method gets the campaign; logs and models are the kind's own types."""
 
-    def first(self, campaign: Campaign, rng: np.random.Generator) -> FourierTrajectory:
-        """A trajectory to begin with, when nothing has been learned."""
+    def first(self, campaign: Campaign, rng: np.random.Generator) -> tuple[FourierTrajectory, str]:
+        """A trajectory to begin with, when nothing has been learned, and what it is."""
         ...
 
     def design(

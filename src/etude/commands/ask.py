@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from etude.commands.common import Common, Folder
 from etude.commands.outcome import Outcome, Say, table
+
+if TYPE_CHECKING:
+    from etude.trajectories.certificate import Certificate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +51,7 @@ class Ask(Common):
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(["axis", "limit", "proved min", "proved max", "used"], rows),
-            "Proved for all times; at rest at both ends. Written:",
+            f"Proved for all times; {_ends(found.certificate)}. Written:",
             *(f"  {name}" for name in files),
             f"Run it, then: etude tell {self.folder} LOG",
         ]
@@ -63,3 +66,9 @@ class Ask(Common):
             "margins": {f"{r.axis} {r.quantity}": r.margin for r in found.certificate.rows},
         }
         return Outcome("\n".join(lines), data)
+
+
+def _ends(certificate: Certificate) -> str:
+    if certificate.at_rest:
+        return "at rest at both ends"
+    return f"the plan is in motion at its ends, at {100 * certificate.end_speed:.0f} % of the speed limit"

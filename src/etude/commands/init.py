@@ -29,7 +29,10 @@ class Init(Common):
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed)
         spec = campaign.spec
-        lines = [f"Campaign {self.folder} for {spec.name}: {spec.dof} axes ({', '.join(spec.names)})."]
+        what = f"{spec.dof} axes ({', '.join(spec.names)})"
+        if spec.flight is not None:
+            what = f"flies in x, y, z; commands {', '.join(spec.outputs)}"
+        lines = [f"Campaign {self.folder} for {spec.name}: {what}."]
         if confirm:
             lines += ["Please confirm in robot.toml:", *(f"  - {sentence}" for sentence in confirm)]
         lines.append(f"Next: etude ask {self.folder}, or etude tell {self.folder} LOG if you have one.")

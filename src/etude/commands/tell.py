@@ -18,13 +18,14 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV or Parquet with time, positions and commands, axes by name."""
+    """CSV or Parquet with time and, by name, positions and commands of every axis; of a vehicle
+    accelerometer, gyroscope and commands, and if known position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False
     """The log answers no proposal."""
     degrees: bool = False
-    """The log's angles are degrees."""
+    """The log's angles (of a vehicle, its rates) are degrees."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.folder import open_campaign

@@ -11,6 +11,7 @@ from etude.errors import DataError
 from etude.logs.delay import measure_delay
 from etude.logs.derivatives import median_rate
 from etude.logs.flight_log import FlightLog
+from etude.logs.flight_table import ending
 from etude.robots.flight_spec import FlightSpec
 from etude.trajectories.fourier import FourierTrajectory
 
@@ -83,10 +84,9 @@ def _check(times: Array, log: FlightLog, trajectory: FourierTrajectory, spec: Fl
         )
     covered = min(times[-1], trajectory.duration) - max(times[0], 0.0)
     if covered < LEAST_COVERAGE * trajectory.duration:
-        ending = " ".join(sentence for sentence in log.repairs if "cut" in sentence)
         share = f"{max(covered, 0.0):.3g} of the flight's {trajectory.duration:.3g} s"
         raise DataError(
-            f"the log holds {share}. {ending}".rstrip(" ."),
+            f"the log holds {share}. {ending(log)}".rstrip(" ."),
             where=log.source,
             next_step="Fly it again from start to end; fly gentler if it hit the ground or left its room.",
         )

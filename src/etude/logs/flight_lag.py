@@ -10,28 +10,35 @@ from numpy.typing import NDArray
 from etude.errors import DataError
 from etude.logs.derivatives import median_rate
 from etude.logs.flight_log import FlightLog
-from etude.trajectories.flight_states import FlightStates
 
 Array = NDArray[np.float64]
 
+STATES = ("specific_force", "rates", "angular_acceleration", "velocity", "altitude")
 LONGEST_LAG = 0.2  # s: no motor of a vehicle that flies is slower
 
 
-def command_lag(log: FlightLog, longest: float = LONGEST_LAG) -> float:
+def command_lag(*logs: FlightLog, longest: float = LONGEST_LAG) -> float:
     """The lag in [0, longest] s at which the motion explains the commands best, s.
 
-    The commands of `lag` ago are fitted by least squares with the motion now (specific force, rates, angular
-    acceleration and a constant); the lag with the least squares left wins, refined by a parabola. Rates of
-    change are compared, so that slow drifts do not count. Zero if the log is too slow to tell.
+    The commands of `lag` ago are fitted by least squares with the motion now (all that every state tells) and
+    a constant for each flight; the lag that leaves the least squares wins, refined by a parabola. Levels are
+    compared, as a model learns them. Rates of change weigh noise and the quickest motion, which a motor with
+    a time constant lags less: on real flights the lag they gave left models more error.
+
+    Args:
+        logs: of one vehicle, whose lag they share. Those that are too slow or short to tell have no say.
+
+    Returns:
+        0 if no log can tell.
     """
-    rate = median_rate(log.t)
-    steps = int(longest * rate)
-    if steps < 1 or len(log) < 20 * (steps + 1):
+    able = [log for log in logs if 1 <= int(longest * median_rate(log.t)) < len(log) / 20.0 - 1.0]
+    if not able:
         return 0.0
-    X = np.diff(_regressors(log.states), axis=0)
-    Y = np.diff(log.command, axis=0)
-    Q = np.linalg.qr(X[steps:])[0]
-    left = np.array([_residual(Q, Y[steps - k : len(Y) - k]) for k in range(steps + 1)])
+    rate = min(median_rate(log.t) for log in able)
+    lags = np.arange(int(longest * rate) + 1) / rate
+    names = [name for name in STATES if all(getattr(log.states, name) is not None for log in able)]
+    Q = np.linalg.qr(np.concatenate([_centred(_motion(log, names)[_late(log, longest)]) for log in able]))[0]
+    left = np.array([_residual(Q, np.concatenate([_earlier(log, k, longest) for log in able])) for k in lags])
     best = int(np.argmin(left))
     return float((best + _vertex(left, best)) / rate)
 
@@ -58,8 +65,25 @@ def without_lag(log: FlightLog, lag: float) -> FlightLog:
     )
 
 
-def _regressors(states: FlightStates) -> Array:
-    return np.hstack([states.specific_force, states.rates, states.angular_acceleration])
+def _motion(log: FlightLog, names: list[str]) -> Array:
+    """(T, m) the quantities of the states in `names`."""
+    parts = [getattr(log.states, name) for name in names]
+    return np.column_stack(parts)
+
+
+def _late(log: FlightLog, longest: float) -> NDArray[np.bool_]:
+    """(T,) samples whose commands of `longest` ago are recorded: the same for every lag."""
+    return np.asarray(log.t >= log.t[0] + longest)
+
+
+def _earlier(log: FlightLog, lag: float, longest: float) -> Array:
+    """(n, 4) commands of `lag` before the late samples, centred."""
+    at = log.t[_late(log, longest)] - lag
+    return _centred(np.column_stack([np.interp(at, log.t, column) for column in log.command.T]))
+
+
+def _centred(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=0))
 
 
 def _residual(Q: Array, Y: Array) -> float:

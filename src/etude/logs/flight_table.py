@@ -82,7 +82,7 @@ def checked_flight(log: FlightLog, spec: FlightSpec, stated: frozenset[str] = fr
         raise DataError("a sensor or command is not a number", where=f"{log.source}, row {row}")
     if len(log) < LEAST_ROWS:
         raise DataError(
-            f"only {len(log)} usable rows; a flight needs at least {LEAST_ROWS}",
+            f"only {len(log)} usable rows; a flight needs at least {LEAST_ROWS}. {ending(log)}".rstrip(" ."),
             where=log.source,
             next_step="Was the recording cut? Export it again.",
         )
@@ -90,6 +90,11 @@ def checked_flight(log: FlightLog, spec: FlightSpec, stated: frozenset[str] = fr
     _check_rates(log, "rates" in stated)
     _check_command(log, spec)
     return log
+
+
+def ending(log: FlightLog) -> str:
+    """The sentence that says why and where the flight broke off, or nothing."""
+    return " ".join(sentence for sentence in log.repairs if "was cut" in sentence)
 
 
 def _readable(t: Array, columns: FlightColumns, where: str) -> tuple[Array, FlightColumns, list[str]]:

@@ -30,14 +30,19 @@ def split_blocks(dataset: Dataset, gap_s: float = 0.0) -> tuple[Dataset, Dataset
     Raises:
         DataError: a part would be empty.
     """
+    train, test = block_masks(dataset.t, gap_s)
+    return dataset.take(train), dataset.take(test)
+
+
+def block_masks(t: Array, gap_s: float = 0.0) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which of the times t (n,) of one log are for training and which for the test; see `split_blocks`."""
     # by rank, not by time, so that a log with pauses, or a part of a split one, still has 20 blocks
-    rank = np.argsort(np.argsort(dataset.t, kind="stable"))
-    block = rank * COUNT // len(dataset)
-    test = np.isin(block, held_out_blocks())
-    train = ~test & ~near(dataset.t, test, gap_s)
+    rank = np.argsort(np.argsort(t, kind="stable"))
+    test = np.isin(rank * COUNT // len(t), held_out_blocks())
+    train = ~test & ~near(t, test, gap_s)
     if not test.any() or not train.any():
         raise DataError("the log is too short to hold out blocks of it", next_step="Record a longer motion.")
-    return dataset.take(train), dataset.take(test)
+    return train, test
 
 
 def near(t: Array, test: NDArray[np.bool_], gap_s: float) -> NDArray[np.bool_]:

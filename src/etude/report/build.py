@@ -5,10 +5,12 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from etude.report.flights.layout import FLIGHT_CONTENTS, FLIGHT_SECTIONS
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
-from etude.report.sections.calibration import calibration, ladder
+from etude.report.sections.calibration import calibration
 from etude.report.sections.headline import headline
+from etude.report.sections.ladder import ladder
 from etude.report.sections.learning import learning
 from etude.report.sections.prediction import prediction
 from etude.report.sections.provenance import provenance, repairs
@@ -30,7 +32,9 @@ SECTIONS = (
     repairs,
     provenance,
 )
-"""Every part of the page, in the order of reading. A new part is one function and one place in this row."""
+"""Every part of a page, in the order of reading. A new part is one function and one place in this row.
+
+A flying vehicle's are in `flights.layout`: some are the same, some its own."""
 
 CONTENTS = {
     "learning": "learning curve",
@@ -66,11 +70,12 @@ def render(record: Record) -> Html:
     """The whole page."""
     robot = record.spec.name if record.spec else record.folder.resolve().name
     title = f"Étude report: {robot}"
-    contents = element("nav", *(element("a", name, href=f"#{key}") for key, name in CONTENTS.items()))
+    sections, names = (FLIGHT_SECTIONS, FLIGHT_CONTENTS) if record.flying else (SECTIONS, CONTENTS)
+    contents = element("nav", *(element("a", name, href=f"#{key}") for key, name in names.items()))
     date = record.events[-1].time[:10] if record.events else ""
     subtitle = f"Campaign “{record.folder.resolve().name}”" + (f", last event {date}" if date else "")
     parts = [element("h1", title), paragraph(subtitle, class_="soft"), headline(record), contents]
-    parts += [draw(record) for draw in SECTIONS]
+    parts += [draw(record) for draw in sections]
     return _page(title, join(parts))
 
 

@@ -8,24 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.campaign.rounds import summary
+from etude.report.markup import with_unit
 from etude.report.record import Facts, Record
 
 Array = NDArray[np.float64]
 
-BASELINES = {"pd": "PD alone", "rigid_body": "rigid body", "perfect": "perfect model"}
-BASELINE_STYLES = {"pd": "c2", "rigid_body": "c5", "perfect": "c3"}
+UNITS = ("deg", "m")
+"""Tracking errors of joints are in degrees, those of a vehicle's position in metres."""
 KINDS = {
     "gp": "GP",
     "identified": "identified rigid body",
     "identified+gp": "rigid body + GP",
     "nominal": "nominal model",
+    "nominal+gp": "nominal model + GP",
     "linear": "linear regression",
 }
-TESTS = {"fourier": "a smooth Fourier test motion", "moves": "point-to-point moves"}
+FLIGHT_KINDS = {"identified": "identified physics", "identified+gp": "identified physics + GP"}
+"""Of a vehicle, where the word differs."""
 
 
-def kind_name(kind: object) -> str:
-    return KINDS.get(str(kind), str(kind))
+def kind_name(record: Record, kind: object) -> str:
+    own = FLIGHT_KINDS if record.flying else {}
+    return own.get(str(kind), KINDS.get(str(kind), str(kind)))
 
 
 @dataclass(frozen=True)
@@ -35,16 +40,28 @@ class Evaluation:
     Attributes:
         number: the round whose model was tested; 0 for controllers that need no data.
         seconds: robot time spent so far, s.
-        error: (dof,) mean tracking error, degrees.
+        error: (dof,) mean tracking error of each joint, degrees; or along x, y, z and in all, m.
+        unit: "deg" or "m".
     """
 
     number: int
     seconds: float
     error: Array
+    unit: str = "deg"
 
     @property
     def mean(self) -> float:
-        return float(np.mean(self.error))
+        """The figure that stands for it: the mean over joints, or the distance in space."""
+        return summary(self.error.tolist(), self.unit)
+
+    @property
+    def parts(self) -> Array:
+        """Of each joint, or along x, y, z."""
+        return self.error[:-1] if self.unit == "m" else self.error
+
+    @property
+    def text(self) -> str:
+        return with_unit(self.mean, self.unit)
 
 
 @dataclass(frozen=True)
@@ -60,10 +77,16 @@ class Test:
         found = self.baselines.get(name, ())
         return found[-1] if found else None
 
+    @property
+    def unit(self) -> str:
+        """Of all its errors."""
+        found = [*self.learned, *(e for series in self.baselines.values() for e in series)]
+        return found[0].unit if found else UNITS[0]
+
 
 def tests(record: Record) -> tuple[Test, ...]:
     """Every test motion the journal has evaluations of, in the order of their first appearance."""
-    events = [facts for facts in record.state.evaluated if "tracking_error_deg" in facts]
+    events = [facts for facts in record.state.evaluated if _unit(facts)]
     names = dict.fromkeys(str(e.get("test", "test")) for e in events)
     return tuple(_test(name, [e for e in events if str(e.get("test", "test")) == name]) for name in names)
 
@@ -82,10 +105,16 @@ def _series(events: Iterable[Facts]) -> tuple[Evaluation, ...]:
         Evaluation(
             number,
             float(latest[number].get("robot_seconds", 0.0)),
-            np.atleast_1d(np.asarray(latest[number]["tracking_error_deg"], dtype=float)),
+            np.atleast_1d(np.asarray(latest[number][f"tracking_error_{_unit(latest[number])}"], dtype=float)),
+            _unit(latest[number]),
         )
         for number in sorted(latest)
     )
+
+
+def _unit(facts: Facts) -> str:
+    """Of an evaluation's tracking error; empty if it has none."""
+    return next((unit for unit in UNITS if f"tracking_error_{unit}" in facts), "")
 
 
 def robot_seconds(record: Record) -> float:

@@ -74,6 +74,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{max(0, digits - 1 - size)}f}".replace("-", "−")
 
 
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number with its unit: `0.131°` for "deg", `0.071 m` for "m", the bare number for "1"."""
+    return number(value, digits) + {"deg": "°", "1": ""}.get(unit, f" {unit}")
+
+
 def times(value: float, unit: float) -> str:
     """How often `unit` goes into `value`, as somebody says it: `18 times`, `5.3 times`."""
     return f"{number(value / unit, 2) if unit > 0 else 'infinitely many'} times"

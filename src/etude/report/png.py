@@ -29,10 +29,28 @@ STOPS = np.array(
 """Cividis (Nunez, Anderton, Renslow 2018): reads the same with and without colour-blindness, and in grey."""
 
 
-def colours(values: Array) -> NDArray[np.uint8]:
-    """RGB (..., 3) of values in [0, 1]; values outside are clipped."""
-    position = np.clip(values, 0.0, 1.0) * (len(STOPS) - 1)
-    channels = [np.interp(position, np.arange(len(STOPS)), STOPS[:, c]) for c in range(3)]
+VIRIDIS = np.array(
+    [
+        [68, 1, 84],
+        [72, 40, 120],
+        [62, 74, 137],
+        [49, 104, 142],
+        [38, 130, 142],
+        [31, 158, 137],
+        [53, 183, 121],
+        [110, 206, 88],
+        [181, 222, 43],
+        [253, 231, 37],
+    ],
+    dtype=float,
+)
+"""Viridis (van der Walt, Smith 2015), as safe, and never grey: for thin lines on light or dark paper."""
+
+
+def colours(values: Array, stops: Array = STOPS) -> NDArray[np.uint8]:
+    """RGB (..., 3) of values in [0, 1] on the scale `stops`; values outside are clipped."""
+    position = np.clip(values, 0.0, 1.0) * (len(stops) - 1)
+    channels = [np.interp(position, np.arange(len(stops)), stops[:, c]) for c in range(3)]
     return np.asarray(np.stack(channels, axis=-1).round(), dtype=np.uint8)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from etude.campaign.journal import JOURNAL, Event, read_events
 from etude.campaign.state import State, replay
 from etude.errors import EtudeError, UsageError
+from etude.report.words import FLIGHT_WORDS, JOINT_WORDS, Words
 
 if TYPE_CHECKING:
     from etude.logs.log import RobotLog
@@ -45,30 +46,55 @@ class Record:
         """Joint names; empty without a robot."""
         return self.spec.names if self.spec else ()
 
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the learned outputs, the joints' or a vehicle's commands; empty without a robot."""
+        return self.spec.outputs if self.spec else ()
+
+    @property
+    def flying(self) -> bool:
+        """Whether it is a vehicle's; the journal tells where robot.toml cannot be read."""
+        if self.spec is not None:
+            return self.spec.flight is not None
+        return any("tracking_error_m" in facts for facts in self.state.evaluated)
+
+    @property
+    def words(self) -> Words:
+        return FLIGHT_WORDS if self.flying else JOINT_WORDS
+
     def trajectory(self, number: int) -> Trajectory | None:
-        return self._read(f"proposals/{number:04d}/trajectory.json", _trajectory)
+        return self.read(f"proposals/{number:04d}/trajectory.json", _trajectory)
 
     def certificate(self, number: int) -> Facts | None:
-        return self._read(f"proposals/{number:04d}/certificate.json", _object)
+        return self.read(f"proposals/{number:04d}/certificate.json", _object)
 
     def log(self, number: int) -> RobotLog | None:
-        return self._read(f"runs/{number:04d}.parquet", _log)
+        return self.read(f"runs/{number:04d}.parquet", _log)
 
     def test_log(self, baseline: str | None) -> tuple[Event, RobotLog] | None:
         """The last recorded run of the first test: a baseline's, or the learned controller's (None)."""
+        return self.test_run(baseline, _log)
+
+    def test_run(
+        self, baseline: str | None, reader: Callable[[Path], T], test: str | None = None
+    ) -> tuple[Event, T] | None:
+        """The last readable run of a test (None: the first); baseline None is the learned controller."""
         tests = [e for e in self.events if e.event == "evaluated"]
-        own = [e for e in tests if e.facts.get("baseline") == baseline]
-        for event in reversed([e for e in own if e.facts.get("test") == tests[0].facts.get("test")]):
-            for name in event.files:
-                log = self._read(name, _log) if name.endswith(".parquet") else None
-                if log is not None:
-                    return event, log
+        if not tests:
+            return None
+        wanted = {"baseline": baseline, "test": test or tests[0].facts.get("test")}
+        for event in reversed(tests):
+            if all(event.facts.get(name) == value for name, value in wanted.items()):
+                for name in event.files:
+                    log = self.read(name, reader) if name.endswith(".parquet") else None
+                    if log is not None:
+                        return event, log
         return None
 
     def model(self, number: int) -> InverseDynamicsModel | None:
-        return self._read(f"models/{number:04d}", _model)
+        return self.read(f"models/{number:04d}", _model)
 
-    def _read(self, name: str, reader: Callable[[Path], T]) -> T | None:
+    def read(self, name: str, reader: Callable[[Path], T]) -> T | None:
         """`reader(path)`; None if the file is absent, with a note if it is damaged: the rest still counts."""
         path = self.folder / name
         if not path.exists():

@@ -20,12 +20,14 @@ class Axis:
         log: logarithmic.
         limits: (low, high), or None to take the extent of the marks.
         floor: with `limits` None, the axis reaches down to this value at least.
+        whole: ticks at whole numbers only.
     """
 
     label: str
     log: bool = False
     limits: tuple[float, float] | None = None
     floor: float | None = None
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Scale:
     start: float
     end: float
     log: bool = False
+    whole: bool = False
 
     def __call__(self, values: ArrayLike) -> Array:
         x = np.asarray(values, dtype=float)
@@ -47,21 +50,22 @@ class Scale:
 
     def ticks(self) -> list[float]:
         """Round values inside [low, high]."""
-        return log_ticks(self.low, self.high) if self.log else linear_ticks(self.low, self.high)
+        ticks = log_ticks(self.low, self.high) if self.log else linear_ticks(self.low, self.high)
+        return [tick for tick in ticks if not self.whole or abs(tick - round(tick)) < 1e-9]
 
 
 def fitted_scale(axis: Axis, values: Array, start: float, end: float) -> Scale:
     """The scale of an axis whose marks have these `values`; a little air is left at both ends."""
     if axis.limits is not None:
-        return Scale(*axis.limits, start, end, axis.log)
+        return Scale(*axis.limits, start, end, axis.log, axis.whole)
     usable = values[np.isfinite(values) & ((values > 0) | (not axis.log))]
     low, high = (float(usable.min()), float(usable.max())) if usable.size else (1.0, 2.0)
     if axis.floor is not None:
         low = min(low, axis.floor)
     if axis.log:
-        return Scale(low / 1.25, high * 1.25, start, end, log=True)
+        return Scale(low / 1.25, high * 1.25, start, end, log=True, whole=axis.whole)
     air = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
-    return Scale(low if low == axis.floor else low - air, high + air, start, end)
+    return Scale(low if low == axis.floor else low - air, high + air, start, end, whole=axis.whole)
 
 
 def linear_ticks(low: float, high: float, wanted: int = 5) -> list[float]:

@@ -60,7 +60,7 @@ class Line:
         return self.x, self.y
 
     def draw(self, x: Scale, y: Scale) -> str:
-        path = f'<path class="line {self.style}" d="{_path(x(self.x), _clipped(y, self.y))}"/>'
+        path = f'<path class="line {self.style}" d="{polyline(x(self.x), _clipped(y, self.y))}"/>'
         dots = Points(self.x, self.y, self.label, self.style, radius=4.5).draw(x, y) if self.markers else ""
         return path + dots
 
@@ -150,7 +150,7 @@ class Area:
     def draw(self, x: Scale, y: Scale) -> str:
         px = np.concatenate([x(self.x_low), x(self.x_high[::-1])])
         py = np.concatenate([_clipped(y, self.low), _clipped(y, self.high[::-1])])
-        return f'<path class="{self.style}" d="{_path(px, py)}Z"/>'
+        return f'<path class="{self.style}" d="{polyline(px, py)}Z"/>'
 
     def swatch(self, x: float, y: float) -> str:
         return f'<rect class="{self.style}" x="{x:.1f}" y="{y - 6:.1f}" width="22" height="12"/>'
@@ -234,7 +234,8 @@ def thinned(x: Array, y: Array, points: int = 700) -> tuple[Array, Array]:
     return x[index], y[index]
 
 
-def _path(px: Array, py: Array) -> str:
+def polyline(px: Array, py: Array) -> str:
+    """The `d` of a path through pixels (T,) and (T,); NaN breaks it."""
     parts, pen = [], "M"
     for a, b in zip(px, py, strict=True):
         if np.isfinite(a) and np.isfinite(b):
@@ -274,7 +275,7 @@ def _axis_labels(x: Axis, y: Axis, sx: Scale, sy: Scale, height: int) -> str:
     middle_x, middle_y = (sx.start + sx.end) / 2, (sy.start + sy.end) / 2
     return (
         f'<text class="axis" x="{middle_x:.1f}" y="{height - 8}" text-anchor="middle">{text(x.label)}</text>'
-        f'<text class="axis" transform="translate(15,{middle_y:.1f})rotate(-90)" text-anchor="middle">'
+        f'<text class="axis" transform="translate(12,{middle_y:.1f})rotate(-90)" text-anchor="middle">'
         f"{text(y.label)}</text>"
     )
 

@@ -11,6 +11,7 @@ lower = [-10.0, -10.0, 0.3]      # box of the vehicle's centre, m, z up
 upper = [10.0, 10.0, 5.0]
 speed = 6.0                      # largest |v|, m/s
 margin = 0.5                     # m kept from every wall for the tracking error
+vertical_margin = 0.3            # optional: the same from floor and ceiling, m
 radius = 1.5                     # optional: of a cylinder about the z axis, m
 tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
@@ -50,6 +51,7 @@ class FlightTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True
     upper: Three
     speed: float
     margin: float
+    vertical_margin: float | None = None
     radius: float | None = None
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
@@ -88,6 +90,7 @@ def flight_from_table(data: dict[str, Any], *, where: str) -> FlightSpec:
         tilt=table.tilt,
         thrust=table.thrust,
         margin=table.margin,
+        vertical_margin=table.vertical_margin,
         vehicle=vehicle,
         plant=table.plant,
     )
@@ -123,8 +126,9 @@ def check_flight_spec(spec: FlightSpec, *, where: str = "") -> None:
     for name, value in numbers.items():
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise UsageError(f"{name} must be a number above zero, not {value}", where=where)
-    if not (math.isfinite(spec.margin) and spec.margin >= 0.0):
-        raise UsageError(f"margin must be 0 or more, not {spec.margin}", where=where)
+    for margin in spec.margins:
+        if not (math.isfinite(margin) and margin >= 0.0):
+            raise UsageError(f"a margin must be 0 or more, not {margin}", where=where)
     if spec.command_unit not in UNITS:
         raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
     if len(set(spec.command_names)) < 4 or "" in spec.command_names:
@@ -155,11 +159,11 @@ def _vehicle_numbers(vehicle: Vehicle) -> dict[str, float]:
 
 
 def _check_room(spec: FlightSpec, where: str) -> None:
-    for axis, low, high in zip("xyz", spec.lower, spec.upper, strict=True):
+    for axis, low, high, margin in zip("xyz", spec.lower, spec.upper, spec.margins, strict=True):
         _check_order(f"{axis} of the box", low, high, where)
-        if high - low <= 2.0 * spec.margin:
+        if high - low <= 2.0 * margin:
             raise UsageError(
-                f"the box is {high - low:g} m wide in {axis}, which two margins of {spec.margin:g} m fill",
+                f"the box is {high - low:g} m wide in {axis}, which two margins of {margin:g} m fill",
                 where=f"{where} margin",
                 next_step="Give it more room, or a smaller margin that its controller can keep.",
             )
@@ -209,6 +213,7 @@ def flight_to_toml(spec: FlightSpec) -> str:
         upper=spec.upper,
         speed=spec.speed,
         margin=spec.margin,
+        vertical_margin=spec.vertical_margin,
         radius=spec.radius,
         tilt=spec.tilt,
         thrust=spec.thrust,

@@ -22,7 +22,8 @@ class FlightSpec:
         radius: of a cylinder about the z axis inside the box, m; None without one.
         tilt: largest angle of the thrust from the vertical, rad; None without limit.
         thrust: least and largest thrust per mass, m/s^2; None without limits.
-        margin: room kept for the tracking error: off every wall of box and cylinder, m.
+        margin: room kept for the tracking error, off the side walls of box and cylinder, m.
+        vertical_margin: the same off floor and ceiling, m; None: as much.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
     """
@@ -40,5 +41,12 @@ class FlightSpec:
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
     margin: float = 0.5
+    vertical_margin: float | None = None
     vehicle: Vehicle | None = None
     plant: str | None = None
+
+    @property
+    def margins(self) -> tuple[float, float, float]:
+        """Along x, y and z, m."""
+        vertical = self.margin if self.vertical_margin is None else self.vertical_margin
+        return self.margin, self.margin, vertical

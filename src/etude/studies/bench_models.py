@@ -29,7 +29,7 @@ MEASURES = (
     "etude.studies.bench_models:dictionary_drift_10k",
     "etude.studies.model_latency:latency_rows",
     "etude.studies.real_accuracy:real_rows",
-    "etude.studies.crazyflie_accuracy:crazyflie_rows",
+    "etude.studies.crazyflie_accuracy:crazyflie_accuracy_rows",
     "etude.studies.arm_accuracy:member_rows",
     "etude.studies.online_rows:online_rows",
 )

@@ -105,7 +105,7 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
 
 
 def loop_rows(setting: str, found: list[dict[str, float]]) -> list[Row]:
-    """Mean errors with intervals, each beside PID alone's; then paired ratios to it, as geometric means."""
+    """Mean error of each variant over the seeds, with its interval, beside PID alone's in the same air."""
     rows = []
     for variant in found[0]:
         air = variant.split("/")[1]

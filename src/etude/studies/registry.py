@@ -12,7 +12,11 @@ from etude.errors import UsageError
 
 # name -> "module:function"; the function takes json and seed (a bench perhaps one of OPTIONAL, a study also
 # seeds and folder), and prints a table or the line of `rows_json`
-BENCHES = {"gp": "etude.studies.bench_gp:run", "models": "etude.studies.bench_models:run"}
+BENCHES = {
+    "crazyflie": "etude.studies.crazyflie:run",
+    "gp": "etude.studies.bench_gp:run",
+    "models": "etude.studies.bench_models:run",
+}
 STUDIES = {
     "arm": "etude.studies.arm:run",
     "online": "etude.studies.online:run",

@@ -19,9 +19,8 @@ AXES = ("x", "y", "z")
 
 def inner_box(spec: FlightSpec) -> tuple[Array, Array]:
     """Corners (3,), (3,) of the box less its margin, m."""
-    return np.asarray(spec.lower, dtype=float) + spec.margin, np.asarray(
-        spec.upper, dtype=float
-    ) - spec.margin
+    margins = np.array(spec.margins)
+    return np.asarray(spec.lower, dtype=float) + margins, np.asarray(spec.upper, dtype=float) - margins
 
 
 def inner_radius(spec: FlightSpec) -> float:
@@ -50,15 +49,16 @@ def check_flight_room(spec: FlightSpec) -> None:
         if not high[j] > low[j]:
             _refuse(
                 f"the box is {spec.upper[j] - spec.lower[j]:g} m wide in {axis}, "
-                f"not more than two margins of {spec.margin:g} m",
+                f"not more than two margins of {spec.margins[j]:g} m",
                 f"box, {axis}",
             )
     if spec.radius is not None and not spec.radius > spec.margin:
         _refuse(
             f"the cylinder's radius {spec.radius:g} m is not above the margin {spec.margin:g} m", "radius"
         )
-    if not (math.isfinite(spec.margin) and spec.margin >= 0.0):
-        _refuse(f"the margin must be a number of m >= 0, not {spec.margin:g}", "margin")
+    for margin in spec.margins:
+        if not (math.isfinite(margin) and margin >= 0.0):
+            _refuse(f"the margin must be a number of m >= 0, not {margin:g}", "margin")
     if not (math.isfinite(spec.speed) and spec.speed > 0.0):
         _refuse(f"no flight meets a speed limit of {spec.speed:g} m/s", "speed")
     if spec.tilt is not None and not 0.0 < spec.tilt < 0.5 * math.pi:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from etude.report.curves import (
-    BASELINES,
-    TESTS,
     Array,
+    Evaluation,
     Test,
     chosen_kind,
     held_out,
@@ -18,6 +17,10 @@ from etude.report.curves import (
 )
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
+from etude.report.words import BASELINES, test_name
+
+SAME = 0.02
+"""Errors that differ by no more than this part are told as the same."""
 
 
 def headline(record: Record) -> Html:
@@ -33,56 +36,55 @@ def headline(record: Record) -> Html:
 
 def tracking_sentence(record: Record, test: Test) -> str:
     """What the learned controller reaches on one test, beside what there was before and what is possible."""
-    now = test.learned[-1]
-    what = TESTS.get(test.name, f"the test “{test.name}”")
+    now, words = test.learned[-1], record.words
     count = sum(1 for r in record.state.told if r.number <= now.number) or now.number
     start = (
-        f"After {count} {'trajectory' if count == 1 else 'trajectories'} ({duration(now.seconds)} of robot "
-        f"time) the robot follows {what} that it was never trained on with a mean error of "
-        f"{number(now.mean)}°."
+        f"After {_count(record, count)} ({duration(now.seconds)} of robot time) the {words.robot} follows "
+        f"{test_name(test.name)} that it was never trained on with a mean error of {now.text}."
     )
-    return " ".join([start, *_comparisons(test, now.mean)])
+    return " ".join([start, *_comparisons(test, now)])
+
+
+def _count(record: Record, count: int) -> str:
+    return f"{count} {record.words.motion if count == 1 else record.words.motions}"
 
 
 def _other_test(test: Test) -> Html:
     """One short sentence on a further test motion."""
     parts = [
-        f"{BASELINES[name]} {number(found.mean)}°" for name in BASELINES if (found := test.baseline(name))
+        f"{told.name} {found.text}" for name, told in BASELINES.items() if (found := test.baseline(name))
     ]
     beside = f"; {', '.join(parts)}" if parts else ""
-    what = TESTS.get(test.name, f"the test “{test.name}”")
-    return paragraph(f"On {what}: {number(test.learned[-1].mean)}°{beside}.")
+    return paragraph(f"On {test_name(test.name)}: {test.learned[-1].text}{beside}.")
 
 
-def _comparisons(test: Test, now: float) -> list[str]:
-    pd, rigid, perfect = (test.baseline(name) for name in ("pd", "rigid_body", "perfect"))
-    sentences = []
-    if pd:
-        sentences.append(f"PD control alone has {number(pd.mean)}° ({times(pd.mean, now)} as much).")
-    if rigid:
-        relation = (
-            f"{times(rigid.mean, now)} as much" if rigid.mean >= now else "better than what was learned"
-        )
-        sentences.append(f"PD with an identified rigid-body model has {number(rigid.mean)}° ({relation}).")
-    if perfect:
-        sentences.append(f"A perfect model of this robot has {number(perfect.mean)}°, about the floor.")
-    return sentences
+def _comparisons(test: Test, now: Evaluation) -> list[str]:
+    return [
+        told.sentence.format(error=found.text, relation=_relation(found, now))
+        for name, told in BASELINES.items()
+        if (found := test.baseline(name))
+    ]
+
+
+def _relation(other: Evaluation, now: Evaluation) -> str:
+    if abs(other.mean - now.mean) <= SAME * now.mean:
+        return "about the same"
+    if other.mean < now.mean:
+        return "better than what was learned"
+    return f"{times(other.mean, now.mean)} as much"
 
 
 def _cards(record: Record, test: Test) -> Html:
     now = test.learned[-1]
     cards = [
         _card("", duration(robot_seconds(record)), "of robot time in all"),
-        _card("c1", number(now.mean) + "°", "mean tracking error now"),
+        _card("c1", now.text, f"mean {'position' if now.unit == 'm' else 'tracking'} error now"),
     ]
-    for name, style, label in (
-        ("pd", "c2", "with PD alone"),
-        ("rigid_body", "c5", "with an identified rigid body"),
-        ("perfect", "c3", "with a perfect model"),
-    ):
-        found = test.baseline(name)
-        if found:
-            cards.append(_card(style, number(found.mean) + "°", label))
+    cards += [
+        _card(told.style, found.text, told.card)
+        for name, told in BASELINES.items()
+        if (found := test.baseline(name))
+    ]
     return element("div", *cards, class_="cards")
 
 
@@ -91,15 +93,16 @@ def _card(style: str, value: str, label: str) -> Html:
 
 
 def _untrained(record: Record) -> Html:
-    asked = [r for r in record.state.rounds.values() if r.asked]
+    asked, words = [r for r in record.state.rounds.values() if r.asked], record.words
+    have = "has" if len(asked) == 1 else "have"
     if record.state.told:
         return missing("Logs have been told, and no model has been trained from them yet.")
     if asked:
         return missing(
-            f"{len(asked)} {'trajectory has' if len(asked) == 1 else 'trajectories have'} been proposed, and "
-            "no log has come back yet. Run the trajectory on the robot, then `etude tell` with its log."
+            f"{_count(record, len(asked))} {have} been proposed, and no log has "
+            f"come back yet. Run the {words.motion} on the {words.robot}, then `etude tell` with its log."
         )
-    return missing("Nothing has been asked yet. `etude ask` writes the first trajectory.")
+    return missing(f"Nothing has been asked yet. `etude ask` writes the first {words.motion}.")
 
 
 def _held_out(record: Record, kind: str | None) -> tuple[Array | None, Array | None]:
@@ -115,6 +118,7 @@ def _held_out(record: Record, kind: str | None) -> tuple[Array | None, Array | N
 def _prequential(record: Record) -> Html:
     last = record.state.trained[-1].trained
     kind = chosen_kind(last)
+    name, outputs = kind_name(record, kind), f"mean over {record.words.output}s"
     error, linear = _held_out(record, kind)
     seconds = robot_seconds(record)
     count = len(record.state.told) or len(record.state.trained)
@@ -122,16 +126,16 @@ def _prequential(record: Record) -> Html:
     cards = [_card("", duration(seconds), "of robot time in all")]
     if error is None:
         sentence = (
-            f"{logs} learned with the model “{kind_name(kind)}”. There is no score yet: a model is "
-            "scored on a log before it learns from it, so the first score comes with the second log."
+            f"{logs} learned with the model “{name}”. There is no score yet: a model is scored on a log "
+            "before it learns from it, so the first score comes with the second log."
         )
         return join([paragraph(sentence, class_="lead"), element("div", *cards, class_="cards")])
     explained = 100.0 * (1.0 - float(np.nanmean(error)))
     sentence = (
-        f"After {logs} the model “{kind_name(kind)}” explained {number(explained)} % of the variance of the "
-        "commands in held-out data that it had not learned from (mean over joints)."
+        f"After {logs} the model “{name}” explained {number(explained)} % of the variance of the commands in "
+        f"held-out data that it had not learned from ({outputs})."
     )
-    cards.append(_card("c1", number(float(np.nanmean(error))), "held-out nMSE, mean over joints"))
+    cards.append(_card("c1", number(float(np.nanmean(error))), f"held-out nMSE, {outputs}"))
     if linear is not None:
         share = 100.0 * (1.0 - float(np.nanmean(linear)))
         sentence += f" Linear regression on the same data explained {number(share)} %."

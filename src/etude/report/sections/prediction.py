@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,18 +47,40 @@ def prediction(record: Record) -> Html:
 
 def command_panel(data: Dataset, mean: Array, variance: Array, joint: int, names: tuple[str, str]) -> Html:
     """Measured and predicted command of one joint over time, smoothed alike; `names` are joint and unit."""
-    t, expected = data.t, mean[:, joint]
     half = Z95 * np.sqrt(np.maximum(variance[:, joint], 0.0))
+    moving = _moving(data.stuck[:, joint])
+    return band_panel(
+        data.t,
+        data.tau[:, joint],
+        mean[:, joint],
+        half,
+        *names,
+        moving=moving,
+        label="predicted while moving",
+    )
+
+
+def band_panel(
+    t: Array,
+    measured: Array,
+    expected: Array,
+    half: Array,
+    name: str,
+    unit: str,
+    *,
+    moving: Sequence[slice] = (slice(None),),
+    label: str = "predicted",
+) -> Html:
+    """Measured and predicted command (T,) with a band of half width `half`, in the stretches `moving`."""
     areas: list[Mark] = []
-    lines: list[Mark] = [Line(*thinned(t, data.tau[:, joint], 600), "measured", "c8")]
-    for piece in _moving(data.stuck[:, joint]):
+    lines: list[Mark] = [Line(*thinned(t, measured, 600), "measured", "c8")]
+    for piece in moving:
         low, high = (thinned(t[piece], (expected + sign * half)[piece], 300) for sign in (-1.0, 1.0))
         areas.append(Area(*low, *high, "" if areas else "95 % interval"))
-        label = "predicted while moving" if len(lines) == 1 else ""
-        lines.append(Line(*thinned(t[piece], expected[piece], 400), label, "c2 dash"))
-    marks = [*areas, *lines]
-    axes = Axis("time (s)", limits=(float(t[0]), float(t[-1]))), Axis(f"command ({names[1]})")
-    return panel(names[0], *axes, marks, size=(560, 260))
+        line = thinned(t[piece], expected[piece], 400)
+        lines.append(Line(*line, label if len(lines) == 1 else "", "c2 dash"))
+    axes = Axis("time (s)", limits=(float(t[0]), float(t[-1]))), Axis(f"command ({unit})")
+    return panel(name, *axes, [*areas, *lines], size=(560, 260))
 
 
 def _moving(stuck: NDArray[np.bool_]) -> list[slice]:

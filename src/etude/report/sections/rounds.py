@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from etude.campaign.state import Round
 from etude.report.curves import Evaluation, Test, chosen_kind, kind_name, tests
-from etude.report.markup import Html, duration, missing, number, paragraph, section, table
+from etude.report.markup import Html, duration, missing, number, paragraph, section, table, with_unit
 from etude.report.record import Record
 
 COSTS = ("round", "robot time", "robot time so far")
@@ -20,16 +20,18 @@ def rounds(record: Record) -> Html:
     rows = _rows(record, test)
     header = [*COSTS, *(GAINS if test else ()), "model in use"]
     text = paragraph(
-        "Error is the mean tracking error on the first test above; the first round starts from PD alone."
+        "Error is the mean tracking error on the first test above; the first round starts from "
+        f"{record.words.feedback} alone."
         if test
-        else "This robot has no simulated test; the learning curve above shows what each log was worth."
+        else f"This {record.words.robot} has no simulated test; the learning curve above shows "
+        "what each log was worth."
     )
     return section("rounds", title, text, table(header, rows))
 
 
 def _rows(record: Record, test: Test | None) -> list[list[str]]:
     errors = {e.number: e for e in test.learned} if test else {}
-    before = errors.get(0) or (test.baseline("pd") if test else None)
+    before = errors.get(0) or (test.baseline(record.words.feedback.lower()) if test else None)
     rows, spent = [], 0.0
     for entry in _in_order(record):
         cost = _seconds(entry, spent)
@@ -38,7 +40,7 @@ def _rows(record: Record, test: Test | None) -> list[list[str]]:
         costs = [f"{entry.number}", duration(cost) if entry.told else "–", duration(spent)]
         gains = _gains(before, after, cost) if test else []
         kind = chosen_kind(entry.trained)
-        rows.append([*costs, *gains, kind_name(kind) if kind else _state(entry)])
+        rows.append([*costs, *gains, kind_name(record, kind) if kind else _state(entry)])
         before = after or before
     return rows
 
@@ -59,13 +61,13 @@ def _seconds(entry: Round, spent: float) -> float:
 
 def _gains(before: Evaluation | None, after: Evaluation | None, cost: float) -> list[str]:
     if after is None:
-        return [f"{number(before.mean)}°" if before else "–", "–", "–", "–"]
+        return [before.text if before else "–", "–", "–", "–"]
     if before is None:
-        return ["–", f"{number(after.mean)}°", "–", "–"]
+        return ["–", after.text, "–", "–"]
     gain = before.mean - after.mean
     share = f"{'−' if gain >= 0 else '+'}{number(abs(100 * gain / before.mean), 2)} %"
-    rate = f"{number(60 * gain / cost, 2)}°" if cost > 0 else "–"
-    return [f"{number(before.mean)}°", f"{number(after.mean)}°", share, rate]
+    rate = with_unit(60 * gain / cost, after.unit, 2) if cost > 0 else "–"
+    return [before.text, after.text, share, rate]
 
 
 def _state(entry: Round) -> str:

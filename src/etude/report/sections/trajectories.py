@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,34 +30,45 @@ Array = NDArray[np.float64]
 
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "box": "rad"}
 
+Panels = Callable[[Trajectory, RobotSpec], list[Html]]
+Proofs = Callable[[Facts], Html]
+
 
 def trajectories(record: Record) -> Html:
     """One folded part per proposed trajectory, the newest open."""
-    title = "Trajectories, their limits and proved margins"
+    text = "Curves are drawn as a fraction of each joint's own limit: the dotted lines at ±1 are the limits."
+    return proposals(record, text, limit_panels, _proofs)
+
+
+def proposals(record: Record, text: str, panels: Panels, proofs: Proofs) -> Html:
+    """Every proposal with what `panels` draws of it and `proofs` says of its certificate."""
+    motion, motions = record.words.motion, record.words.motions
+    title = f"{motions.capitalize()}, their limits and proved margins"
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     if not numbers:
-        return section("trajectories", title, missing("No trajectory has been proposed yet."))
-    text = paragraph(
-        "Curves are drawn as a fraction of each joint's own limit: the dotted lines at ±1 are the "
-        "limits. The table gives what is proved of the file as written, for every instant and not "
-        "only at samples."
+        return section("trajectories", title, missing(f"No {motion} has been proposed yet."))
+    proved = (
+        "The table gives what is proved of the file as written, for every instant and not only at samples."
     )
-    parts = [_trajectory(record, n, unfolded=n == numbers[-1]) for n in reversed(numbers)]
-    return section("trajectories", title, text, *parts)
+    parts = [_proposal(record, n, panels, proofs, unfolded=n == numbers[-1]) for n in reversed(numbers)]
+    return section("trajectories", title, paragraph(f"{text} {proved}"), *parts)
 
 
-def _trajectory(record: Record, n: int, unfolded: bool) -> Html:
+def _proposal(record: Record, n: int, panels: Panels, proofs: Proofs, *, unfolded: bool) -> Html:
     trajectory, certificate = record.trajectory(n), record.certificate(n)
     parts = _how(record, n)
     if trajectory is None:
-        parts.append(missing("The trajectory's file is missing or unreadable."))
+        parts.append(missing(f"The {record.words.motion}'s file is missing or unreadable."))
     elif record.spec is None or record.spec.dof != trajectory.dof:
-        parts.append(missing("The robot's file does not fit this trajectory, so it cannot be drawn."))
+        robot, motion = record.words.robot, record.words.motion
+        parts.append(missing(f"The {robot}'s file does not fit this {motion}, so it cannot be drawn."))
     else:
-        parts.append(grid(limit_panels(trajectory, record.spec), 3))
-    parts.append(_proofs(certificate) if certificate else missing("There is no certificate for it."))
+        parts.append(grid(panels(trajectory, record.spec), 3))
+    parts.append(proofs(certificate) if certificate else missing("There is no certificate for it."))
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
-    summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
+    summary = element(
+        "summary", f"{record.words.motion.capitalize()} {n}", element("small", length + _verdict(certificate))
+    )
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
 
 
@@ -73,14 +86,16 @@ def limit_panels(trajectory: Trajectory, spec: RobotSpec) -> list[Html]:
         "Velocity / limit": samples.qd / spec.velocity,
         "Acceleration / limit": samples.qdd / spec.acceleration,
     }
-    return [_fractions(title, samples.t, values, spec.names) for title, values in shown.items()]
+    return [fractions(title, samples.t, values, spec.names) for title, values in shown.items()]
 
 
-def _fractions(title: str, t: Array, values: Array, names: tuple[str, ...]) -> Html:
+def fractions(title: str, t: Array, values: Array, names: tuple[str, ...], *, signed: bool = True) -> Html:
+    """Values (T, n) over time as fractions of their limits; without a sign the axis starts at 0."""
     marks: list[Mark] = [Line(t, values[:, j], name, joint_style(j)) for j, name in enumerate(names)]
-    marks += [Level(1.0, style="limit"), Level(-1.0, style="limit")]
+    marks += [Level(limit, style="limit") for limit in ((1.0, -1.0) if signed else (1.0,))]
     bound = max(1.15, 1.05 * float(np.abs(values).max()))
-    axes = Axis("time (s)", limits=(0.0, float(t[-1]))), Axis("fraction of limit (1)", limits=(-bound, bound))
+    least = -bound if signed else 0.0
+    axes = Axis("time (s)", limits=(0.0, float(t[-1]))), Axis("fraction of limit (1)", limits=(least, bound))
     return panel(title, *axes, marks, size=(380, 300))
 
 
@@ -112,23 +127,23 @@ def _proofs(certificate: Facts) -> Html:
 
 
 def _proof(row: Facts) -> Html:
-    limit = f"limit {_interval(row['lower'], row['upper'])}, margin "
-    detail = element("small", limit, _margin(row), class_="soft")
-    return join([element("b", _interval(row["proved_lower"], row["proved_upper"])), _meter(row), detail], "")
+    limit = f"limit {interval(row['lower'], row['upper'])}, margin "
+    detail = element("small", limit, margin(row), class_="soft")
+    return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")
 
 
-def _interval(low: float, high: float) -> str:
+def interval(low: float, high: float) -> str:
     return f"{low:.4g} … {high:.4g}".replace("-", "−")
 
 
-def _margin(row: Facts) -> Html:
+def margin(row: Facts) -> Html:
     half = 0.5 * (row["upper"] - row["lower"])
     share = 100.0 * row["margin"] / half if half > 0 else float("nan")
     percent = "< 0.01" if 0.0 <= share < 0.01 else number(share, 2)
     return element("span", f"{percent} %", class_="good" if row["margin"] >= 0 else "bad")
 
 
-def _meter(row: Facts) -> Html:
+def meter(row: Facts) -> Html:
     """The proved interval drawn inside the limits."""
     width = row["upper"] - row["lower"] or 1.0
     left = 100 * max(0.0, (row["proved_lower"] - row["lower"]) / width)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import EtudeError
+from etude.report.colour_bar import colour_bar
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.png import colours, png_address
 from etude.report.record import Record
@@ -129,15 +130,4 @@ def map_panel(values: Array, spec: RobotSpec, joint: int, data: tuple[Array, Arr
     ]
     axes = Axis("position (rad)", limits=x_limits), Axis("velocity (rad/s)", limits=y_limits)
     drawing = panel(axis.name, *axes, marks, size=(285, 280), header=20)
-    return Html(drawing.replace("</svg>", _colour_bar(low, high, spec.command_unit) + "</svg>"))
-
-
-def _colour_bar(low: float, high: float, unit: str) -> str:
-    from etude.report.markup import number, text
-
-    ramp = png_address(colours(np.linspace(0.0, 1.0, 64)[None, :]))
-    return (
-        f'<text class="tick" x="60" y="36" text-anchor="end">{number(low, 2)}</text>'
-        f'<image x="66" y="26" width="110" height="11" preserveAspectRatio="none" href="{ramp}"/>'
-        f'<text class="tick" x="182" y="36">{number(high, 2)} {text(unit)}</text>'
-    )
+    return Html(drawing.replace("</svg>", colour_bar(low, high, spec.command_unit) + "</svg>"))
