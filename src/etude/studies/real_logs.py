@@ -77,8 +77,19 @@ class RealLog:
 
 def bundled_arm(path: Path) -> Recording:
     """The log of an example, whose robot file lies beside it."""
+    return recording(*_example(path))
+
+
+def _example(path: Path) -> tuple[RobotLog, RobotSpec]:
     spec = load_robot(path.with_name(f"{path.parent.name}.toml"))
-    return recording(read_log(path, spec), spec)
+    return read_log(path, spec), spec
+
+
+def arm_log(name: str, path: Path) -> tuple[RobotLog, RobotSpec]:
+    """The log itself of one of `REAL_LOGS`, and its robot; SARCOS has samples without times, and no log."""
+    from etude.studies.external_logs import panda_log
+
+    return panda_log(path) if name == "panda" else _example(path)
 
 
 def recording(log: RobotLog, spec: RobotSpec) -> Recording:
