@@ -9,21 +9,21 @@ import pytest
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
-from etude.campaign.flight_learner import load_chosen
-from etude.campaign.flight_simulate import position_error
+from etude.campaign.flight.learner import load_chosen
+from etude.campaign.flight.simulate import position_error
 from etude.campaign.folder import open_campaign
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.control.flight_feedforward import PID_ALONE, flight_plan
 from etude.errors import DataError, UsageError
-from etude.logs.flight_log import FlightLog
-from etude.logs.flight_parquet import read_flight_parquet, write_flight
+from etude.logs.flight.log import FlightLog
+from etude.logs.flight.parquet import read_flight_parquet, write_flight
 from etude.plants.flight.disturbance import Disturbance
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
-from etude.trajectories.flight_certificate import certify_flight
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.certificate import certify_flight
+from etude.trajectories.flight.states import FlightStates
 
 QUICK = {
     "duration = 30.0": "duration = 12.0",

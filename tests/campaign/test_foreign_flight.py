@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.flight_learner import load_chosen, told_flights
+from etude.campaign.flight.learner import load_chosen, told_flights
 from etude.campaign.folder import Campaign, open_campaign
 from etude.cli import main
-from etude.logs.flight_lag import command_lag
-from etude.logs.flight_parquet import write_flight
-from etude.logs.flight_table import read_flight
-from etude.models.flight_preprocess import FlightDataConfig, build_flight_dataset
+from etude.logs.flight.lag import command_lag
+from etude.logs.flight.parquet import write_flight
+from etude.logs.flight.table import read_flight
+from etude.models.flight.preprocess import FlightDataConfig, build_flight_dataset
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
 QUICK = {

@@ -8,8 +8,8 @@ import pytest
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential, structured_kernel
-from etude.models.online import OnlineConfig, OnlineOutput
-from etude.models.online_methods import METHODS, begin
+from etude.models.online.learner import OnlineConfig, OnlineOutput
+from etude.models.online.methods import METHODS, begin
 
 D = 8
 KERNELS = {"structured": structured_kernel(2, 0, 1), "ard_se": SquaredExponential(tuple(range(D)))}

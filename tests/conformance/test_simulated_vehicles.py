@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError, UsageError
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.log import FlightLog
 from etude.plants.flight.disturbance import Disturbance
 from etude.plants.flight.flight import Flight
 from etude.plants.flight.plan import FlightPlan

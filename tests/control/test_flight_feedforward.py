@@ -19,11 +19,11 @@ from etude.models.physics.flight_inverse import nominal_inverse
 from etude.plants.flight.registry import flight_plant
 from etude.robots.toml_file import load_robot
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import uniform_parameters
 
 PLANT = flight_plant("quadrotor")
 FAMILY = FlightFamily(duration=30.0, start="moving")

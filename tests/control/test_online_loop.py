@@ -11,8 +11,8 @@ from etude.control.feedforward import model_feedforward, no_feedforward
 from etude.control.online_loop import OnlineRun, run_online
 from etude.errors import UsageError
 from etude.models.inverse_dynamics import InverseDynamicsModel, ModelConfig, train_model
-from etude.models.online import OnlineConfig
-from etude.models.online_model import OnlineModel
+from etude.models.online.learner import OnlineConfig
+from etude.models.online.model import OnlineModel
 from etude.models.preprocess import build_dataset, preset
 from etude.plants.changes import with_friction
 from etude.plants.parameters import load_parameters

@@ -10,12 +10,12 @@ from etude.models.contracts import Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.robots.flight_spec import FlightSpec
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import uniform_parameters
-from etude.trajectories.flight_states import FlightStates, join_states
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import uniform_parameters
+from etude.trajectories.flight.states import FlightStates, join_states
 
 DRAG = (0.6, 0.5, 0.1)
 PARTS = ("altitude", "specific_force", "rates", "angular_acceleration", "velocity")

@@ -9,15 +9,15 @@ from design_examples import assert_same, differences
 from flight_design_examples import DRAG, Columns, box, flight_model
 
 from etude.design.criteria import Output, info_gain, value_of
-from etude.design.flight_config import FLIGHT_CRITERIA, FlightDesignConfig
-from etude.design.flight_objective import FlightObjective
-from etude.design.flight_posterior import PlannedPosterior, distinct, fast_posterior, planned_posteriors
-from etude.design.flight_reference import IntendedFlights, flight_reference, uniform_intended
-from etude.design.flight_solve import flight_objective
+from etude.design.flight.config import FLIGHT_CRITERIA, FlightDesignConfig
+from etude.design.flight.objective import FlightObjective
+from etude.design.flight.posterior import PlannedPosterior, distinct, fast_posterior, planned_posteriors
+from etude.design.flight.reference import IntendedFlights, flight_reference, uniform_intended
+from etude.design.flight.solve import flight_objective
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.samplers import uniform_parameters
 
 FAMILIES = {
     "thesis": FlightFamily(),

@@ -7,17 +7,17 @@ import pytest
 from flight_design_examples import DRAG, box, flight_model
 from scipy.optimize import linprog
 
-from etude.design.flight_config import FlightDesignConfig
-from etude.design.flight_reference import IntendedFlights, uniform_intended
-from etude.design.flight_refine import refine_flight
-from etude.design.flight_solve import FlightDesign, design_flight, flight_objective
+from etude.design.flight.config import FlightDesignConfig
+from etude.design.flight.reference import IntendedFlights, uniform_intended
+from etude.design.flight.refine import refine_flight
+from etude.design.flight.solve import FlightDesign, design_flight, flight_objective
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_certificate import certify_flight
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import boundary_parameters, uniform_parameters
+from etude.trajectories.flight.certificate import certify_flight
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import boundary_parameters, uniform_parameters
 
 SMALL = FlightDesignConfig(points=20, reference_points=40, inducing=40, candidates=12, starts=4, steps=24)
 FAMILY = FlightFamily()

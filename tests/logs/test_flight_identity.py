@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.logs.flight_identity import align_flight
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.identity import align_flight
+from etude.logs.flight.log import FlightLog
 from etude.robots.toml_file import load_robot
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_samplers import uniform_parameters
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.samplers import uniform_parameters
+from etude.trajectories.flight.states import FlightStates
 
 SPEC = load_robot("quadrotor").flight
 FAMILY = FlightFamily()

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from etude.errors import DataError
-from etude.logs.flight_log import FlightLog
-from etude.logs.flight_parquet import flight_bytes, read_flight_parquet, write_flight
-from etude.logs.flight_table import read_flight
+from etude.logs.flight.log import FlightLog
+from etude.logs.flight.parquet import flight_bytes, read_flight_parquet, write_flight
+from etude.logs.flight.table import read_flight
 from etude.robots.toml_file import load_robot
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 SPEC = load_robot("quadrotor").flight
 RATE, COUNT = 100.0, 600

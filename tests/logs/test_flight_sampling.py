@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.logs.flight_lag import command_lag, without_lag
-from etude.logs.flight_log import FlightLog
-from etude.logs.flight_sampling import sampled_flight
-from etude.models.flight_preprocess import FlightDataConfig, common_lag
+from etude.logs.flight.lag import command_lag, without_lag
+from etude.logs.flight.log import FlightLog
+from etude.logs.flight.sampling import sampled_flight
+from etude.models.flight.preprocess import FlightDataConfig, common_lag
 from etude.robots.toml_file import load_robot
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))
 

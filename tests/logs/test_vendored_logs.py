@@ -10,9 +10,9 @@ import pytest
 
 from etude.errors import DataError
 from etude.logs.derivatives import median_rate
-from etude.logs.flight_lag import command_lag
-from etude.logs.flight_log import FlightLog
-from etude.logs.flight_table import read_flight
+from etude.logs.flight.lag import command_lag
+from etude.logs.flight.log import FlightLog
+from etude.logs.flight.table import read_flight
 from etude.logs.log import RobotLog
 from etude.logs.read import read_log
 from etude.models.preprocess import build_dataset, preset

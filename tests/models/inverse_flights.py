@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.flight_log import FlightLog
-from etude.models.flight_dataset import FlightDataset
+from etude.logs.flight.log import FlightLog
+from etude.models.flight.dataset import FlightDataset
 from etude.models.physics.flight_inverse import VehicleInverse
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.vehicle import GRAVITY, Vehicle
-from etude.trajectories.flight_states import FlightStates, join_states
+from etude.trajectories.flight.states import FlightStates, join_states
 
 VEHICLE = Vehicle(
     mass=0.436,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.centred_window import ORDER, CentredWindow, polynomial_weights
+from etude.models.online.window import ORDER, CentredWindow, polynomial_weights
 
 RATE = 100.0
 

@@ -9,9 +9,9 @@ import pytest
 from inverse_flights import SPEC, flights, log_of, random_states
 
 from etude.errors import DataError, UsageError
-from etude.models.flight_dataset import flight_dataset
-from etude.models.flight_features import FlightFeatures
-from etude.trajectories.flight_states import FlightStates
+from etude.models.flight.dataset import flight_dataset
+from etude.models.flight.features import FlightFeatures
+from etude.trajectories.flight.states import FlightStates
 
 ALL = [
     FlightFeatures(h, a, v)

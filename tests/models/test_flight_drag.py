@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.models.flight_dataset import FlightDataset
-from etude.models.flight_drag import train_drag
-from etude.trajectories.flight_states import FlightStates
+from etude.models.flight.dataset import FlightDataset
+from etude.models.flight.drag import train_drag
+from etude.trajectories.flight.states import FlightStates
 
 
 def flights(quadratic, count=3, noise=0.02, seed=0):

@@ -21,7 +21,7 @@ from etude.models.physics.flight_inverse import (
 )
 from etude.models.physics.flight_linear import identify_linear
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 
 @settings(max_examples=30, deadline=None)

@@ -9,14 +9,14 @@ import pytest
 from inverse_flights import VEHICLE, flights
 
 from etude.errors import DataError, UsageError
-from etude.models.flight_config import PRESETS, FlightModelConfig
-from etude.models.flight_dataset import FlightDataset
-from etude.models.flight_ladder import choose, train_flight_ladder
-from etude.models.flight_lesson import HeldOut, fitted_physics, lesson, physics_held_out
-from etude.models.flight_model import FlightModel
-from etude.models.flight_model_file import load_flight_model, save_flight_model
-from etude.models.flight_score import score_flights
-from etude.models.flight_training import train_flight_model, train_process
+from etude.models.flight.config import PRESETS, FlightModelConfig
+from etude.models.flight.dataset import FlightDataset
+from etude.models.flight.ladder import choose, train_flight_ladder
+from etude.models.flight.lesson import HeldOut, fitted_physics, lesson, physics_held_out
+from etude.models.flight.model import FlightModel
+from etude.models.flight.model_file import load_flight_model, save_flight_model
+from etude.models.flight.score import score_flights
+from etude.models.flight.training import train_flight_model, train_process
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.physics.flight_inverse import identify_vehicle

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.models.online_guard import NEEDED, Guard
+from etude.models.online.guard import NEEDED, Guard
 
 ERRORS = st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=40)
 

@@ -10,8 +10,8 @@ from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.errors import DataError, UsageError
 from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
-from etude.models.online import OnlineConfig
-from etude.models.online_model import OnlineModel
+from etude.models.online.learner import OnlineConfig
+from etude.models.online.model import OnlineModel
 
 RATE = 100.0
 CONFIG = OnlineConfig("variance", size=40)

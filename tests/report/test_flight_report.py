@@ -18,9 +18,9 @@ from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.journal import commit
 from etude.campaign.simulate import simulate
-from etude.logs.flight_parquet import read_flight_parquet, write_flight
+from etude.logs.flight.parquet import read_flight_parquet, write_flight
 from etude.models.calibration import NORMAL_95
-from etude.models.flight_config import LEAST_FLIGHTS
+from etude.models.flight.config import LEAST_FLIGHTS
 from etude.report import curves
 from etude.report.build import build_report
 from etude.report.flights import files, paths

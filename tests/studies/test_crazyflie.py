@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from etude.logs.flight_lag import command_lag
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.lag import command_lag
+from etude.logs.flight.log import FlightLog
 from etude.models.blocks import block_masks
 from etude.studies import crazyflie
 from etude.studies import crazyflie_flights as study

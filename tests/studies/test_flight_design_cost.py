@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.design.flight_config import FlightDesignConfig
+from etude.design.flight.config import FlightDesignConfig
 from etude.studies.flight_design_cost import DRAG, design_rows, known_flights, thesis_room
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import uniform_parameters
 
 
 def test_rows() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_orders import made_up
 
-from etude.design.flight_config import FlightDesignConfig
+from etude.design.flight.config import FlightDesignConfig
 from etude.errors import UsageError
 from etude.studies import flight_orders
 from etude.studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, extreme_cell, ordinary_cell

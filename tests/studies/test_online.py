@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.online import OnlineConfig
+from etude.models.online.learner import OnlineConfig
 from etude.plants.parameters import load_parameters
 from etude.studies import online, online_rows
 from etude.studies.online import Cell, Outcome

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from etude.robots.flight_spec import FlightSpec
-from etude.trajectories.flight_family import FlightFamily
+from etude.trajectories.flight.family import FlightFamily
 
 
 def room(**changes) -> FlightSpec:

@@ -7,13 +7,13 @@ import pytest
 from feasible_examples import FAMILIES, ROOMS, room
 
 from etude.errors import UnsafeTrajectoryError
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_certificate import certify_flight, require_flight_certified
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_limits import check_flight_room, check_start
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import SAMPLERS, uniform_parameters
+from etude.trajectories.flight.certificate import certify_flight, require_flight_certified
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.limits import check_flight_room, check_start
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import SAMPLERS, uniform_parameters
 
 EVERY_ROOM = pytest.mark.parametrize("spec", ROOMS.values(), ids=ROOMS.keys())
 EVERY_FAMILY = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etude.trajectories.feasible_set import Cone, FeasibleSet
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.feasible_set import Cone, FeasibleSet
+from etude.trajectories.flight.samplers import uniform_parameters
 
 NO_SLABS = np.zeros((0, 3))
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flatness import FlatMotion, flat_motion
-from etude.trajectories.flight_motion import ORDERS, FlightMotion, motion_of, motion_rows
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.flatness import FlatMotion, flat_motion
+from etude.trajectories.flight.motion import ORDERS, FlightMotion, motion_of, motion_rows
+from etude.trajectories.flight.states import FlightStates
 from etude.trajectories.fourier import FourierTrajectory
 
 DRAGS = [(0.0, 0.0, 0.0), (0.57, 0.57, 0.57), (0.6, 0.4, 0.1)]

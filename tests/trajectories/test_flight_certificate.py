@@ -9,8 +9,8 @@ from feasible_examples import room
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight_certificate import certify_flight, require_flight_certified
-from etude.trajectories.flight_family import FlightFamily
+from etude.trajectories.flight.certificate import certify_flight, require_flight_certified
+from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.fourier import FourierTrajectory
 
 WIDE = room(radius=9.0, tilt=0.5, thrust=(5.0, 14.0))

@@ -5,7 +5,7 @@ import pytest
 from feasible_examples import FAMILIES
 
 from etude.errors import UsageError
-from etude.trajectories.flight_family import FlightFamily
+from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.trajectory_file import from_json
 
 FAMILY = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())

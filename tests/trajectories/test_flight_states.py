@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from etude.trajectories.flight_states import FlightStates, join_states
+from etude.trajectories.flight.states import FlightStates, join_states
 
 
 def states(count, altitude=True):

@@ -12,7 +12,7 @@ from etude.models.preprocess import DataConfig
 from etude.trajectories.family import TrajectoryFamily
 
 if TYPE_CHECKING:
-    from etude.campaign.flight_config import FlightConfig
+    from etude.campaign.flight.config import FlightConfig
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def config_text(config: CampaignConfig) -> str:
     owners: dict[str, tuple[Any, dict[str, str]]] = {s: (config, COMMENTS[s]) for s in SECTIONS}
     kind = ""
     if config.flight is not None:
-        from etude.campaign.flight_config import FLIGHT_COMMENTS
+        from etude.campaign.flight.config import FLIGHT_COMMENTS
 
         kind = 'kind = "vehicle"\n'
         owners |= {

@@ -9,7 +9,7 @@ from etude.robots.spec import RobotSpec
 def kind_of(spec: RobotSpec) -> RobotKind:
     """The kind of that robot: of joints, or flying."""
     if spec.flight is not None:
-        from etude.campaign.flight_kind import FLIGHTS
+        from etude.campaign.flight.kind import FLIGHTS
 
         return FLIGHTS
     from etude.campaign.joint_kind import JOINTS

@@ -22,7 +22,7 @@ def preset(name: str, where: str = "", *, flying: bool = False) -> CampaignConfi
         UsageError: there is no preset of that name.
     """
     if flying and name in NAMES:
-        from etude.campaign.flight_config import FLIGHT_PRESETS
+        from etude.campaign.flight.config import FLIGHT_PRESETS
 
         return replace(preset(name), flight=FLIGHT_PRESETS[name])
     if name == "default":

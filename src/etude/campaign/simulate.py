@@ -52,7 +52,7 @@ def simulate(
         UsageError: the robot has no simulated plant.
     """
     if campaign.spec.flight is not None:
-        from etude.campaign.flight_simulate import simulate_flights
+        from etude.campaign.flight.simulate import simulate_flights
 
         yield from simulate_flights(campaign, rounds, say)
         return

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from etude.control.feedforward import smoothstep, trust
 from etude.errors import NumericalError
-from etude.models.flight_model import FlightModel
+from etude.models.flight.model import FlightModel
 from etude.plants.flight.plan import FlightPlan, plan_on_grid
 from etude.robots.vehicle import Vehicle
-from etude.trajectories.flatness import Drag, FlatMotion, flat_motion
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.flatness import Drag, FlatMotion, flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.states import FlightStates
 from etude.trajectories.fourier import FourierTrajectory
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from etude.control.feedforward import model_feedforward
 from etude.errors import UsageError
 from etude.logs.log import RobotLog
 from etude.models.inverse_dynamics import InverseDynamicsModel
-from etude.models.online_model import OnlineModel
+from etude.models.online.model import OnlineModel
 from etude.plants.robot import SimulatedRobot
 from etude.plants.trace import LoopInputs, Running
 from etude.threads import threads_for

@@ -16,9 +16,9 @@ from etude.robots.flight_spec import FlightSpec
 from etude.robots.spec import RobotSpec
 from etude.storage import write_atomic
 from etude.trajectories.certificate import Certificate
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_certificate import require_flight_certified
-from etude.trajectories.flight_motion import motion_of
+from etude.trajectories.flight.certificate import require_flight_certified
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
 from etude.trajectories.fourier import FourierTrajectory
 
 Array = NDArray[np.float64]

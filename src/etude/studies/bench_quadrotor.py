@@ -30,9 +30,9 @@ from etude.studies.flight_orders_verdicts import CALIBRATED_FROM
 from etude.studies.registry import call
 from etude.studies.rows import Row, mean_rows, rows_json, table
 from etude.threads import threads_for
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.samplers import uniform_parameters
 
 MEASURES = (
     "etude.studies.bench_quadrotor:flight_cost_rows",

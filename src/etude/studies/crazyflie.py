@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.flight_lag import command_lag
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.lag import command_lag
+from etude.logs.flight.log import FlightLog
 from etude.models.calibration import NORMAL_95
-from etude.models.flight_config import PRESETS
+from etude.models.flight.config import PRESETS
 from etude.studies.crazyflie_flights import (
     Array,
     Mask,

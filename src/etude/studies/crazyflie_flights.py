@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.logs.flight_lag import command_lag, without_lag
-from etude.logs.flight_log import FlightLog
-from etude.logs.flight_table import read_flight
+from etude.logs.flight.lag import command_lag, without_lag
+from etude.logs.flight.log import FlightLog
+from etude.logs.flight.table import read_flight
 from etude.models.blocks import block_masks
-from etude.models.flight_config import PRESETS, FlightModelConfig
-from etude.models.flight_dataset import FlightDataset
-from etude.models.flight_ladder import train_flight_ladder
-from etude.models.flight_lesson import fitted_physics, lesson
-from etude.models.flight_preprocess import FlightDataConfig, build_flight_dataset, joined
+from etude.models.flight.config import PRESETS, FlightModelConfig
+from etude.models.flight.dataset import FlightDataset
+from etude.models.flight.ladder import train_flight_ladder
+from etude.models.flight.lesson import fitted_physics, lesson
+from etude.models.flight.preprocess import FlightDataConfig, build_flight_dataset, joined
 from etude.models.guard import linear_fit, linear_inputs
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.toml_file import load_robot

@@ -13,21 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.logs.flight_log import FlightLog
-from etude.models.flight_config import PRESETS, FlightModelConfig
-from etude.models.flight_dataset import FlightDataset, flight_dataset
-from etude.models.flight_ladder import train_flight_ladder
-from etude.models.flight_model import FlightModel
-from etude.models.flight_score import FlightScores, score_flights
-from etude.models.flight_training import train_flight_model
+from etude.logs.flight.log import FlightLog
+from etude.models.flight.config import PRESETS, FlightModelConfig
+from etude.models.flight.dataset import FlightDataset, flight_dataset
+from etude.models.flight.ladder import train_flight_ladder
+from etude.models.flight.model import FlightModel
+from etude.models.flight.score import FlightScores, score_flights
+from etude.models.flight.training import train_flight_model
 from etude.plants.flight.plan import FlightPlan
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
 from etude.plants.flight.simulated import SimulatedVehicle, Start
 from etude.studies.rows import Row, mean_rows
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_samplers import SAMPLERS
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.samplers import SAMPLERS
 
 Array = NDArray[np.float64]
 

@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.design.flight_config import FlightDesignConfig
-from etude.design.flight_reference import IntendedFlights, uniform_intended
-from etude.design.flight_refine import refine_flight
-from etude.design.flight_solve import design_flight, flight_objective
+from etude.design.flight.config import FlightDesignConfig
+from etude.design.flight.reference import IntendedFlights, uniform_intended
+from etude.design.flight.refine import refine_flight
+from etude.design.flight.solve import design_flight, flight_objective
 from etude.models.contracts import Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.robots.flight_spec import FlightSpec
 from etude.studies.rows import Row
 from etude.threads import threads_for
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flatness import flat_motion
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_motion import motion_of
-from etude.trajectories.flight_samplers import uniform_parameters
-from etude.trajectories.flight_states import FlightStates, join_states
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.flatness import flat_motion
+from etude.trajectories.flight.motion import motion_of
+from etude.trajectories.flight.samplers import uniform_parameters
+from etude.trajectories.flight.states import FlightStates, join_states
 
 Array = NDArray[np.float64]
 

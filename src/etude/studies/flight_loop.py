@@ -26,11 +26,11 @@ from etude.control.flight_feedforward import (
     flight_plan,
 )
 from etude.errors import UsageError
-from etude.models.flight_config import PRESETS
-from etude.models.flight_dataset import FlightDataset
-from etude.models.flight_drag import train_drag
-from etude.models.flight_ladder import train_flight_ladder
-from etude.models.flight_preprocess import FlightDataConfig, build_flight_dataset, joined
+from etude.models.flight.config import PRESETS
+from etude.models.flight.dataset import FlightDataset
+from etude.models.flight.drag import train_drag
+from etude.models.flight.ladder import train_flight_ladder
+from etude.models.flight.preprocess import FlightDataConfig, build_flight_dataset, joined
 from etude.models.physics.flight_inverse import nominal_inverse
 from etude.plants.flight.disturbance import Disturbance
 from etude.plants.flight.record import flight_log
@@ -40,9 +40,9 @@ from etude.robots.flight_spec import FlightSpec
 from etude.robots.toml_file import load_robot
 from etude.storage import write_atomic
 from etude.studies.rows import Row, mean_rows, rows_json, table
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.flight_family import FlightFamily
-from etude.trajectories.flight_samplers import uniform_parameters
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.samplers import uniform_parameters
 from etude.trajectories.fourier import FourierTrajectory
 
 TRAINING, TESTS = 4, 8

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.design.flight_config import FlightDesignConfig
-from etude.design.flight_reference import IntendedFlights, flight_reference, uniform_intended
-from etude.design.flight_solve import design_flight
-from etude.models.flight_dataset import FlightDataset
-from etude.models.flight_ladder import FlightLadder, train_flight_ladder
-from etude.models.flight_model import FlightModel
-from etude.models.flight_preprocess import joined
-from etude.models.flight_score import score_flights
+from etude.design.flight.config import FlightDesignConfig
+from etude.design.flight.reference import IntendedFlights, flight_reference, uniform_intended
+from etude.design.flight.solve import design_flight
+from etude.models.flight.dataset import FlightDataset
+from etude.models.flight.ladder import FlightLadder, train_flight_ladder
+from etude.models.flight.model import FlightModel
+from etude.models.flight.preprocess import joined
+from etude.models.flight.score import score_flights
 from etude.models.gp.exact import ExactGP
 from etude.studies.flight_orders_world import World
-from etude.trajectories.flight_samplers import SAMPLERS
+from etude.trajectories.flight.samplers import SAMPLERS
 
 Array = NDArray[np.float64]
 

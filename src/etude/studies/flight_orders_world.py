@@ -8,18 +8,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.flight_learner import drag_of
+from etude.campaign.flight.learner import drag_of
 from etude.control.flight_feedforward import PID_ALONE, flight_plan
-from etude.models.flight_config import FlightModelConfig
-from etude.models.flight_dataset import FlightDataset, flight_dataset
+from etude.models.flight.config import FlightModelConfig
+from etude.models.flight.dataset import FlightDataset, flight_dataset
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
 from etude.plants.flight.simulated import SimulatedVehicle
 from etude.studies.flight_accuracy import SETTINGS, Setting
-from etude.trajectories.feasible_flights import feasible_flights
-from etude.trajectories.feasible_set import FeasibleSet
-from etude.trajectories.flatness import Drag
-from etude.trajectories.flight_family import FlightFamily
+from etude.trajectories.flight.family import FlightFamily
+from etude.trajectories.flight.feasible import feasible_flights
+from etude.trajectories.flight.feasible_set import FeasibleSet
+from etude.trajectories.flight.flatness import Drag
 from etude.trajectories.fourier import FourierTrajectory
 
 Array = NDArray[np.float64]

@@ -24,8 +24,8 @@ from etude.control.online_loop import OnlineRun, run_online
 from etude.errors import UsageError
 from etude.models.dataset import concatenate
 from etude.models.inverse_dynamics import InverseDynamicsModel, ModelConfig, train_model
-from etude.models.online import OnlineConfig
-from etude.models.online_model import OnlineModel
+from etude.models.online.learner import OnlineConfig
+from etude.models.online.model import OnlineModel
 from etude.models.preprocess import build_dataset, preset
 from etude.plants.changes import with_friction, with_payload
 from etude.plants.parameters import ArmParameters, load_parameters

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from etude.models.physics.map_fit import map_fit
 from etude.robots.vehicle import GRAVITY, Vehicle
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError
 from etude.models.physics.map_fit import map_fit
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 Array = NDArray[np.float64]
 

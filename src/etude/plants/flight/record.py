@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.log import FlightLog
 from etude.plants.flight.flight import Flight
 from etude.plants.flight.plan import FlightPlan
-from etude.trajectories.flight_states import FlightStates
+from etude.trajectories.flight.states import FlightStates
 
 Array = NDArray[np.float64]
 

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from etude.campaign.config_file import load_config
 from etude.campaign.journal import Event
 from etude.errors import DataError
-from etude.models.flight_config import PHYSICS_KINDS
-from etude.models.flight_preprocess import build_flight_dataset
+from etude.models.flight.config import PHYSICS_KINDS
+from etude.models.flight.preprocess import build_flight_dataset
 from etude.report.record import Record
 from etude.robots.flight_spec import FlightSpec
 
 if TYPE_CHECKING:
-    from etude.logs.flight_log import FlightLog
-    from etude.models.flight_model import FlightModel
-    from etude.trajectories.flight_states import FlightStates
+    from etude.logs.flight.log import FlightLog
+    from etude.models.flight.model import FlightModel
+    from etude.trajectories.flight.states import FlightStates
 
 Array = NDArray[np.float64]
 
@@ -50,21 +50,21 @@ def flight_spec(record: Record) -> FlightSpec | None:
 
 def told_flight(record: Record, number: int) -> FlightLog | None:
     """The cleaned log of flight `number`."""
-    from etude.logs.flight_parquet import read_flight_parquet
+    from etude.logs.flight.parquet import read_flight_parquet
 
     return record.read(f"runs/{number:04d}.parquet", read_flight_parquet)
 
 
 def tested_flight(record: Record, test: str, baseline: str | None) -> tuple[Event, FlightLog] | None:
     """The newest run of a test, of a baseline or with what was learned (None)."""
-    from etude.logs.flight_parquet import read_flight_parquet
+    from etude.logs.flight.parquet import read_flight_parquet
 
     return record.test_run(baseline, read_flight_parquet, test)
 
 
 def flight_model(record: Record, number: int) -> FlightModel | None:
     """The model in use after round `number`."""
-    from etude.models.flight_model_file import load_flight_model
+    from etude.models.flight.model_file import load_flight_model
 
     return record.read(f"models/{number:04d}", load_flight_model)
 

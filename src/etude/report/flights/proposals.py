@@ -10,7 +10,7 @@ from etude.report.record import Facts, Record
 from etude.report.sections.trajectories import fractions, interval, margin, meter, proposals
 from etude.robots.spec import RobotSpec
 from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight_limits import inner_box
+from etude.trajectories.flight.limits import inner_box
 from etude.trajectories.samples import Trajectory
 
 UNITS = {"position": "m", "radius": "m", "speed": "m/s", "lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}

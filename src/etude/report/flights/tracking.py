@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.logs.flight_log import FlightLog
+from etude.logs.flight.log import FlightLog
 from etude.report.curves import tests
 from etude.report.flights.files import tested_flight, told_flight
 from etude.report.markup import Html, element, grid, join, missing, paragraph, section

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.flight_config import LEAST_FLIGHTS
+from etude.models.flight.config import LEAST_FLIGHTS
 from etude.report.curves import score
 from etude.report.markup import Html, element, grid, missing, paragraph, section
 from etude.report.record import Facts, Record

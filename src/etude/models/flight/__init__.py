@@ -1,0 +1,1 @@
+"""Inverse models of flying vehicles."""

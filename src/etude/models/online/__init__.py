@@ -1,0 +1,1 @@
+"""Learning while the robot runs."""

@@ -1,0 +1,1 @@
+"""Flights: attitude from motion, feasible sets, certificates."""
