@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, TABLE, read_table
+from etude.deploy.trajectory_files import COEFFICIENTS, TABLE, TrajectoryFiles, read_table
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.spec import RobotSpec
-from etude.storage import write_atomic
-from etude.trajectories.certificate import Certificate
 from etude.trajectories.flight.certificate import require_flight_certified
 from etude.trajectories.flight.flatness import flat_motion
 from etude.trajectories.flight.motion import motion_of
@@ -27,31 +23,7 @@ TABLE_RATE = 50.0
 ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class FlightFiles:
-    """The bytes of one flight's files, certified as they are (implements `kinds.Written`).
-
-    Attributes:
-        trajectory: what `coefficients` says.
-        certificate: proved from `coefficients`.
-        coefficients, table, proof: contents of trajectory.json, trajectory.csv and certificate.json.
-    """
-
-    trajectory: FourierTrajectory
-    certificate: Certificate
-    coefficients: bytes
-    table: bytes
-    proof: bytes
-
-    def write(self, folder: Path) -> list[Path]:
-        """Writes the three files, the certificate last; returns their paths."""
-        contents = {COEFFICIENTS: self.coefficients, TABLE: self.table, CERTIFICATE: self.proof}
-        for name, data in contents.items():
-            write_atomic(folder / name, data)
-        return [folder / name for name in contents]
-
-
-def render_flight(trajectory: FourierTrajectory, spec: RobotSpec) -> FlightFiles:
+def render_flight(trajectory: FourierTrajectory, spec: RobotSpec) -> TrajectoryFiles:
     """The files of a flight, verified from their own bytes.
 
     Raises:
@@ -66,7 +38,7 @@ def render_flight(trajectory: FourierTrajectory, spec: RobotSpec) -> FlightFiles
     table = flight_csv(written)
     _check_table(table, spec.flight)
     proof = {"trajectory": COEFFICIENTS, "robot": spec.name, **json.loads(certificate.to_json())}
-    return FlightFiles(
+    return TrajectoryFiles(
         written, certificate, coefficients, table, (json.dumps(proof, indent=1) + "\n").encode()
     )
 

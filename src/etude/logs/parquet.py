@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from etude.errors import DataError
 from etude.logs.log import RobotLog
 from etude.storage import write_atomic
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Array = NDArray[np.float64]
 CHANNELS = ("q", "tau", "qd", "qdd", "q_des", "qd_des", "qdd_des", "tau_ff", "tau_fb", "q_true")
@@ -43,21 +47,21 @@ def write_parquet(log: RobotLog, path: Path) -> None:
     write_atomic(path, parquet_bytes(log))
 
 
-def is_cleaned(path: Path) -> bool:
-    """Whether the file is a Parquet file written by `write_parquet`; False for anything else."""
+def is_cleaned(path: Path, key: str = METADATA_KEY) -> bool:
+    """Whether the file is a Parquet file with that key in its metadata; False for anything else."""
     import polars as pl
 
     try:
-        return METADATA_KEY in pl.read_parquet_metadata(path)
+        return key in pl.read_parquet_metadata(path)
     except (OSError, pl.exceptions.PolarsError):
         return False
 
 
-def read_parquet(path: Path) -> RobotLog:
-    """The log that `write_parquet` stored.
+def read_cleaned(path: Path, key: str, what: str) -> tuple[pl.DataFrame, dict[str, Any]]:
+    """The columns and the facts under `key` of a cleaned file; `what` it should be is for the message.
 
     Raises:
-        DataError: the file is missing, truncated, no Parquet file, or not written by `write_parquet`.
+        DataError: the file is missing, truncated, no Parquet file, or has no such key.
     """
     import polars as pl
 
@@ -70,9 +74,20 @@ def read_parquet(path: Path) -> RobotLog:
             where=str(path),
             next_step="It is missing, truncated or another kind of file; export or tell it again.",
         ) from None
-    if METADATA_KEY not in metadata:
-        raise DataError("this Parquet file is not a cleaned log", where=str(path), next_step="Tell it first.")
-    facts = json.loads(metadata[METADATA_KEY])
+    if key not in metadata:
+        raise DataError(
+            f"this Parquet file is not a cleaned {what}", where=str(path), next_step="Tell it first."
+        )
+    return frame, json.loads(metadata[key])
+
+
+def read_parquet(path: Path) -> RobotLog:
+    """The log that `write_parquet` stored.
+
+    Raises:
+        DataError: the file is missing, truncated, no Parquet file, or not written by `write_parquet`.
+    """
+    frame, facts = read_cleaned(path, METADATA_KEY, "log")
     names = tuple(facts["names"])
 
     def channel(label: str) -> Array | None:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import json
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.errors import DataError
 from etude.models.features import FeatureMap
 from etude.models.guard import Guard
 from etude.models.inverse_dynamics import InverseDynamicsModel
@@ -19,13 +15,11 @@ from etude.models.physics.kinematics import KinematicTree
 from etude.models.physics.rigid_body import RigidBodyModel
 from etude.models.physics.transmission import Drive
 from etude.models.posterior_file import posterior_arrays, posterior_of, posterior_words
-from etude.storage import write_atomic
+from etude.models.two_files import Arrays, TwoFiles
 
 Array = NDArray[np.float64]
-Arrays = dict[str, NDArray[Any]]
 
-VERSION = 1
-NUMBERS, WORDS = "model.npz", "model.json"
+FILES = TwoFiles("model.npz", "model.json", 1)
 POINTWISE = ("offset", "scale", "prior_deviation", "stick_velocity")
 TREE = tuple(KinematicTree.__dataclass_fields__)
 GUARD = ("weights", "process_error", "linear_error")
@@ -34,8 +28,6 @@ RIGID = ("friction_velocity", "inertial", "extra", "rank", "deviation")
 
 def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
     """Writes model.npz and then model.json into `folder`, each whole or not at all."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     arrays: Arrays = {name: getattr(model, name) for name in POINTWISE}
     if model.features.friction_velocity is not None:
         arrays["friction_velocity"] = model.features.friction_velocity
@@ -48,17 +40,13 @@ def save_model(model: InverseDynamicsModel, folder: str | Path) -> None:
     if model.guard is not None:
         arrays |= {f"guard.{name}": getattr(model.guard, name) for name in GUARD}
     words = {
-        "version": VERSION,
         "kind": model.kind,
         "dof": model.dof,
         "friction_scales": model.features.friction_scales,
         "outputs": [posterior_words(posterior) for posterior in model.posteriors],
         "guard": None if model.guard is None else model.guard.roles,
     }
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    write_atomic(folder / NUMBERS, buffer.getvalue())
-    write_atomic(folder / WORDS, json.dumps(words, indent=1).encode())
+    FILES.write(Path(folder), arrays, words)
 
 
 def load_model(folder: str | Path) -> InverseDynamicsModel:
@@ -67,21 +55,7 @@ def load_model(folder: str | Path) -> InverseDynamicsModel:
     Raises:
         DataError: no model there, or a damaged or foreign one.
     """
-    folder = Path(folder)
-    try:
-        words = json.loads((folder / WORDS).read_text(encoding="utf-8"))
-        # from memory: NumPy leaves a damaged file open
-        with np.load(io.BytesIO((folder / NUMBERS).read_bytes()), allow_pickle=False) as file:
-            arrays = dict(file)
-        if words["version"] != VERSION:
-            raise ValueError(f"version {words['version']}")
-        return _model(words, arrays)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
-        raise DataError(
-            f"this is no model that can be read ({error})",
-            where=str(folder),
-            next_step="Remove the folder and learn the logs again.",
-        ) from error
+    return FILES.read(Path(folder), _model, "model")
 
 
 def _model(words: dict[str, Any], arrays: Arrays) -> InverseDynamicsModel:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from etude.campaign.flight.config import FlightConfig
     from etude.campaign.folder import Campaign
     from etude.campaign.state import State
-    from etude.deploy.flight_files import FlightFiles
+    from etude.deploy.trajectory_files import TrajectoryFiles
     from etude.models.flight.model import FlightModel
 
 
@@ -70,7 +70,7 @@ class FlightKind:
         }
         return found.trajectory, facts
 
-    def render(self, trajectory: FourierTrajectory, spec: RobotSpec) -> FlightFiles:
+    def render(self, trajectory: FourierTrajectory, spec: RobotSpec) -> TrajectoryFiles:
         from etude.deploy.flight_files import render_flight
 
         return render_flight(trajectory, spec)

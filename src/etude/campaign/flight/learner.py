@@ -22,7 +22,7 @@ from etude.models.flight.dataset import FlightDataset
 from etude.models.flight.drag import train_drag
 from etude.models.flight.ladder import FlightLadder, train_flight_ladder
 from etude.models.flight.model import FlightModel
-from etude.models.flight.model_file import WORDS, load_flight_model, save_flight_model
+from etude.models.flight.model_file import FILES, load_flight_model, save_flight_model
 from etude.models.flight.preprocess import build_flight_dataset, common_lag, joined
 from etude.models.physics.flight_linear import identify_linear
 
@@ -101,9 +101,8 @@ def drag_of(data: FlightDataset) -> list[float]:
 
 def load_flight_models(folder: Path) -> dict[FlightKind, FlightModel]:
     """Every model of the round, by kind."""
-    return {
-        kind: load_flight_model(folder / kind) for kind in FLIGHT_KINDS if (folder / kind / WORDS).exists()
-    }
+    places = {kind: folder / kind for kind in FLIGHT_KINDS}
+    return {kind: load_flight_model(at) for kind, at in places.items() if (at / FILES.words).exists()}
 
 
 def load_chosen(folder: Path) -> FlightModel:

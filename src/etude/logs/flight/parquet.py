@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.errors import DataError
 from etude.logs.flight.log import FlightLog
+from etude.logs.parquet import is_cleaned, read_cleaned
 from etude.storage import write_atomic
 from etude.trajectories.flight.states import FlightStates
 
@@ -52,12 +52,7 @@ def write_flight(log: FlightLog, path: Path) -> None:
 
 def is_cleaned_flight(path: Path) -> bool:
     """Whether the file is a Parquet file written by `write_flight`; False for anything else."""
-    import polars as pl
-
-    try:
-        return METADATA_KEY in pl.read_parquet_metadata(path)
-    except (OSError, pl.exceptions.PolarsError):
-        return False
+    return is_cleaned(path, METADATA_KEY)
 
 
 def read_flight_parquet(path: Path) -> FlightLog:
@@ -66,22 +61,7 @@ def read_flight_parquet(path: Path) -> FlightLog:
     Raises:
         DataError: the file is missing, truncated, no Parquet file, or not written by `write_flight`.
     """
-    import polars as pl
-
-    try:
-        metadata = pl.read_parquet_metadata(path)
-        frame = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError) as problem:
-        raise DataError(
-            f"the file cannot be read as Parquet ({problem})",
-            where=str(path),
-            next_step="It is missing, truncated or another kind of file; export or tell it again.",
-        ) from None
-    if METADATA_KEY not in metadata:
-        raise DataError(
-            "this Parquet file is not a cleaned flight", where=str(path), next_step="Tell it first."
-        )
-    facts = json.loads(metadata[METADATA_KEY])
+    frame, facts = read_cleaned(path, METADATA_KEY, "flight")
     columns = {name: frame[name].to_numpy() for name in frame.columns}
 
     def vector(name: str, parts: Any = "xyz") -> Any:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.errors import DataError
 from etude.models.flight.features import FlightFeatures
 from etude.models.flight.model import FlightModel
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
@@ -20,22 +14,16 @@ from etude.models.physics.flight_inverse import FlightPhysics, VehicleInverse
 from etude.models.physics.flight_linear import LinearInverse
 from etude.models.posterior_file import kernel_of, kernel_words
 from etude.models.student_t import StudentT
+from etude.models.two_files import Arrays, TwoFiles, Words
 from etude.robots.vehicle import Vehicle
-from etude.storage import write_atomic
 
-Arrays = dict[str, NDArray[Any]]
-Words = dict[str, Any]
-
-VERSION = 1
-NUMBERS, WORDS = "flight_model.npz", "flight_model.json"
+FILES = TwoFiles("flight_model.npz", "flight_model.json", 1)
 POINTWISE = ("offset", "deviation", "scale")
 LINEAR = ("centre", "spread", "weights", "offset")
 
 
 def save_flight_model(model: FlightModel, folder: str | Path) -> None:
     """Writes both files into `folder`, each whole or not at all."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     arrays: Arrays = {name: getattr(model, name) for name in POINTWISE}
     if model.physics_variance is not None:
         arrays["physics_variance"] = model.physics_variance
@@ -45,7 +33,6 @@ def save_flight_model(model: FlightModel, folder: str | Path) -> None:
         arrays[f"process{j}.Y"] = np.column_stack([posterior.y for posterior in process.outputs])
     physics, physics_arrays = _physics_parts(model.physics)
     words = {
-        "version": VERSION,
         "kind": model.kind,
         "features": asdict(model.features),
         "calibrated": model.calibrated,
@@ -53,10 +40,7 @@ def save_flight_model(model: FlightModel, folder: str | Path) -> None:
         "physics": physics,
         "processes": [_process_words(process) for process in model.processes],
     }
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **(arrays | physics_arrays))
-    write_atomic(folder / NUMBERS, buffer.getvalue())
-    write_atomic(folder / WORDS, json.dumps(words, indent=1).encode())
+    FILES.write(Path(folder), arrays | physics_arrays, words)
 
 
 def load_flight_model(folder: str | Path) -> FlightModel:
@@ -65,20 +49,7 @@ def load_flight_model(folder: str | Path) -> FlightModel:
     Raises:
         DataError: no model there, or a damaged or foreign one.
     """
-    folder = Path(folder)
-    try:
-        words = json.loads((folder / WORDS).read_text(encoding="utf-8"))
-        with np.load(io.BytesIO((folder / NUMBERS).read_bytes()), allow_pickle=False) as file:
-            arrays = dict(file)
-        if words["version"] != VERSION:
-            raise ValueError(f"version {words['version']}")
-        return _model(words, arrays)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
-        raise DataError(
-            f"this is no flight model that can be read ({error})",
-            where=str(folder),
-            next_step="Remove the folder and learn the flights again.",
-        ) from error
+    return FILES.read(Path(folder), _model, "flight model")
 
 
 def _model(words: Words, arrays: Arrays) -> FlightModel:
