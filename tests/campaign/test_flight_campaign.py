@@ -9,6 +9,7 @@ import pytest
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
+from etude.campaign.flight import simulate as flight_simulate
 from etude.campaign.flight.learner import load_chosen
 from etude.campaign.flight.simulate import position_error
 from etude.campaign.folder import open_campaign
@@ -170,14 +171,32 @@ def test_a_flight_into_the_wall_is_refused_and_says_where(tmp_path):
     assert campaign.state().proposals[0].number == 1
 
 
-def test_a_simulation_gives_up_flights_that_leave_the_room(tmp_path):
-    """Fast flights of a short period under feedback alone: the plan is inside, the vehicle is not always."""
-    campaign = made(tmp_path / "lab", preset="thesis")
-    rounds = list(simulate(campaign, 2))
-    assert len(rounds) == 2
-    given_up = [r.number for r in campaign.state().rounds.values() if r.abandoned]
-    assert given_up
-    assert not set(given_up) & {r.number for r in campaign.state().trained}
+def test_a_simulation_gives_up_a_flight_that_broke_off(tmp_path, monkeypatch):
+    """The first answer is refused, as that of a flight into a wall; another flight takes its place."""
+    refused = []
+
+    def once(campaign, path, **options):
+        if not refused:
+            refused.append(options["number"])
+            raise DataError("the vehicle left the room")
+        return tell(campaign, path, **options)
+
+    monkeypatch.setattr(flight_simulate, "tell", once)
+    campaign = made(tmp_path / "lab")
+    rounds = list(simulate(campaign, 1))
+    assert refused == [1]
+    assert [done.number for done in rounds] == [2]
+    assert [r.number for r in campaign.state().rounds.values() if r.abandoned] == [1]
+    assert [r.number for r in campaign.state().trained] == [2]
+
+
+def test_a_simulation_ends_where_no_flight_stays_inside(tmp_path, monkeypatch):
+    def never(campaign, path, **options):
+        raise DataError("the vehicle left the room")
+
+    monkeypatch.setattr(flight_simulate, "tell", never)
+    with pytest.raises(DataError, match="only 0 of 1 flights kept inside"):
+        list(simulate(made(tmp_path / "lab"), 1))
 
 
 def test_an_error_that_broke_off_counts_to_the_end():
