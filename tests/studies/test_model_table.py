@@ -23,13 +23,34 @@ def test_models_are_rows_figures_columns_and_all_other_rows_stay(capsys, monkeyp
             rows += [Row(metric, factor * (1.5 + i), figure.unit), Row(f"{metric}_ci95", 0.25, figure.unit)]
     show(rows, "model family")
     lines = capsys.readouterr().out.splitlines()
-    (exact,) = [line for line in lines if "exact" in line]
-    assert exact.split("│")[1:4] == [" exact   ", " 1.5 ±0.25 ", " 2.5 ±0.25 "]
-    assert exact.split("│")[5].strip() == "4.5"  # of times and memory the mean alone
-    assert any("new_one" in line and "3 ±0.25" in line for line in lines)
+    at = next(i for i, line in enumerate(lines) if "exact" in line)
+    # of times and memory the mean alone; intervals stand below their means
+    assert lines[at].split() == ["exact", "1.5", "2.5", "3.5", "4.5", "5.5", "6.5", "7.5"]
+    assert lines[at + 1].split() == ["±0.25"] * 3
+    assert next(line for line in lines if "new_one" in line).split()[1:3] == ["3", "5"]
     assert sum("nmse_" in line for line in lines) == 1
     assert any("nmse_ur10" in line for line in lines)
     assert not any("ci95" in line for line in lines)
+
+
+def test_no_figure_is_cut_off_on_80_columns(capsys, monkeypatch) -> None:
+    """Also where the output is a file: that is how a terminal without a size looks."""
+    monkeypatch.setenv("COLUMNS", "80")
+    values = {
+        "nmse": (0.00091, 0.00026),
+        "msll": (-3.6, 0.24),
+        "z2": (1.8, 0.48),
+        "predict_1_us": (2047.0, 1.0),
+    }
+    rows = []
+    for name, figure in FIGURES.items():
+        value, half = values.get(name, (0.45, 0.1))
+        metric = figure.metric.format("dictionary_variance")
+        rows += [Row(metric, value, figure.unit), Row(f"{metric}_ci95", half, figure.unit)]
+    show(rows, "model family")
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert all(text in out for text in ("dictionary_variance", "0.00091", "±0.00026", "-3.6", "2047"))
 
 
 def test_what_was_not_measured_is_a_dash_and_rows_without_models_are_one_table(capsys) -> None:

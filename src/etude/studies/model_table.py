@@ -75,13 +75,15 @@ def _cell(found: dict[str, float], figure: Figure, model: str) -> str:
 
 
 def _print(found: dict[str, float], models: Sequence[str], title: str) -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
 
-    shown = Table(title=title)
+    # no figure may be cut off on 80 columns: intervals below their means, headings on two lines
+    shown = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     shown.add_column("model", no_wrap=True)
     for figure in FIGURES.values():
-        shown.add_column(figure.heading, justify="right")
+        shown.add_column(figure.heading.replace(", ", ",\n"), justify="right", no_wrap=True)
     for model in models:
-        shown.add_row(model, *cells(found, model))
+        shown.add_row(model, *(cell.replace(" ±", "\n±") for cell in cells(found, model)))
     Console().print(shown)
