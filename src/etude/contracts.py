@@ -1,0 +1,508 @@
+"""The nouns. A kind of robot supplies these; design, certify, write, read, clean, train, score, stop,
+deploy, simulate and report are one pipeline over them and name no kind.
+
+Shapes: T planned or logged instants, n training samples, k path coordinates (joints; x, y, z), O
+derivative orders (0 = position), P parameters of a family, D model inputs, J commands, m of them
+learned together. SI units and radians; commands in the robot's own unit. Values are frozen, checked
+where they enter; random numbers are passed in. A method that may answer None is a capability: who lacks
+it is named in a sentence, never stubbed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Role = Literal["state", "command", "plan", "aside", "truth"]
+Row = Mapping[str, Array]  # one instant of a log: (parts,) by channel name
+Margins = Mapping[
+    str, tuple[Array, float]
+]  # by Trajectory.form: (O, k), NaN where not held, and its confidence
+Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the channel itself; "tanh", ...)
+Code = tuple[
+    Mapping[str, Array], int, str
+]  # C99 of a function: static data, words of memory, body over `real`
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A named signal: `Channel("q", ("lift", "elbow"), ("m", "rad"))`; in files its columns are q_lift,
+    q_elbow. role: "state" what a model may look at; "command" what it predicts; "plan" what was wanted;
+    "aside" the rest; "truth" known to simulators only. required: no log is usable without. For the log
+    doctor: derivative_of, the channel whose rate this is; acts_on, the coordinate that this command
+    does work on; reach, the largest true values; quantum, the sensor's step. nominal: what a plan
+    assumes of a state that no motion gives (volts).
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    units: tuple[str, ...]
+    role: Role = "state"
+    required: bool = False
+    derivative_of: str = ""
+    acts_on: str = ""
+    reach: tuple[float, ...] = ()
+    quantum: tuple[float, ...] = ()
+    nominal: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check of the doctor: a sentence, the next step, spans (s) to mark. flag: the question that it
+    answers; "": certain, so refused or repaired. "cannot tell" is neither a detection nor a false
+    alarm.
+    """
+
+    check: str
+    light: Literal["green", "yellow", "red", "cannot tell"]
+    sentence: str
+    step: str = ""
+    flag: str = ""
+    spans: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A motion, recorded or planned: t (T,) s, increasing, 0 where the trajectory starts; values by
+    channel name, each (T, parts). One table for every robot; what a log lacks is not in it. repairs: a
+    sentence each. As a reader gives it: a Log for each topic, a channel for each raw column, nothing
+    matched or converted.
+    """
+
+    t: Array
+    channels: Mapping[str, Channel]
+    values: Mapping[str, Array]
+    source: str = ""
+    repairs: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def __getitem__(self, name: str) -> Array:
+        """(T, parts) of that channel. KeyError with the channels that there are."""
+        if name not in self.values:
+            raise KeyError(f"the log has no channel {name!r}; it has {', '.join(self.values)}")
+        return self.values[name]
+
+    def get(self, name: str) -> Array | None:
+        """(T, parts) of that channel, None if the log lacks it."""
+        return self.values.get(name)
+
+    def take(self, index: Index | Mask | slice) -> Log:
+        """The rows at `index`, in all channels."""
+        return replace(self, t=self.t[index], values={n: v[index] for n, v in self.values.items()})
+
+    def put(self, channel: Channel, values: Array) -> Log:
+        """The log with one more channel, or another in its place; values (T, parts)."""
+        shape = (len(self.t), len(channel.parts))
+        if values.shape != shape:
+            raise ValueError(f"channel {channel.name} has shape {values.shape}, not {shape}")
+        return replace(
+            self,
+            channels={**self.channels, channel.name: channel},
+            values={**self.values, channel.name: values},
+        )
+
+    def without(self, *names: str) -> Log:
+        """The log less these channels."""
+        return replace(
+            self,
+            channels={n: c for n, c in self.channels.items() if n not in names},
+            values={n: v for n, v in self.values.items() if n not in names},
+        )
+
+    def repaired(self, *sentences: str) -> Log:
+        """The log with more repairs on record."""
+        return replace(self, repairs=(*self.repairs, *sentences))
+
+
+def joined_logs(parts: Sequence[Log]) -> Log:
+    """The rows of one log after the other's, times as they are; a channel that one lacks, the whole
+    lacks.
+    """
+    names = [n for n in parts[0].values if all(n in part for part in parts)]
+    return replace(
+        parts[0],
+        t=np.concatenate([part.t for part in parts]),
+        channels={n: parts[0].channels[n] for n in names},
+        values={n: np.concatenate([part.values[n] for part in parts]) for n in names},
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
+    (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
+    group (n,): the segment, what is held out together. usable (n, J): False where that command says
+    nothing (on the ground, braked, saturated); moving (n, J): False where it says little (joint at
+    rest). Scores are given over both.
+    """
+
+    log: Log
+    group: Index
+    usable: Mask
+    moving: Mask
+
+    def __len__(self) -> int:
+        return len(self.log)
+
+    @property
+    def t(self) -> Array:
+        """(n,) s inside each sample's own log."""
+        return self.log.t
+
+    @property
+    def command(self) -> Array:
+        """(n, J) what models predict."""
+        return self.log["command"]
+
+    def take(self, index: Index | Mask | slice) -> Samples:
+        """The samples at `index`."""
+        return Samples(self.log.take(index), self.group[index], self.usable[index], self.moving[index])
+
+
+def joined_samples(parts: Sequence[Samples]) -> Samples:
+    """One after the other; groups as they are."""
+    return Samples(
+        joined_logs([part.log for part in parts]),
+        np.concatenate([part.group for part in parts]),
+        np.concatenate([part.usable for part in parts]),
+        np.concatenate([part.moving for part in parts]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A trajectory at times t (T,) s: orders (O, T, k), orders[i] the i-th time derivative of the path."""
+
+    t: Array
+    orders: Array
+
+
+class Trajectory(Protocol):
+    """A pure function of time on [0, duration] s with exact derivatives, and the text that it is stored
+    as. form: "fourier", "moves", ...: margins are kept for each. Proofs and groups go piece by piece.
+    """
+
+    @property
+    def form(self) -> str: ...
+    @property
+    def duration(self) -> float: ...
+    # (start s, "segment", "link", "approach" or "return", piece), at rest between; a single one is its
+    # own piece
+    def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
+    def motion(self, t: Array, orders: int = 3) -> Motion: ...
+    # of a piece: values (M, k), amplitudes (k,) for rounding, kappa: max_t |.| <= max |values| / kappa;
+    # 2: squared norms
+    def bound(self, order: int, degree: int) -> tuple[Array, Array, float]: ...
+    def slowed(self, factor: float) -> Trajectory: ...
+    def to_json(self) -> str: ...
+
+
+class Family(Protocol):
+    """Which segments may be proposed: parameters p (P,) <-> trajectory, with the way back of gradients."""
+
+    @property
+    def size(self) -> int: ...
+    def drawn(self, rng: np.random.Generator) -> Family: ...  # with what no search refines (omega0)
+    def trajectory(self, p: Array) -> Trajectory: ...
+    def parameters(self, trajectory: Any) -> Array: ...
+    def motion(self, p: Array, t: Array, orders: int) -> Motion: ...
+    def pull(self, p: Array, t: Array, gradient: Array) -> Array: ...  # (P,) of sum(gradient * orders)
+    def rows(
+        self, order: int, degree: int
+    ) -> tuple[Array, Array, float]: ...  # bound in p: (k, M, P), (k, M), kappa
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """|rows_m p + offset_m| <= 1 + slope_m p at M instants: rows (c, M, P), offset (c, M), slope (M, P)
+    or None. c = 1 without slope is a slab; c > 1 a ball, or with slope a cone. Zero columns: not
+    coupled.
+    """
+
+    name: str
+    rows: Array
+    offset: Array
+    slope: Array | None = None
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One row of the certificate: the interval that holds `quantity`, and its limit less tracking's
+    margin with that confidence. where: "forearm and table at 3.2 s". What is not looked at is a row
+    too, its numbers NaN.
+    """
+
+    axis: str
+    quantity: str
+    lower: float
+    upper: float
+    proved_lower: float
+    proved_upper: float
+    method: str
+    status: Literal["proved", "sampled", "not looked at"] = "proved"
+    margin: float = 0.0
+    confidence: float = 1.0
+    where: str = ""
+
+
+class Limit(Protocol):
+    """One limit: how the search keeps it, how the final bytes are judged, what it measures. One that is
+    not convex gives no cones but a penalty; its result is drawn towards `Kind.home` until `prove` is
+    content.
+    """
+
+    @property
+    def name(self) -> str: ...
+    def cones(self, family: Family) -> Sequence[Cone]: ...
+    def penalty(self, motion: Motion) -> tuple[float, Array] | None: ...  # 0 where kept; gradient (O, T, k)
+    def prove(self, piece: Trajectory) -> Sequence[Proof]: ...
+    def of_motion(
+        self, motion: Motion
+    ) -> Array: ...  # (T, r) what is limited, by the rows of `prove`: plans and runs
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan as the model will see its log: X (T, D); gains (T, J), square roots of the samples'
+    weights; pull (in_X, in_gains) -> (O, T, k), the gradient in the motion, with what is remembered
+    held fixed.
+    """
+
+    X: Array
+    gains: Array
+    pull: Callable[[Array, Array], Array]
+
+
+class Inputs(Protocol):
+    """One feature map for planned and measured motion. Laws, exactly: plan(m, keep).X ==
+    of_log(states(m))[keep]; `step` along a log gives `of_log`. rate: Hz at which both must be sampled,
+    as inputs remember; 0: anyhow.
+    """
+
+    @property
+    def columns(self) -> Sequence[Column]: ...
+    @property
+    def orders(self) -> int: ...
+    @property
+    def rate(self) -> float: ...
+    def states(
+        self, motion: Motion
+    ) -> Log: ...  # what a perfect run leaves: states and plans (the thesis's inputs)
+    def of_log(self, log: Log) -> Array: ...
+    def plan(self, motion: Motion, keep: Index | None = None) -> Planned: ...
+    def step(
+        self, row: Row, memory: Array | None
+    ) -> tuple[Array, Array]: ...  # x (D,), memory; None to begin
+    def rates(
+        self, motion: Motion
+    ) -> tuple[Array, Array] | None: ...  # dX/dt, d2X/dt2; takes two orders more
+    def tuned(
+        self, samples: Samples
+    ) -> Inputs: ...  # with stick speeds, play, drag, volts, memory at the end
+    def c(self, name: str) -> Code | None: ...
+
+
+class Mean(Protocol):
+    """Commands (n, J) from states, without a process; static: the part that remains at rest (gravity).
+    parameters: identified value and deviation by name, inf where data do not tell.
+    """
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]: ...
+    def predict(self, log: Log) -> Array: ...
+    def static(self, log: Log) -> Array: ...
+    def c(self, name: str) -> Code | None: ...
+
+
+Physics = Callable[[Samples | None], Mean]  # a rung: identified from samples, or nominal, which needs none
+
+
+class Posterior(Protocol):
+    """One latent function given its data, as designs see it; X (T, D), Z (r, D). Variances without
+    noise.
+    """
+
+    @property
+    def noise_variance(self) -> float: ...
+    @property
+    def signal_variance(self) -> float: ...
+    def predict(self, X: Array) -> tuple[Array, Array]: ...
+    def mean_gradient(self, X: Array) -> Array: ...
+    def variance_gradient(self, X: Array, g: Array) -> Array: ...
+    def covariance(self, X: Array, Z: Array) -> Array: ...
+    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """What a member learns one group of m commands from. X (n, D); Y, usable, moving (n, m): a joint
+    kernel leaves out single entries. Rows: `chosen` for hyperparameters, `kept` to condition on, or as
+    inducing inputs of all. kernels: m, or one for all; floor (m,) of the noise; start: last round's.
+    """
+
+    X: Array
+    Y: Array
+    usable: Mask
+    moving: Mask
+    group: Index
+    chosen: Index
+    kept: Index
+    columns: Sequence[Column]
+    kernels: Sequence[Any]
+    floor: Array
+    start: Process | None
+    config: Any
+    rng: np.random.Generator
+
+
+class Process(Protocol):
+    """A Gaussian process of m commands learned together: one alone, with a shared kernel (one latent
+    function for all), or joint (one each, given all). Mean and variance (T, m), without noise.
+    """
+
+    def latents(
+        self,
+    ) -> Sequence[tuple[Posterior, tuple[int, ...]]]: ...  # for designs, with the commands of each
+    def predict(self, X: Array) -> tuple[Array, Array]: ...
+    def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]: ...  # (k, m), with noise
+    def arrays(self) -> Mapping[str, Array]: ...
+    def c(self, name: str) -> Code | None: ...
+
+
+Member = Callable[
+    [FitData], Process
+]  # entry point `etude.models`; attribute `restore(arrays)`: it again, bit for bit
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What takes part in the answer for some commands; weights (m,) add up to 1 for each command; units
+    (2, m): offset and factor from the process's standardised outputs to commands; calibration (m,):
+    factor on the variance.
+    """
+
+    rung: str
+    commands: tuple[int, ...]
+    weights: Array
+    mean: Mean | None
+    process: Process | None
+    units: Array
+    calibration: Array
+
+
+class Model(Protocol):
+    """What was learned: each command's best candidate, or several averaged (variance: sum w (v + (m -
+    average)^2)). worth (J,): independent samples that a sample is worth, from held-out residuals
+    (changed-robot test).
+    """
+
+    @property
+    def inputs(self) -> Inputs: ...
+    @property
+    def candidates(self) -> Sequence[Candidate]: ...
+    def worth(self) -> Array: ...
+    def predict(self, log: Log) -> tuple[Array, Array]: ...  # (n, J), noise and calibration included
+    def static(self, log: Log) -> Array: ...  # gravity, with physics or without
+
+
+class Controller(Protocol):
+    """What is added to a robot's feedback: a model, frozen or learning on line, its C, ILC, adaptive
+    control.
+    """
+
+    def planned(
+        self, motion: Motion
+    ) -> Array | None: ...  # (T, J) ahead of the run; None where measurements count
+    def command(self, t: float, row: Row) -> tuple[Array, Array]: ...  # (J,) and its deviation
+    def observe(self, t: float, row: Row) -> None: ...
+
+
+@dataclass(frozen=True)
+class Described:
+    """A robot's description, whole: files that a campaign folder needs, robot.toml among them, by name,
+    and a sentence for each assumption that a person should confirm.
+    """
+
+    files: Mapping[str, bytes]
+    confirm: tuple[str, ...] = ()
+
+
+class Robot(Protocol):
+    """Anything that turns a trajectory into a log; a real one is a person with two files."""
+
+    def run(self, trajectory: Any, controller: Controller | None, rng: np.random.Generator) -> Log: ...
+    def error(self, log: Log) -> tuple[Array, tuple[str, ...]]: ...  # tracking error and unit per axis
+    def changed(self, **what: float) -> Robot: ...  # payload=0.2, friction=1.5; what it cannot is an error
+
+
+class Kind(Protocol):
+    """The plug-in, entry point `etude.robots`: from one description (robot.toml) to the nouns. spec:
+    the kind's frozen dataclass, with `name` and `rate` (Hz of its logs); config: the campaign's tables,
+    of which `trajectory` (with `duration`, s) and `data` are the kind's own dataclasses and the others
+    shared. path: the channel that is compared with the trajectory; home (k,): a pose inside every
+    limit; limit (J,): how far each command reaches. samples: the one recipe that truly differs, of
+    `logs/steps.py`, given all logs at once, since some facts (the lag of motors) are common to them;
+    ways: approach and return, take-off and landing.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def tables(self) -> Mapping[str, type]: ...  # dataclasses of [trajectory] and [data]
+    # preset -> table -> key -> value, laid over the dataclasses' defaults; "default" and "thesis" at least
+    @property
+    def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]: ...
+    @property
+    def comments(
+        self,
+    ) -> Mapping[str, Mapping[str, str]]: ...  # table -> key -> what people read in campaign.toml
+    def built_in(self) -> Mapping[str, Path]: ...  # robots that come with it, by name
+    def recognises(self, path: Path) -> bool: ...  # is this file (.toml, .urdf, ...) a description for it?
+    def described(self, path: Path) -> Described: ...
+    def spec(self, path: Path) -> Any: ...
+    def home(self, spec: Any) -> Array: ...
+    def limit(self, spec: Any) -> Array: ...
+    def channels(self, spec: Any) -> Sequence[Channel]: ...
+    def family(self, spec: Any, config: Any) -> Family: ...
+    def limits(self, spec: Any, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]: ...
+    def ways(
+        self, spec: Any, motion: Trajectory, pose: Array
+    ) -> tuple[Trajectory, Trajectory] | None: ...  # to, fro
+    def inputs(self, spec: Any, config: Any) -> Inputs: ...
+    def physics(self, spec: Any, config: Any) -> Mapping[str, Physics]: ...  # "nominal", "identified"
+    def checks(
+        self, spec: Any, log: Log
+    ) -> Sequence[Finding]: ...  # beside those over channels: ground, scale
+    def samples(
+        self, spec: Any, config: Any, logs: Sequence[Log], groups: Sequence[Index]
+    ) -> Samples: ...  # (T,) each
+    def robot(self, spec: Any, config: Any) -> Robot | None: ...
+    # of simulated campaigns: motions never trained on, and what learning is held against ("pd",
+    # "perfect", ...)
+    def tests(self, spec: Any, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]: ...
+    def baselines(self, spec: Any, config: Any) -> Mapping[str, Controller | None]: ...
+    def controller(
+        self, spec: Any, config: Any, model: Model
+    ) -> Controller: ...  # the model beside the feedback
+
+
+# `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
+# plays: certify that
+Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
+# `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
+# `recognises(path, head)`
+Reader = Callable[[Any, Sequence[str]], Mapping[str, Log]]
