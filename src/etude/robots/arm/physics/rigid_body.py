@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.models.dataset import Dataset
 from etude.models.features import FRICTION_SCALES
-from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude.models.physics.kinematics import KinematicTree, body_motion
-from etude.models.physics.regressor import nominal_parameters, regressor_of_motion
-from etude.models.physics.transmission import Drive, drive_motion
+from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.robots.arm.physics.kinematics import KinematicTree, body_motion
+from etude.robots.arm.physics.regressor import nominal_parameters, regressor_of_motion
+from etude.robots.arm.physics.transmission import Drive, drive_motion
 
 if TYPE_CHECKING:
-    from etude.robots.spec import RobotSpec
+    from etude.robots.arm.spec import ArmSpec
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def command_regressors(
 
 def identify(
     dataset: Dataset,
-    spec: RobotSpec,
+    spec: ArmSpec,
     tree: KinematicTree,
     drives: tuple[Drive, ...],
     friction_velocity: Array,
