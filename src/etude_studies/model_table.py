@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from etude.studies.rows import Row, table
+from etude_studies.rows import Row, table
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from etude.models.flight.dataset import FlightDataset, flight_dataset
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
 from etude.plants.flight.simulated import SimulatedVehicle
-from etude.studies.flight_accuracy import SETTINGS, Setting
+from etude_studies.flight_accuracy import SETTINGS, Setting
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.feasible_set import FeasibleSet

@@ -39,7 +39,7 @@ from etude.plants.flight.simulated import SimulatedVehicle, Start
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.toml_file import load_robot
 from etude.storage import write_atomic
-from etude.studies.rows import Row, mean_rows, rows_json, table
+from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.samplers import uniform_parameters

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import EtudeError
-from etude.studies.peers import worker
-from etude.studies.peers.catalogue import Peer
+from etude_studies.peers import worker
+from etude_studies.peers.catalogue import Peer
 
 Array = NDArray[np.float64]
 Timed = tuple[float, Array, float]

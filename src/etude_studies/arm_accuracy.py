@@ -25,10 +25,10 @@ from etude.models.output_process import LARGEST_FLOOR
 from etude.models.preprocess import build_dataset, preset
 from etude.plants.registry import simulated_robot
 from etude.robots.spec import RobotSpec
-from etude.studies.model_cost import held_bytes, predict_seconds
-from etude.studies.model_members import MEMBERS, Member
-from etude.studies.model_table import FIGURES
-from etude.studies.rows import Row, mean_rows
+from etude_studies.model_cost import held_bytes, predict_seconds
+from etude_studies.model_members import MEMBERS, Member
+from etude_studies.model_table import FIGURES
+from etude_studies.rows import Row, mean_rows
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.studies.crazyflie_flights import (
+from etude_studies.crazyflie_flights import (
     Mask,
     Outcome,
     by_block,
@@ -12,8 +12,8 @@ from etude.studies.crazyflie_flights import (
     crazyflie_flights,
     in_flight,
 )
-from etude.studies.real_accuracy import accuracy_rows, say
-from etude.studies.rows import Row
+from etude_studies.real_accuracy import accuracy_rows, say
+from etude_studies.rows import Row
 
 
 def crazyflie_accuracy_rows(rng: np.random.Generator) -> list[Row]:

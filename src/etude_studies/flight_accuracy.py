@@ -24,7 +24,7 @@ from etude.plants.flight.plan import FlightPlan
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
 from etude.plants.flight.simulated import SimulatedVehicle, Start
-from etude.studies.rows import Row, mean_rows
+from etude_studies.rows import Row, mean_rows
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.samplers import SAMPLERS

@@ -13,11 +13,11 @@ import numpy as np
 
 from etude.control.flight_feedforward import PID_ALONE, flight_plan
 from etude.plants.flight.registry import flight_plant
-from etude.studies.flight_loop import Cell as LoopCell
-from etude.studies.flight_loop import seed_errors
-from etude.studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights
-from etude.studies.flight_orders_cell import EXTREME, Effort, cell_measures
-from etude.studies.flight_orders_rows import (
+from etude_studies.flight_loop import Cell as LoopCell
+from etude_studies.flight_loop import seed_errors
+from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights
+from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures
+from etude_studies.flight_orders_rows import (
     RANDOM,
     Cells,
     Paired,
@@ -26,20 +26,20 @@ from etude.studies.flight_orders_rows import (
     figures,
     ratio_rows,
 )
-from etude.studies.flight_orders_verdicts import CALIBRATED_FROM
-from etude.studies.registry import call
-from etude.studies.rows import Row, mean_rows, rows_json, table
+from etude_studies.flight_orders_verdicts import CALIBRATED_FROM
+from etude_studies.registry import call
+from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude.threads import threads_for
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.samplers import uniform_parameters
 
 MEASURES = (
-    "etude.studies.bench_quadrotor:flight_cost_rows",
-    "etude.studies.flight_design_cost:design_rows",
-    "etude.studies.bench_quadrotor:order_bench_rows",
-    "etude.studies.bench_quadrotor:tracking_rows",
-    "etude.studies.crazyflie:crazyflie_rows",
+    "etude_studies.bench_quadrotor:flight_cost_rows",
+    "etude_studies.flight_design_cost:design_rows",
+    "etude_studies.bench_quadrotor:order_bench_rows",
+    "etude_studies.bench_quadrotor:tracking_rows",
+    "etude_studies.crazyflie:crazyflie_rows",
 )
 """module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
 

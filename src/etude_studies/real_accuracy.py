@@ -17,8 +17,8 @@ from etude.models.calibration import score
 from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
 from etude.models.ladder import train_ladder
 from etude.models.model_config import ModelConfig
-from etude.studies.real_logs import REAL_LOGS, Recording
-from etude.studies.rows import Row
+from etude_studies.real_logs import REAL_LOGS, Recording
+from etude_studies.rows import Row
 
 Array = NDArray[np.float64]
 

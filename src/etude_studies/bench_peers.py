@@ -18,10 +18,10 @@ from threadpoolctl import threadpool_limits
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 from etude.models.gp.sparse_spectrum_training import initial_sparse_spectrum
-from etude.studies.peers.catalogue import Peer
-from etude.studies.peers.running import PeerUnavailable, Running, Timed, started
-from etude.studies.peers.worker import timed
-from etude.studies.rows import Row
+from etude_studies.peers.catalogue import Peer
+from etude_studies.peers.running import PeerUnavailable, Running, Timed, started
+from etude_studies.peers.worker import timed
+from etude_studies.rows import Row
 
 Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Timed]

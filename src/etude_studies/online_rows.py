@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.studies.online import RULES, Cell, Outcome, outcomes_of
-from etude.studies.rows import Row, mean_rows
+from etude_studies.online import RULES, Cell, Outcome, outcomes_of
+from etude_studies.rows import Row, mean_rows
 
 ROBOT = "arm4"
 SEEDS, QUICK_SEEDS = 6, 1

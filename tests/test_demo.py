@@ -10,7 +10,7 @@ from etude.campaign.folder import open_campaign
 from etude.commands.demo import Demo
 from etude.commands.parse import command
 from etude.errors import UsageError
-from etude.studies import demo
+from etude_studies import demo
 
 
 def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from etude.logs.flight.lag import command_lag
 from etude.logs.flight.log import FlightLog
 from etude.models.calibration import NORMAL_95
 from etude.models.flight.config import PRESETS
-from etude.studies.crazyflie_flights import (
+from etude_studies.crazyflie_flights import (
     Array,
     Mask,
     Outcome,
@@ -21,8 +21,8 @@ from etude.studies.crazyflie_flights import (
     nmse,
     training_pieces,
 )
-from etude.studies.real_accuracy import say
-from etude.studies.rows import Row, mean_rows, rows_json, table
+from etude_studies.real_accuracy import say
+from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude.threads import threads_for
 
 SEEDS = 8

@@ -32,7 +32,7 @@ from etude.plants.parameters import ArmParameters, load_parameters
 from etude.plants.registry import simulated_robot
 from etude.plants.robot import SimulatedRobot
 from etude.storage import write_atomic
-from etude.studies.rows import Row, mean_rows, rows_json, table
+from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
 from etude.trajectories.samples import Trajectory

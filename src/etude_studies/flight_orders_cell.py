@@ -23,7 +23,7 @@ from etude.models.flight.model import FlightModel
 from etude.models.flight.preprocess import joined
 from etude.models.flight.score import score_flights
 from etude.models.gp.exact import ExactGP
-from etude.studies.flight_orders_world import World
+from etude_studies.flight_orders_world import World
 from etude.trajectories.flight.samplers import SAMPLERS
 
 Array = NDArray[np.float64]

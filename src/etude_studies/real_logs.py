@@ -87,7 +87,7 @@ def _example(path: Path) -> tuple[RobotLog, RobotSpec]:
 
 def arm_log(name: str, path: Path) -> tuple[RobotLog, RobotSpec]:
     """The log itself of one of `REAL_LOGS`, and its robot; SARCOS has samples without times, and no log."""
-    from etude.studies.external_logs import panda_log
+    from etude_studies.external_logs import panda_log
 
     return panda_log(path) if name == "panda" else _example(path)
 
@@ -102,13 +102,13 @@ def recording(log: RobotLog, spec: RobotSpec) -> Recording:
 
 
 def panda(path: Path) -> Recording:
-    from etude.studies.external_logs import panda_log
+    from etude_studies.external_logs import panda_log
 
     return recording(*panda_log(path))
 
 
 def sarcos(path: Path) -> Recording:
-    from etude.studies.external_logs import sarcos_samples
+    from etude_studies.external_logs import sarcos_samples
 
     spec, dataset = sarcos_samples(path)
     return Recording(spec, *split_blocks(dataset), raw=None)

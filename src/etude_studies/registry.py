@@ -13,16 +13,16 @@ from etude.errors import UsageError
 # name -> "module:function"; the function takes json and seed (a bench perhaps one of OPTIONAL, a study also
 # seeds and folder), and prints a table or the line of `rows_json`
 BENCHES = {
-    "crazyflie": "etude.studies.crazyflie:run",
-    "gp": "etude.studies.bench_gp:run",
-    "models": "etude.studies.bench_models:run",
-    "quadrotor": "etude.studies.bench_quadrotor:run",
+    "crazyflie": "etude_studies.crazyflie:run",
+    "gp": "etude_studies.bench_gp:run",
+    "models": "etude_studies.bench_models:run",
+    "quadrotor": "etude_studies.bench_quadrotor:run",
 }
 STUDIES = {
-    "arm": "etude.studies.arm:run",
-    "online": "etude.studies.online:run",
-    "quadrotor": "etude.studies.flight_orders:run",
-    "quadrotor_loop": "etude.studies.flight_loop:run",
+    "arm": "etude_studies.arm:run",
+    "online": "etude_studies.online:run",
+    "quadrotor": "etude_studies.flight_orders:run",
+    "quadrotor_loop": "etude_studies.flight_loop:run",
 }
 
 

@@ -26,7 +26,7 @@ from etude.models.flight.preprocess import FlightDataConfig, build_flight_datase
 from etude.models.guard import linear_fit, linear_inputs
 from etude.robots.flight_spec import FlightSpec
 from etude.robots.toml_file import load_robot
-from etude.studies.real_logs import EXAMPLES
+from etude_studies.real_logs import EXAMPLES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -22,8 +22,8 @@ from etude.campaign.simulate import simulate
 from etude.errors import UsageError
 from etude.models.model_config import Kind
 from etude.storage import write_atomic
-from etude.studies.arm_rows import arm_rows
-from etude.studies.rows import rows_json, table
+from etude_studies.arm_rows import arm_rows
+from etude_studies.rows import rows_json, table
 
 ROUNDS = 6
 

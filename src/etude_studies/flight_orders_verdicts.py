@@ -13,8 +13,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etude.studies.flight_orders_cell import BASELINES, CRITERIA
-from etude.studies.flight_orders_rows import (
+from etude_studies.flight_orders_cell import BASELINES, CRITERIA
+from etude_studies.flight_orders_rows import (
     RANDOM,
     TESTS,
     Cells,
@@ -26,7 +26,7 @@ from etude.studies.flight_orders_rows import (
     last_count,
     paired,
 )
-from etude.studies.rows import Row
+from etude_studies.rows import Row
 
 ROW_L = (0.67, 0.92)
 """Random over max-variance after ten flights of the thesis's protocol, in the prototype: its interval."""

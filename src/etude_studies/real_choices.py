@@ -4,7 +4,7 @@ No test block of `real_logs` is in anything here. Of the other sixteen blocks ev
 one remainder modulo five, with the same gap; the first and the last block of a log are never left out, since
 no test block lies at an end.
 
-    python -m etude.studies.real_choices [FOLDER]
+    python -m etude_studies.real_choices [FOLDER]
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from etude.models.lesson import Lesson
 from etude.models.model_config import ModelConfig
 from etude.models.preprocess import DataConfig, build_dataset, filter_cutoff, preset
 from etude.robots.spec import RobotSpec
-from etude.studies.real_logs import REAL_LOGS, arm_log
-from etude.studies.rows import Row
+from etude_studies.real_logs import REAL_LOGS, arm_log
+from etude_studies.rows import Row
 
 Array = NDArray[np.float64]
 Builder = Callable[[int, int, int], Kernel]
@@ -202,6 +202,6 @@ def _stacked_row(name: str, one: LeftOut) -> Row:
 
 
 if __name__ == "__main__":
-    from etude.studies.rows import table
+    from etude_studies.rows import table
 
     table(choice_rows(Path(sys.argv[1]) if len(sys.argv) > 1 else None), "real logs, blocks left out")

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.storage import write_atomic
-from etude.studies.flight_orders_cell import EXTREME, Effort, cell_measures, first_round, rounds
-from etude.studies.flight_orders_rows import order_rows
-from etude.studies.flight_orders_verdicts import verdict_rows
-from etude.studies.flight_orders_world import PRESETS, World
-from etude.studies.rows import rows_json, table
+from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures, first_round, rounds
+from etude_studies.flight_orders_rows import order_rows
+from etude_studies.flight_orders_verdicts import verdict_rows
+from etude_studies.flight_orders_world import PRESETS, World
+from etude_studies.rows import rows_json, table
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]

@@ -17,21 +17,21 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.studies.model_table import show
-from etude.studies.registry import call
-from etude.studies.rows import Row, rows_json
+from etude_studies.model_table import show
+from etude_studies.registry import call
+from etude_studies.rows import Row, rows_json
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
 
 MEASURES = (
-    "etude.studies.bench_models:dictionary_points_per_s",
-    "etude.studies.bench_models:dictionary_drift_10k",
-    "etude.studies.model_latency:latency_rows",
-    "etude.studies.real_accuracy:real_rows",
-    "etude.studies.crazyflie_accuracy:crazyflie_accuracy_rows",
-    "etude.studies.arm_accuracy:member_rows",
-    "etude.studies.online_rows:online_rows",
+    "etude_studies.bench_models:dictionary_points_per_s",
+    "etude_studies.bench_models:dictionary_drift_10k",
+    "etude_studies.model_latency:latency_rows",
+    "etude_studies.real_accuracy:real_rows",
+    "etude_studies.crazyflie_accuracy:crazyflie_accuracy_rows",
+    "etude_studies.arm_accuracy:member_rows",
+    "etude_studies.online_rows:online_rows",
 )
 """module:function, each (rng[, quick][, logs]) -> list of rows, in the order they are run."""
 

@@ -14,7 +14,7 @@ from etude.logs.parquet import read_parquet
 from etude.models.calibration import score
 from etude.models.model_file import load_model
 from etude.models.preprocess import build_dataset
-from etude.studies.rows import Row, mean_rows
+from etude_studies.rows import Row, mean_rows
 
 Array = NDArray[np.float64]
 TESTS = ("fourier", "moves")

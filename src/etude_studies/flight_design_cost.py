@@ -22,7 +22,7 @@ from etude.models.contracts import Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.robots.flight_spec import FlightSpec
-from etude.studies.rows import Row
+from etude_studies.rows import Row
 from etude.threads import threads_for
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights

@@ -11,8 +11,8 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import structured_kernel
 from etude.models.gp.single_point import PointMean
-from etude.studies.bench_models import INPUTS, LENGTH, RATE_NOISE, motions, outputs, process
-from etude.studies.rows import Row
+from etude_studies.bench_models import INPUTS, LENGTH, RATE_NOISE, motions, outputs, process
+from etude_studies.rows import Row
 
 OUTPUTS = 4
 POINTS = 500

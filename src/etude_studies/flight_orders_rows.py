@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.studies.flight_orders_cell import BASELINES, CRITERIA
-from etude.studies.rows import Row, mean_rows
+from etude_studies.flight_orders_cell import BASELINES, CRITERIA
+from etude_studies.rows import Row, mean_rows
 
 Cells = Sequence[Mapping[str, Any]]
 
