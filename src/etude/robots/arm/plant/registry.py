@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from etude.errors import UsageError
-from etude.plants.arm import arm_robot
-from etude.plants.robot import SimulatedRobot
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.plant.arm import arm_robot
+from etude.robots.arm.plant.robot import SimulatedRobot
+from etude.robots.arm.spec import ArmSpec
 from etude.robots.toml_file import load_robot
 
 # plant name -> (name, its owner's description, engine) -> robot
-PLANTS: dict[str, Callable[[str, RobotSpec, str], SimulatedRobot]] = {
+PLANTS: dict[str, Callable[[str, ArmSpec, str], SimulatedRobot]] = {
     "arm4": arm_robot,
     "arm4_rough": arm_robot,
 }
@@ -22,7 +22,7 @@ def plant_names() -> tuple[str, ...]:
     return tuple(PLANTS)
 
 
-def simulated_robot(name: str, engine: str = "mujoco", spec: RobotSpec | None = None) -> SimulatedRobot:
+def simulated_robot(name: str, engine: str = "mujoco", spec: ArmSpec | None = None) -> SimulatedRobot:
     """The simulated robot `name`.
 
     Args:

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 
 from etude.errors import UsageError
-from etude.robots.spec import Axis, RobotSpec
+from etude.robots.arm.spec import ArmSpec, Axis
 
 COMMAND_UNITS = ("N m", "N", "A", "V", "pwm")
 LARGEST_POSITION = 4 * math.pi  # two turns either way: no arm joint, but 13 degrees and more
@@ -14,7 +14,7 @@ LARGEST_VELOCITY = 100.0  # rad/s: no arm joint, but an ordinary figure in degre
 RADIANS = "Limits are in radians: multiply degrees by pi/180 (0.01745)."
 
 
-def check_spec(spec: RobotSpec, *, where: str = "", units_checked: bool = False) -> RobotSpec:
+def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -> ArmSpec:
     """The same spec, or UsageError naming the joint and the limit.
 
     Args:
@@ -67,9 +67,11 @@ def _check_axis(axis: Axis, where: str) -> None:
         )
 
 
-def unit_suspicion(spec: RobotSpec) -> str:
-    """A sentence if a limit looks like degrees, else an empty string."""
+def unit_suspicion(spec: ArmSpec) -> str:
+    """A sentence if a limit of a turning joint looks like degrees, else an empty string."""
     for axis in spec.axes:
+        if axis.unit != "rad":
+            continue
         largest = max(abs(axis.lower), abs(axis.upper))
         if largest > LARGEST_POSITION:
             return f"position limit {largest:g} of joint '{axis.name}' looks like degrees, not radians"

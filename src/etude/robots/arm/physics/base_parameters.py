@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.physics.kinematics import KinematicTree
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.spec import ArmSpec
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ RANK_TOLERANCE = (
 )
 
 
-def spread_states(spec: RobotSpec, count: int) -> tuple[Array, Array, Array]:
+def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:
     """q, qd, qdd (count, dof) that fill the robot's limits evenly: a Kronecker sequence, the same at every
     call.
     """

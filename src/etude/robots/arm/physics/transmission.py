@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError
-from etude.models.physics.kinematics import BodyMotion, KinematicTree
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from etude.plants.parameters import ArmParameters
-from etude.plants.trace import LoopInputs, Trace
+from etude.robots.arm.plant.parameters import ArmParameters
+from etude.robots.arm.plant.trace import LoopInputs, Trace
 
 Array = NDArray[np.float64]
 

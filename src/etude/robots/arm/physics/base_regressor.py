@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.physics.base_parameters import spread_states
-from etude.models.physics.kinematics import KinematicTree
-from etude.models.physics.rigid_body import IdentificationPrior, command_regressors
-from etude.models.physics.transmission import Drive
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.physics.base_parameters import spread_states
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.rigid_body import IdentificationPrior, command_regressors
+from etude.robots.arm.physics.transmission import Drive
+from etude.robots.arm.spec import ArmSpec
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
@@ -115,7 +115,7 @@ class BaseRegressor:
 
 
 def base_regressors(
-    spec: RobotSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
+    spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> tuple[BaseRegressor, ...]:
     """One per output, scaled by what identification assumes of its parameters before any data."""
     spread = command_regressors(tree, drives, friction_velocity, *spread_states(spec, 64 + 24 * tree.bodies))

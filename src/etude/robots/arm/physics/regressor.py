@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.physics.kinematics import BodyMotion, KinematicTree, body_motion
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 
 Array = NDArray[np.float64]
 

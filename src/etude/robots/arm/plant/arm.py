@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 
 from etude.errors import UsageError
-from etude.plants.parameters import ArmParameters, load_parameters
-from etude.plants.robot import Gains, SimulatedRobot
-from etude.plants.trace import Array, LoopInputs, Running, Trace
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.plant.parameters import ArmParameters, load_parameters
+from etude.robots.arm.plant.robot import Gains, SimulatedRobot
+from etude.robots.arm.plant.trace import Array, LoopInputs, Running, Trace
+from etude.robots.arm.spec import ArmSpec
 
 
-def arm_robot(name: str, spec: RobotSpec, engine: str) -> SimulatedRobot:
+def arm_robot(name: str, spec: ArmSpec, engine: str) -> SimulatedRobot:
     """The arm whose parameters are `plants/data/NAME.toml`, as `spec` describes it to its owner.
 
     Raises:
@@ -37,29 +37,29 @@ def arm_robot(name: str, spec: RobotSpec, engine: str) -> SimulatedRobot:
 def _engine(engine: str, arm: ArmParameters) -> Callable[[LoopInputs], Trace]:
     """One engine's closed loop; its heavy package is imported only when chosen."""
     if engine == "mujoco":
-        from etude.plants.mujoco_engine import simulate as simulate_in_mujoco
+        from etude.robots.arm.plant.mujoco_engine import simulate as simulate_in_mujoco
 
         return partial(simulate_in_mujoco, arm)
     if engine == "compiled":
-        from etude.plants.compiled import simulate
+        from etude.robots.arm.plant.compiled import simulate
 
         return partial(simulate, arm)
     raise UsageError(f"there is no engine {engine!r}", next_step="Choose one of: mujoco, compiled.")
 
 
 def _begin(arm: ArmParameters, q: Array) -> Running:
-    from etude.plants.running import RunningArm
+    from etude.robots.arm.plant.running import RunningArm
 
     return RunningArm(arm, q)
 
 
 def _inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:
-    from etude.plants.compiled import inverse
+    from etude.robots.arm.plant.compiled import inverse
 
     return inverse(arm, q, qd, qdd)
 
 
-def _check(name: str, spec: RobotSpec, arm: ArmParameters) -> None:
+def _check(name: str, spec: ArmSpec, arm: ArmParameters) -> None:
     joints = tuple(motor.joint for motor in arm.motors)
     if spec.names != joints:
         raise UsageError(

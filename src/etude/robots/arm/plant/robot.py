@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.logs.log import RobotLog
-from etude.plants.trace import LoopInputs, Running, Trace
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.plant.trace import LoopInputs, Running, Trace
+from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.samples import TrajectorySamples
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class SimulatedRobot:
     """
 
     name: str
-    spec: RobotSpec
+    spec: ArmSpec
     gains: Gains
     timestep: float
     encoder_noise: float

@@ -7,7 +7,7 @@ import math
 from msgspec.structs import replace
 
 from etude.errors import UsageError
-from etude.plants.parameters import ArmParameters
+from etude.robots.arm.plant.parameters import ArmParameters
 
 
 def with_payload(arm: ArmParameters, mass: float) -> ArmParameters:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import etude.robots
-from etude.plants.parameters import ArmParameters, Motor
-from etude.plants.trace import LoopInputs, Trace
+from etude.robots.arm.plant.parameters import ArmParameters, Motor
+from etude.robots.arm.plant.trace import LoopInputs, Trace
 
 Array = NDArray[np.float64]
 MODELS = Path(etude.robots.__file__).parent / "data"

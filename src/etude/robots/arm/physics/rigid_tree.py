@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.physics.kinematics import KinematicTree
-from etude.models.physics.transmission import Drive, joint_drives
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.transmission import Drive, joint_drives
 
 Array = NDArray[np.float64]
 

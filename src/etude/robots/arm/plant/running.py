@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from etude.plants.compiled import advance, at_rest, constants
-from etude.plants.parameters import ArmParameters
-from etude.plants.trace import Array, LoopInputs, Trace
+from etude.robots.arm.plant.compiled import advance, at_rest, constants
+from etude.robots.arm.plant.parameters import ArmParameters
+from etude.robots.arm.plant.trace import Array, LoopInputs, Trace
 
 
 class RunningArm:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etude.models.physics.kinematics import KinematicTree
-from etude.models.physics.transmission import Drive
-from etude.robots.spec import RobotSpec
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.transmission import Drive
+from etude.robots.arm.spec import ArmSpec
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Geometry:
     drives: tuple[Drive, ...]
 
 
-def read_geometry(spec: RobotSpec) -> Geometry | None:
+def read_geometry(spec: ArmSpec) -> Geometry | None:
     """Geometry from the robot's URDF or MJCF; None for a robot without a model file.
 
     Raises:
@@ -30,8 +30,8 @@ def read_geometry(spec: RobotSpec) -> Geometry | None:
     """
     if spec.model_file is None:
         return None
-    from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
-    from etude.robots.model_file import load_mujoco_model
+    from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+    from etude.robots.arm.urdf import load_mujoco_model
 
     model = load_mujoco_model(spec)
     return Geometry(tree_from_mujoco(model, spec.names), drives_from_mujoco(model, spec.names))

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.errors import UsageError
-from etude.robots.checks import check_spec
-from etude.robots.spec import Axis, RobotSpec
+from etude.robots.arm.checks import check_spec
+from etude.robots.arm.spec import ArmSpec, Axis
 
 if TYPE_CHECKING:
     import mujoco
@@ -33,11 +33,11 @@ class ModelDescription:
         confirm: one sentence for each limit that the file does not state, and for each joint left out.
     """
 
-    spec: RobotSpec
+    spec: ArmSpec
     confirm: tuple[str, ...]
 
 
-def load_mujoco_model(spec: RobotSpec) -> mujoco.MjModel:
+def load_mujoco_model(spec: ArmSpec) -> mujoco.MjModel:
     """The MuJoCo model of the robot's `model_file`, without meshes and contacts.
 
     Raises:
@@ -53,7 +53,7 @@ def load_mujoco_model(spec: RobotSpec) -> mujoco.MjModel:
     return model
 
 
-def joint_rows(model: mujoco.MjModel, spec: RobotSpec) -> tuple[list[int], list[int]]:
+def joint_rows(model: mujoco.MjModel, spec: ArmSpec) -> tuple[list[int], list[int]]:
     """(addresses in qpos, addresses in qvel) of the robot's axes; other joints of the model are not named."""
     import mujoco
 
@@ -160,13 +160,13 @@ def spec_from_model(
     rate: float = 100.0,
     given: Mapping[str, Mapping[str, float]] | None = None,
 ) -> ModelDescription:
-    """A RobotSpec from the joints of a URDF or MJCF file.
+    """A ArmSpec from the joints of a URDF or MJCF file.
 
     Args:
         path: the model file; it becomes the robot's `model_file`.
         name: the robot's name; the file's stem by default.
         joints: the actuated joints, in order; by default every moving joint that mimics no other.
-        command_unit, rate: not in the file; see RobotSpec.
+        command_unit, rate: not in the file; see ArmSpec.
         given: joint -> limit -> value, for limits that the file lacks or that should replace its own. Neither
             format knows accelerations: those not given are velocity limit / STOPPING_TIME, to be confirmed.
 
@@ -196,7 +196,7 @@ def spec_from_model(
     axes = tuple(
         Axis(joint, **{limit: float(v) for limit, v in values.items()}) for joint, values in limits.items()
     )
-    spec = RobotSpec(name or path.stem, axes, command_unit, rate, path.resolve())
+    spec = ArmSpec(name or path.stem, axes, command_unit, rate, path.resolve())
     return ModelDescription(check_spec(spec, where=path.name), tuple(confirm))
 
 
