@@ -326,6 +326,9 @@ class Mean(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
+Physics = Callable[[Samples | None], Mean]  # a rung: identified from samples, or nominal, which needs none
+
+
 class Regressor(Protocol):
     """Features (n, p) of one command at model inputs X (n, D), in its unit, their weights N(0, 1) before any
     data; pullback: the gradient (n, D) of sum(G * features), G (n, p).
@@ -336,14 +339,11 @@ class Regressor(Protocol):
 
 
 class Regressed(Protocol):
-    """Capability of a `Mean` that is linear in its parameters: a regressor for each command, for inputs with
-    these columns (criterion d_opt). Who lacks the method has none.
+    """Capability of a `Physics` that is linear in its parameters: a regressor for each command (criterion
+    d_opt). Who lacks the method has none.
     """
 
-    def regressors(self, columns: Sequence[Column]) -> Sequence[Regressor]: ...
-
-
-Physics = Callable[[Samples | None], Mean]  # a rung: identified from samples, or nominal, which needs none
+    def regressors(self) -> Sequence[Regressor]: ...
 
 
 class Posterior(Protocol):

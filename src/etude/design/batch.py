@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Batch(Protocol):
-    """Latent posterior covariances of inputs X (T, D); `models.gp.covariance_factors` shares their factors."""
+    """Latent posterior covariances of inputs X (T, D); `models.gp.covariance_factors` shares factors."""
 
     def variance(self) -> Array:
         """(T,) latent variance."""

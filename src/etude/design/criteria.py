@@ -90,13 +90,13 @@ def criterion_named(name: str) -> Criterion:
         raise UsageError(f"the criterion {name!r} is a {type(criterion).__name__}, not a function")
     if needs_of(criterion) not in ("", "reference", "identified"):
         raise UsageError(
-            f"the criterion {name!r} needs {needs_of(criterion)!r}, and a design has 'reference' and 'identified'"
+            f"the criterion {name!r} needs {needs_of(criterion)!r}; a design has 'reference' and 'identified'"
         )
     return criterion
 
 
 def needs_of(criterion: Criterion) -> str:
-    """"reference", "identified", or "" for a criterion that needs neither."""
+    """What it needs: "reference", "identified", or "" for a criterion that needs neither."""
     return str(getattr(criterion, "needs", ""))
 
 

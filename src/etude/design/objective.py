@@ -1,4 +1,4 @@
-"""A criterion as a function of a trajectory's parameters, with its exact gradient, for every kind of robot."""
+"""A criterion as a function of a trajectory's parameters, with its exact gradient."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Objective:
 def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
     """Gains (T, L) of latent functions from those of the commands (T, J).
 
-    That of its one command, sign included; of several, which share the samples, the root of their mean weight.
+    That of its one command, sign included; of several, which share samples, the root of their mean weight.
     """
     return np.column_stack(
         [gains[:, own[0]] if len(own) == 1 else _mean_size(gains[:, own]) for own in commands]

@@ -162,7 +162,7 @@ def objective(
     outputs = _outputs(latents, inputs, config, tasks, standing_in)
     judged, asked = outputs, latents
     if needs_of(criterion) == "identified":
-        asked = planned(of_parameters(own, model, physics or {}), share, 0)
+        asked = planned(of_parameters(own, physics or {}), share, 0)
         references = {
             j: output.reference
             for latent, output in zip(latents, outputs, strict=True)

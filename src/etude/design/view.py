@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Model, Physics, Posterior, Regressed
+from etude.contracts import Array, Model, Physics, Posterior, Regressed
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.exact import ExactPosterior
@@ -74,9 +74,7 @@ def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Lat
     )
 
 
-def of_parameters(
-    latents: Sequence[Latent], model: Model, physics: Mapping[str, Physics]
-) -> tuple[Latent, ...]:
+def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> tuple[Latent, ...]:
     """What the samples learned so far say of each command's base parameters: linear regressions, for `d_opt`.
 
     The samples are those that the model's processes keep, and the noise is theirs; the prior is that of the
@@ -84,14 +82,12 @@ def of_parameters(
 
     Args:
         latents: the model's own.
-        model: whose identified mean function says how commands depend on parameters.
-        physics: of the kind; asked where no mean function of the model tells.
+        physics: of the kind; one of them says how commands depend on parameters.
 
     Raises:
-        UsageError: neither tells, or the processes keep no samples.
+        UsageError: none does, or the processes keep no samples.
     """
-    mean = _identified(model, physics)
-    regressors = mean.regressors(model.inputs.columns)
+    regressors = _regressed(physics).regressors()
     made = []
     for latent in latents:
         X, noise = _samples(latent.posterior), latent.posterior.noise_variance
@@ -156,7 +152,7 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
 def _chosen(model: Model) -> dict[int, int]:
     """The place of each command's best candidate with a process; of equal weights the first."""
     best: dict[int, tuple[float, int]] = {}
-    known = set()
+    known: set[int] = set()
     for place, candidate in enumerate(model.candidates):
         known.update(candidate.commands)
         for i, command in enumerate(candidate.commands if candidate.process is not None else ()):
@@ -165,8 +161,7 @@ def _chosen(model: Model) -> dict[int, int]:
                 best[command] = (weight, place)
     if lacking := sorted(known - set(best)):
         raise UsageError(
-            f"the model has no process for command {', '.join(str(j) for j in lacking)}, so nothing says what "
-            "it has not seen",
+            f"command {', '.join(str(j) for j in lacking)} has no process, so nothing says what is not known",
             next_step="Learn with a rung that has one, as model.rung = 'auto' does.",
         )
     return {command: place for command, (_, place) in best.items()}
@@ -178,27 +173,20 @@ def _guide(posterior: Posterior) -> Posterior:
     return guide
 
 
-def _identified(model: Model, physics: Mapping[str, Physics]) -> Regressed:
-    """A mean function that offers regressors: the model's, or that of the description alone."""
-    means: list[Any] = [candidate.mean for candidate in _by_weight(model.candidates)]
-    if "nominal" in physics:
-        means.append(physics["nominal"](None))
-    for mean in means:
-        if getattr(mean, "regressors", None) is not None:
-            found: Regressed = mean
-            return found
+def _regressed(physics: Mapping[str, Physics]) -> Regressed:
+    """The first that offers regressors."""
+    for found in physics.values():
+        regressed: Any = found
+        if getattr(regressed, "regressors", None) is not None:
+            return cast(Regressed, regressed)
     raise UsageError(
         "d_opt needs the identified model, and this robot has none",
         next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",
     )
 
 
-def _by_weight(candidates: Sequence[Candidate]) -> list[Candidate]:
-    return sorted(candidates, key=lambda candidate: -float(candidate.weights.sum()))
-
-
 def _samples(posterior: Posterior) -> Array:
-    X = getattr(getattr(posterior, "posterior", posterior), "X", None)
+    X = getattr(posterior, "X", None)
     if X is None:
         raise UsageError(
             f"d_opt needs the samples learned so far, and a {type(posterior).__name__} keeps none",
