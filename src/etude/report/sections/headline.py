@@ -117,7 +117,7 @@ def _held_out(record: Record, rung: str | None) -> tuple[Array | None, Array | N
 def _prequential(record: Record) -> Html:
     last = record.state.trained[-1].trained
     rung = chosen_rung(last)
-    name, outputs = rung_name(rung), f"mean over {record.words.output}s"
+    name, outputs = rung_name(rung), "mean over commands"
     error, linear = _held_out(record, rung)
     seconds = robot_seconds(record)
     count = len(record.state.told) or len(record.state.trained)
