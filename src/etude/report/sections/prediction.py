@@ -35,8 +35,8 @@ def prediction(record: Record) -> Html:
     share = 100.0 * float(inside.mean()) if len(inside) else float("nan")
     text = paragraph(
         f"{which} The band should hold 95 % of the measured commands; here it holds "
-        f"{number(share)} %. On the right the same, less the prediction. Where a joint stands still friction makes its command arbitrary, so nothing is "
-        "predicted there."
+        f"{number(share)} %. On the right the same, less the prediction. Where a joint stands still friction "
+        "makes its command arbitrary, so nothing is predicted there."
     )
     panels = [
         drawn
