@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Log, Model, Motion, Row
+from etude.contracts import Array, Log, Model, Motion, Row
 from etude.errors import NumericalError, UsageError
-from etude.models.trust import trusted
 from etude.robots.arm.plant.robot import ArmRobot
 from etude.robots.arm.spec import ArmSpec
 
@@ -48,6 +47,8 @@ class ModelController:
         """Nothing is learned on the way."""
 
     def _commands(self, log: Log) -> tuple[Array, Array]:
+        from etude.models.trust import trusted
+
         mean, variance = self.model.predict(log)
         self._require_finite(mean, variance)
         if self.fade:
@@ -110,14 +111,11 @@ def prior_deviation(model: Model, spec: ArmSpec) -> Array:
 
 def _safe(model: Model, log: Log) -> Array:
     """Commands (T, J) of the physics that take part in the answer; zero where there are none."""
-    safe = np.zeros((len(log), len(_commands_of(model.candidates))))
+    commands = {command for candidate in model.candidates for command in candidate.commands}
+    safe = np.zeros((len(log), len(commands)))
     for candidate in model.candidates:
         if candidate.mean is None or candidate.rung.split("+")[0] not in PHYSICS:
             continue
         own = list(candidate.commands)
         safe[:, own] += candidate.weights * candidate.mean.predict(log)[:, own]
     return safe
-
-
-def _commands_of(candidates: object) -> set[int]:
-    return {command for candidate in candidates for command in candidate.commands}  # type: ignore[attr-defined]
