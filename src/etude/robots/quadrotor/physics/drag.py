@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Index, Samples
 from etude.errors import DataError
-from etude.models.flight.dataset import FlightDataset
 from etude.models.gp.exact import ExactPosterior
-
-Array = NDArray[np.float64]
 
 LATERAL = 2
 """Outputs: x and y."""
@@ -56,7 +53,7 @@ class DragModel:
         return mean, variance
 
 
-def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
+def train_drag(samples: Samples, *, process: bool = True) -> DragModel:
     """The drag that flights show; a process only where flights held out are predicted better with it.
 
     Args:
@@ -65,14 +62,14 @@ def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
     Raises:
         DataError: the flights do not say their velocity.
     """
-    velocity, force = _inputs(dataset)
-    line, flights = _fitted(velocity, force, (False, False)), dataset.flights
+    velocity, force = _inputs(samples)
+    line, flights = _fitted(velocity, force, (False, False)), np.unique(samples.group)
     if not process or len(flights) < 2:
         return line
     model = _fitted(velocity, force, (True, True))
     errors = np.zeros((2, LATERAL))
     for number in flights:
-        own = dataset.group == number
+        own = samples.group == number
         for k, both in enumerate(((False, False), (True, True))):
             part = _fitted(velocity[~own], force[~own], both)
             errors[k] += np.abs(force[own] - part.predict(velocity[own])[0]).sum(axis=0)
@@ -81,13 +78,14 @@ def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
     return DragModel(model.linear, (kept[0], kept[1]), np.where(better, model.noise, line.noise))
 
 
-def _inputs(dataset: FlightDataset) -> tuple[Array, Array]:
-    if dataset.states.velocity is None:
+def _inputs(samples: Samples) -> tuple[Array, Array]:
+    velocity = samples.log.get("body_velocity")
+    if velocity is None:
         raise DataError(
             "the flights do not say their velocity, so drag cannot be learned",
             next_step="Log position and attitude, or the velocity.",
         )
-    return dataset.states.velocity, dataset.states.specific_force[:, :LATERAL]
+    return velocity, samples.log["specific_force"][:, :LATERAL]
 
 
 def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> DragModel:
@@ -114,5 +112,5 @@ def _process(velocity: Array, left: Array) -> ExactPosterior:
     return fit(start, velocity[chosen], left[chosen], steps=STEPS).condition(velocity[kept], left[kept])
 
 
-def _spread(count: int, most: int) -> NDArray[np.int64]:
+def _spread(count: int, most: int) -> Index:
     return np.arange(min(count, most)) * count // min(count, most)
