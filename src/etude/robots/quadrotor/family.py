@@ -1,24 +1,21 @@
-"""FlightFamily: which flights may be proposed, thesis (3.3), and the numbers that choose one."""
+"""Which flights may be proposed, thesis (3.3): Fourier series of one base frequency, without a phase ramp."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from etude.errors import UsageError
-from etude.trajectories.fourier import FourierTrajectory, rest_nullspace
+from etude.trajectories.family import FourierConfig, FourierFamily
 
-Array = NDArray[np.float64]
+SAMPLES = 24
+"""Per degree, of the feasible set's grid; it gives away 0.9 % of the linear limits."""
 
 
 @dataclass(frozen=True)
-class FlightFamily:
-    """Fourier flights of one base frequency: x and y without a constant term, z with one (thesis (3.3)).
+class FlightConfig:
+    """Fourier flights: x and y without a constant term, z with one (thesis (3.3)).
 
     Attributes:
         harmonics: N; at least 2 with `rest`.
@@ -45,75 +42,19 @@ class FlightFamily:
     def __post_init__(self) -> None:
         if self.start not in ("hover", "moving"):
             raise UsageError(f"a flight starts in 'hover' or 'moving', not {self.start!r}")
-        if not (math.isfinite(self.duration) and self.duration > 0.0):
-            raise UsageError(f"the duration must be a positive number of seconds, not {self.duration}")
-        if self.harmonics < 1 or not (math.isfinite(self.frequency) and self.frequency > 0.0):
-            raise UsageError(
-                f"a family needs harmonics >= 1 and omega0 > 0, not {self.harmonics}, {self.frequency}"
-            )
         if not all(math.isfinite(c) for c in self.centre):
             raise UsageError(f"the centre must be two finite numbers in m, not {self.centre}")
-        periods = self.frequency * self.duration / (2.0 * math.pi)
-        if self.rest and abs(periods - max(round(periods), 1)) > 1e-9 * periods:
-            raise UsageError(
-                f"a flight at rest at both ends needs whole periods, not {periods:.4g}",
-                next_step="Change omega0 or the duration.",
-            )
-        if self.rest:
-            rest_nullspace(self.harmonics)
+        _ = self.series  # refuses what makes no series
 
     @property
-    def frequency(self) -> float:
-        """omega0, rad/s."""
-        return 2.0 * math.pi / self.duration if self.omega0 is None else float(self.omega0)
+    def series(self) -> FourierConfig:
+        """The same as numbers of a Fourier family."""
+        rest: Literal["nullspace", "none"] = "nullspace" if self.rest else "none"
+        return FourierConfig(self.harmonics, self.duration, self.omega0, rest)
 
-    @cached_property
-    def basis(self) -> Array:
-        """(3, 2N+1, P): the coefficients of axis j are basis[j] @ parameters, plus the fixed centre.
 
-        Orthonormal columns, one axis after the other.
-        """
-        whole = rest_nullspace(self.harmonics) if self.rest else np.eye(2 * self.harmonics + 1)
-        if self.rest:
-            # the constant term is free in the null space: a column of its own, the rest without it
-            left = np.linalg.svd(whole[1:])[0][:, : whole.shape[1] - 1]
-            whole = np.zeros((len(whole), whole.shape[1]))
-            whole[0, 0] = 1.0
-            whole[1:, 1:] = left
-        horizontal = whole if self.free_centre else whole[:, 1:]
-        parts = (horizontal, horizontal, whole)
-        out = np.zeros((3, len(whole), sum(part.shape[1] for part in parts)))
-        first = 0
-        for j, part in enumerate(parts):
-            out[j, :, first : first + part.shape[1]] = part
-            first += part.shape[1]
-        return out
-
-    @property
-    def size(self) -> int:
-        """P, the number of parameters."""
-        return int(self.basis.shape[2])
-
-    @property
-    def offset(self) -> Array:
-        """(2N+1, 3) coefficients at parameters zero."""
-        out = np.zeros((2 * self.harmonics + 1, 3))
-        if not self.free_centre:
-            out[0, :2] = self.centre
-        return out
-
-    def coefficients(self, parameters: Array) -> Array:
-        """(2N+1, 3) coefficients of the flight that parameters (P,) choose."""
-        return np.asarray((self.basis @ parameters).T + self.offset)
-
-    def parameters(self, coefficients: Array) -> Array:
-        """(P,) parameters of a member of the family; the nearest member's if it is none."""
-        return np.asarray(np.einsum("jcp,cj->p", self.basis, coefficients - self.offset))
-
-    def pull(self, gradient: Array) -> Array:
-        """(P,) gradient in the parameters from a gradient (2N+1, 3) in the coefficients."""
-        return np.asarray(np.einsum("jcp,cj->p", self.basis, gradient))
-
-    def trajectory(self, parameters: Array) -> FourierTrajectory:
-        """The flight that parameters (P,) choose."""
-        return FourierTrajectory(self.coefficients(parameters), self.frequency, self.duration)
+def flight_family(config: FlightConfig) -> FourierFamily:
+    """The family of x, y and z."""
+    free = config.free_centre
+    constants = (None if free else config.centre[0], None if free else config.centre[1], None)
+    return FourierFamily.of(config.series, 3, constants, SAMPLES)

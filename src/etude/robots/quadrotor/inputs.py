@@ -56,7 +56,9 @@ class QuadrotorInputs:
     def columns(self) -> Sequence[Column]:
         """D inputs: 9, 10, 12 or 13."""
         channels = [CHANNELS[name] for name in self.parts]
-        return [(c.name, part, unit, "") for c in channels for part, unit in zip(c.parts, c.units, strict=True)]
+        return [
+            (c.name, part, unit, "") for c in channels for part, unit in zip(c.parts, c.units, strict=True)
+        ]
 
     @property
     def orders(self) -> int:
@@ -116,7 +118,7 @@ class QuadrotorInputs:
             if keep is None:
                 return own
             whole = np.zeros(motion.orders.shape)
-            np.add.at(whole, (slice(None), keep), own)
+            np.add.at(whole.swapaxes(0, 1), keep, own.swapaxes(0, 1))
             return whole
 
         return Planned(self._stacked(flat.states), np.ones((len(kept.t), COMMANDS)), pull)
@@ -125,7 +127,9 @@ class QuadrotorInputs:
         """A gradient (K, D) by channel."""
         widths = [len(CHANNELS[name].parts) for name in self.parts]
         if in_X.shape[1] != sum(widths):
-            raise UsageError("a gradient in X has a column for each input", where=f"{in_X.shape}, {sum(widths)}")
+            raise UsageError(
+                "a gradient in X has a column for each input", where=f"{in_X.shape}, {sum(widths)}"
+            )
         return dict(zip(self.parts, np.split(in_X, np.cumsum(widths)[:-1], axis=1), strict=True))
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002

@@ -1,118 +1,182 @@
-"""Campaigns on flying vehicles: flights, their logs and their models."""
+"""Vehicles with four rotors as a kind: the nouns of one vehicle, made of its description."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.campaign.kinds import TakenIn
-from etude.campaign.learner import Learned, Say
-from etude.errors import UsageError
-from etude.logs.flight.log import FlightLog
-from etude.robots.flight_spec import FlightSpec
-from etude.robots.spec import RobotSpec
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.samples import Trajectory
+from etude.contracts import (
+    Array,
+    Channel,
+    Controller,
+    Described,
+    Family,
+    Finding,
+    Index,
+    Limit,
+    Log,
+    Margins,
+    Model,
+    Physics,
+    Robot,
+    Samples,
+    Trajectory,
+)
 
 if TYPE_CHECKING:
-    from etude.campaign.flight.config import FlightConfig
-    from etude.campaign.folder import Campaign
-    from etude.campaign.state import State
-    from etude.deploy.trajectory_files import TrajectoryFiles
-    from etude.models.flight.model import FlightModel
+    from etude.robots.quadrotor.inputs import QuadrotorInputs
+    from etude.robots.quadrotor.spec import QuadrotorSpec
+
+HERE = Path(__file__).parent
 
 
-class FlightKind:
-    """See `kinds.RobotKind`. Modules are loaded when they are needed."""
+class QuadrotorKind:
+    """Implements `contracts.Kind`. Modules are loaded when needed: most commands need few of them."""
 
-    def first(self, campaign: Campaign, rng: np.random.Generator) -> tuple[FourierTrajectory, str]:
-        """Uniform on the feasible flights."""
-        from etude.trajectories.flight.feasible import feasible_flights
-        from etude.trajectories.flight.samplers import uniform_parameters
+    @property
+    def name(self) -> str:
+        return "quadrotor"
 
-        family = flight_config(campaign).trajectory
-        feasible = feasible_flights(flight_spec(campaign.spec), family)
-        return family.trajectory(uniform_parameters(rng, feasible)[0]), "random, uniform on the safe flights"
+    @property
+    def path(self) -> str:
+        return "position"
 
-    def design(
-        self, campaign: Campaign, model: FlightModel, rng: np.random.Generator, tasks: Sequence[Trajectory]
-    ) -> tuple[FourierTrajectory, dict[str, Any]]:
-        from etude.design.flight.reference import IntendedFlights
-        from etude.design.flight.solve import design_flight
+    @property
+    def tables(self) -> Mapping[str, type]:
+        from etude.robots.quadrotor.family import FlightConfig
+        from etude.robots.quadrotor.recipe import FlightData
 
-        config, spec = flight_config(campaign), flight_spec(campaign.spec)
-        flights = tuple(task for task in tasks if isinstance(task, FourierTrajectory))
-        if len(flights) < len(tasks):
-            raise UsageError(
-                "intended flights must be Fourier trajectories, as `ask` writes them",
-                next_step="Give the trajectory.json of a flight with --tasks.",
-            )
-        intended = IntendedFlights("tasks", flights) if flights else None
-        dx, dy, dz = (campaign.state().trained[-1].trained or {})["drag"]
-        found = design_flight(model, spec, config.trajectory, config.design, rng, intended, (dx, dy, dz))
-        after, before = found.deviation_after, found.deviation_before
-        facts = {
-            "status": f"{found.criterion} {found.value:.4g} on {found.reference}; "
-            f"best of {config.design.candidates} random flights {found.baseline:.4g}",
-            "gain": 1.0 - (after / before) ** 2,
-            "criterion": found.criterion,
-            "value": found.value,
-            "baseline_value": found.baseline,
-            "active_limits": [list(pair) for pair in found.certificate.active()],
-            "deviation_before": before,
-            "deviation_after": after,
-            "evaluations": found.evaluations,
-            "seconds": found.seconds,
-        }
-        return found.trajectory, facts
+        return {"trajectory": FlightConfig, "data": FlightData}
 
-    def render(self, trajectory: FourierTrajectory, spec: RobotSpec) -> TrajectoryFiles:
-        from etude.deploy.flight_files import render_flight
+    @property
+    def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+        from etude.robots.toml import decoded, read_text
 
-        return render_flight(trajectory, spec)
+        path = HERE / "presets.toml"
+        return decoded(read_text(path), path.name)
 
-    def read(self, path: Path, spec: RobotSpec, degrees: bool) -> FlightLog:
-        from etude.logs.flight.table import read_flight
+    @property
+    def comments(self) -> Mapping[str, Mapping[str, str]]:
+        from etude.robots.quadrotor.comments import COMMENTS
 
-        return read_flight(path, flight_spec(spec), degrees=degrees)
+        return COMMENTS
 
-    def align(self, log: FlightLog, trajectory: FourierTrajectory, spec: RobotSpec) -> FlightLog:
-        from etude.logs.flight.identity import align_flight
+    def built_in(self) -> Mapping[str, Path]:
+        """The vehicles in `data/`, by name."""
+        return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
 
-        return align_flight(log, trajectory, flight_spec(spec))
+    def recognises(self, path: Path) -> bool:
+        """A robot file that names this kind, or a vehicle."""
+        from etude.errors import UsageError
+        from etude.robots.quadrotor.spec_file import KINDS
+        from etude.robots.toml import decoded, read_text
 
-    def take_in(self, campaign: Campaign, number: int, log: FlightLog, source: str) -> TakenIn:
-        from etude.logs.flight.parquet import flight_bytes
-        from etude.models.flight.preprocess import build_flight_dataset
+        try:
+            return path.suffix.lower() == ".toml" and decoded(read_text(path), "").get("kind") in KINDS
+        except UsageError:
+            return False
 
-        build_flight_dataset(log, flight_spec(campaign.spec), flight_config(campaign).data, number)
-        return TakenIn(flight_bytes(replace(log, source=source)), float(log.t[-1] - log.t[0]), len(log))
+    def described(self, path: Path) -> Described:
+        """robot.toml alone: a vehicle has no other files."""
+        from etude.robots.quadrotor.spec_file import spec_to_toml
 
-    def learn(self, campaign: Campaign, state: State, number: int, _: Say) -> Learned:
-        from etude.campaign.flight.learner import learn_flights
+        return Described({"robot.toml": spec_to_toml(self.spec(path)).encode()})
 
-        return learn_flights(campaign, state, number)
+    def spec(self, path: Path) -> QuadrotorSpec:
+        """The vehicle of a robot file. UsageError if it cannot be one."""
+        from etude.robots.quadrotor.spec_file import read_spec
 
-    def load_model(self, folder: Path) -> FlightModel:
-        from etude.campaign.flight.learner import load_chosen
+        return read_spec(path)
 
-        return load_chosen(folder)
+    def home(self, spec: QuadrotorSpec) -> Array:
+        """(3,) the middle of the room, m."""
+        from etude.robots.quadrotor.room import home
+
+        return home(spec)
+
+    def limit(self, spec: QuadrotorSpec) -> Array:
+        """(4,) how far each command reaches from the middle of its range."""
+        return spec.reach
+
+    def channels(self, spec: QuadrotorSpec) -> Sequence[Channel]:
+        from etude.robots.quadrotor.channels import readable
+
+        return readable(spec)
+
+    def family(self, spec: QuadrotorSpec, config: Any) -> Family:  # noqa: ARG002
+        """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
+        from etude.robots.quadrotor.family import flight_family
+
+        return flight_family(config.trajectory)
+
+    def limits(
+        self, spec: QuadrotorSpec, config: Any, model: Model | None, margins: Margins
+    ) -> Sequence[Limit]:
+        """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
+        from etude.robots.quadrotor.room import limits
+
+        return limits(spec, config.trajectory, margins)
+
+    def ways(
+        self,
+        spec: QuadrotorSpec,  # noqa: ARG002
+        motion: Trajectory,  # noqa: ARG002
+        pose: Array,  # noqa: ARG002
+    ) -> tuple[Trajectory, Trajectory] | None:
+        """None: a pilot, or the vehicle's own controller, takes off and lands."""
+        return None
+
+    def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
+        return config.data.inputs()  # type: ignore[no-any-return]
+
+    def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
+        """ "nominal" only where the motors are described and commands are V."""
+        from etude.robots.quadrotor.physics.rungs import Identified, Nominal
+
+        found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
+        return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
+
+    def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
+        """Gravity, rates in degrees, commands out of range or saturated."""
+        from etude.robots.quadrotor.checks import findings
+
+        return findings(spec, log)
+
+    def samples(
+        self, spec: QuadrotorSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]
+    ) -> Samples:
+        from etude.robots.quadrotor.recipe import flight_samples
+
+        return flight_samples(spec, config.data, logs, groups)
+
+    def robot(self, spec: QuadrotorSpec, config: Any) -> Robot | None:
+        """The simulated stand-in that the robot file names; None if it names none."""
+        if spec.plant is None:
+            return None
+        from etude.robots.quadrotor.plant.robot import simulated_robot
+
+        return simulated_robot(spec, config)
+
+    def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
+        """A flight uniform on the safe ones of the thesis's form, and one on their edge."""
+        from etude.robots.quadrotor.room import test_flights
+
+        return test_flights(spec, config.trajectory, rng)
+
+    def baselines(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Controller | None]:  # noqa: ARG002
+        """What there is without learning, and the exact drag, which no model can know better."""
+        from etude.robots.quadrotor.controller import baselines
+
+        return baselines(spec)
+
+    def controller(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
+        """Acceleration, learned drag, and the model's voltages, gated."""
+        from etude.robots.quadrotor.controller import learned
+
+        return learned(spec, model)
 
 
-FLIGHTS = FlightKind()
-
-
-def flight_config(campaign: Campaign) -> FlightConfig:
-    """The campaign's own tables."""
-    assert campaign.config.flight is not None  # checked where the campaign was opened
-    return campaign.config.flight
-
-
-def flight_spec(spec: RobotSpec) -> FlightSpec:
-    """The vehicle."""
-    assert spec.flight is not None  # the kind was chosen by it
-    return spec.flight
+KIND = QuadrotorKind()

@@ -1,31 +1,35 @@
-"""From a recorded flight to the samples a model learns from: lag, rate and trimming."""
+"""From recorded flights to the samples a model learns from: states, lag, rate and trimming."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from etude.errors import UsageError
+from etude.contracts import Array, Index, Log, Samples, joined_samples
+from etude.errors import DataError, UsageError
 from etude.logs.derivatives import median_rate
-from etude.logs.flight.lag import command_lag, without_lag
-from etude.logs.flight.log import FlightLog
-from etude.logs.flight.sampling import sampled_flight
-from etude.models.flight.dataset import FlightDataset, flight_dataset
-from etude.robots.flight_spec import FlightSpec
-from etude.trajectories.flight.states import join_states
+from etude.robots.quadrotor.inputs import Acceleration, QuadrotorInputs
+from etude.robots.quadrotor.lag import command_lag
+from etude.robots.quadrotor.recorded import with_states
+from etude.robots.quadrotor.spec import QuadrotorSpec
 
 FAST = 2.0
 """Samples of the log per sample of the model from which a lag can be told: of slow flights, at 10 Hz, single
 logs gave 0 to 200 ms for a vehicle that has 50."""
+NEAR_LIMIT = 1e-3
+"""A command this close to its limit, as a part of its range, is saturated."""
+MOST_SATURATED = 0.95
+KEPT = ("state", "command", "plan", "truth")
+"""Roles of channels that samples have; beside them the position."""
 
 
 @dataclass(frozen=True)
-class FlightDataConfig:
-    """How a flight becomes a data set.
+class FlightData:
+    """How a flight becomes samples, and what of them a model looks at.
 
     Attributes:
         averaged: samples are means over their interval, so that noise does not fold in; False takes single
@@ -33,12 +37,19 @@ class FlightDataConfig:
         lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
             `FAST` times the model's rate, and takes 0 where there is none.
         first_s, last_s: trimmed from both ends, s.
+        altitude, acceleration, body_velocity: the inputs, see `QuadrotorInputs`.
+        trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
+            back-EMF and gains.
     """
 
     averaged: bool = True
     lag_s: float | Literal["auto"] = "auto"
     first_s: float = 0.0
     last_s: float = 0.0
+    altitude: bool = True
+    acceleration: Acceleration = "specific_force"
+    body_velocity: bool = True
+    trims: bool = True
 
     def __post_init__(self) -> None:
         for name in ("lag_s", "first_s", "last_s"):
@@ -47,37 +58,142 @@ class FlightDataConfig:
                 continue
             if isinstance(value, str) or not (math.isfinite(value) and value >= 0.0):
                 raise UsageError(f"{name} must be a number of seconds, 0 or more, not {value!r}", where=name)
+        self.inputs()
+
+    def inputs(self) -> QuadrotorInputs:
+        """The inputs that are asked for, before any flight."""
+        return QuadrotorInputs(self.altitude, self.acceleration, self.body_velocity)
 
 
-FLIGHT_DATA = {"default": FlightDataConfig(), "thesis": FlightDataConfig(averaged=False, lag_s=0.0)}
+def flight_samples(
+    spec: QuadrotorSpec, data: FlightData, logs: Sequence[Log], groups: Sequence[Index]
+) -> Samples:
+    """The samples of flights at the vehicle's model rate, by group and time.
 
+    The commands are those of one lag earlier, which all flights measure together. A state that one flight
+    lacks, all lack.
 
-def build_flight_dataset(
-    log: FlightLog, spec: FlightSpec, config: FlightDataConfig, group: int = 0
-) -> FlightDataset:
-    """The samples of one flight at the vehicle's model rate.
+    Args:
+        logs: on uniform grids.
+        groups: of each log, (T,) the segment of each row.
 
     Raises:
-        DataError: nothing is left, NaN, or commands that say nothing (see `flight_dataset`).
+        DataError: no log or no sample left, NaN, commands in different units, saturated throughout, or never
+            changing.
     """
-    lag = common_lag([log], spec, config)
-    sampled = sampled_flight(without_lag(log, lag), spec.rate, averaged=config.averaged)
-    return flight_dataset([sampled], spec, first_s=config.first_s, last_s=config.last_s, numbers=[group])
+    _check_logs(logs)
+    told = [with_states(log) for log in logs]
+    lag = common_lag(told, spec, data)
+    parts = [_flight(log, group, spec, data, lag) for log, group in zip(told, groups, strict=True)]
+    joined = joined_samples(parts)
+    if not np.ptp(joined.command, axis=0).any():
+        raise DataError(
+            "no command ever changes, so nothing can be learned",
+            where=logs[0].source,
+            next_step="Check that the log's commands are those that were sent.",
+        )
+    said = () if lag == 0.0 else (f"The motion lags {lag:.3g} s behind the commands; they were moved.",)
+    ordered = joined.take(np.lexsort((joined.t, joined.group)))
+    return replace(ordered, log=ordered.log.repaired(*said))
 
 
-def common_lag(logs: Sequence[FlightLog], spec: FlightSpec, config: FlightDataConfig) -> float:
-    """Seconds by which the vehicle lags behind its commands, from all its flights together."""
-    if config.lag_s != "auto":
-        return config.lag_s
-    return command_lag(*(log for log in logs if median_rate(log.t) >= FAST * spec.rate))
+def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> float:
+    """Seconds by which the vehicle lags behind its commands, from all its flights (with states) together."""
+    if data.lag_s != "auto":
+        return data.lag_s
+    return command_lag([log for log in logs if median_rate(log.t) >= FAST * spec.rate])
 
 
-def joined(parts: Sequence[FlightDataset]) -> FlightDataset:
-    """Several flights as one data set; groups are kept as they are."""
-    return FlightDataset(
-        states=join_states([part.states for part in parts]),
-        command=np.concatenate([part.command for part in parts]),
-        group=np.concatenate([part.group for part in parts]),
-        t=np.concatenate([part.t for part in parts]),
-        command_unit=parts[0].command_unit,
-    )
+def _check_logs(logs: Sequence[Log]) -> None:
+    if not logs:
+        raise DataError("there is no flight to learn from", next_step="Fly one and tell its log.")
+    units = {log.channels["command"].units for log in logs}
+    if len(units) > 1:
+        raise DataError(
+            "the flights give their commands in different units",
+            where=", ".join(sorted({unit for several in units for unit in several})),
+            next_step="Learn from flights of one vehicle.",
+        )
+    for log in logs:
+        _finite("t", log.t, log.source)
+
+
+def _flight(log: Log, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float) -> Samples:
+    """One flight: lag, rate, trimming and checks."""
+    log, group = without_lag(log, group, lag)
+    log, group = sampled(log, group, spec.rate, averaged=data.averaged)
+    t = log.t - log.t[0] if len(log) else log.t
+    kept = (t >= data.first_s) & (t <= (t[-1] if len(t) else 0.0) - data.last_s)
+    if not kept.any():
+        raise DataError(
+            "nothing is left of a flight after trimming",
+            where=log.source,
+            next_step="Trim less, or fly longer.",
+        )
+    names = [n for n, c in log.channels.items() if c.role not in KEPT and n != "position"]
+    part = replace(log.without(*names), t=t).take(kept)
+    for name, values in part.values.items():
+        if part.channels[name].role in ("state", "command"):
+            _finite(name.replace("_", " "), values, log.source)
+    _check_saturation(part, spec)
+    every = np.ones(part["command"].shape, dtype=np.bool_)
+    return Samples(part, group[kept], every, every.copy())
+
+
+def without_lag(log: Log, group: Index, lag: float) -> tuple[Log, Index]:
+    """The log whose commands are those of `lag` s earlier; the samples before the first such are cut.
+
+    Raises:
+        DataError: the flight is shorter than the lag.
+    """
+    if lag == 0.0:
+        return log, group
+    kept = log.t - lag >= log.t[0]
+    if not kept.any():
+        raise DataError(f"the flight is shorter than a lag of {lag:g} s", where=log.source)
+    command = np.column_stack([np.interp(log.t[kept] - lag, log.t, column) for column in log["command"].T])
+    return log.take(kept).put(log.channels["command"], command), group[kept]
+
+
+def sampled(log: Log, group: Index, rate: float, *, averaged: bool = True) -> tuple[Log, Index]:
+    """The flight at `rate` Hz or a little above; as it is if its own rate is no higher.
+
+    Args:
+        log: on a uniform grid.
+        group: (T,) segments; that of an interval's first row counts.
+        rate: Hz.
+        averaged: means over the interval, at its middle; else single samples at its start (thesis).
+    """
+    ticks = int(median_rate(log.t) / rate + 1e-6)
+    count = len(log) // max(ticks, 1)
+    if ticks < 2 or count == 0:
+        return log, group
+
+    def take(values: Array) -> Array:
+        if not averaged:
+            return values[: count * ticks : ticks]
+        return np.asarray(values[: count * ticks].reshape(count, ticks, *values.shape[1:]).mean(axis=1))
+
+    values = {name: take(column) for name, column in log.values.items()}
+    return replace(log, t=take(log.t), values=values), group[: count * ticks : ticks]
+
+
+def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:
+    lower, upper = np.array(spec.command_lower), np.array(spec.command_upper)
+    near = NEAR_LIMIT * (upper - lower)
+    saturated = (log["command"] <= lower + near) | (log["command"] >= upper - near)
+    if saturated.any(axis=1).mean() > MOST_SATURATED:
+        raise DataError(
+            "the commands are saturated throughout, so they do not tell what the motion needs",
+            where=log.source,
+            next_step="Fly slower, or correct the limits of the commands.",
+        )
+
+
+def _finite(name: str, values: Array, where: str) -> None:
+    if not np.isfinite(values).all():
+        raise DataError(
+            f"the flight's {name} contains NaN or infinite values",
+            where=where,
+            next_step="Repair the log, or trim the samples off.",
+        )

@@ -1,4 +1,4 @@
-"""The TOML file of a flying vehicle: strict reading, exact writing.
+"""The TOML file of a vehicle with four rotors: strict reading, exact writing.
 
 kind = "quadrotor"               # or "vehicle"
 name = "quadrotor"
@@ -31,6 +31,7 @@ import msgspec
 from etude.errors import UsageError
 from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
+from etude.robots.toml import decoded, read_text
 
 KIND = "quadrotor"
 KINDS = (KIND, "vehicle")
@@ -65,17 +66,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
 
 def read_spec(path: Path) -> QuadrotorSpec:
     """The vehicle in a TOML file. Errors as `spec_from_table`, and for a file that cannot be read."""
-    return spec_from_table(read_toml(path), where=path.name)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The file's table. UsageError: no such file, or no TOML."""
-    try:
-        return dict(msgspec.toml.decode(path.read_bytes()))
-    except FileNotFoundError:
-        raise UsageError(f"there is no robot file {path}", next_step="Give the path of a TOML file.") from None
-    except (OSError, UnicodeDecodeError, msgspec.DecodeError) as problem:
-        raise UsageError(f"the robot file cannot be read: {problem}", where=str(path)) from None
+    return spec_from_table(decoded(read_text(path, "robot file"), path.name), where=path.name)
 
 
 def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
@@ -85,7 +76,9 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         UsageError: unknown or missing key, an impossible limit, a figure that looks like another unit.
     """
     if data.get("kind") not in KINDS:
-        raise UsageError(f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".')
+        raise UsageError(
+            f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
+        )
     try:
         table = msgspec.convert(data, QuadrotorTable)
         vehicle = None if table.vehicle is None else msgspec.convert(table.vehicle, Vehicle)

@@ -27,7 +27,7 @@ class Nominal:
 
     vehicle: Vehicle
 
-    def __call__(self, samples: Samples | None = None) -> Mean:
+    def __call__(self, samples: Samples | None = None) -> Mean:  # noqa: ARG002
         """The same for any samples."""
         return nominal_inverse(self.vehicle)
 
