@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from etude.contracts import Channel, Role
+import numpy as np
+
+from etude.contracts import Channel, Expected, Role
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
 AXES = ("x", "y", "z")
@@ -60,3 +62,19 @@ def readable(spec: QuadrotorSpec) -> tuple[Channel, ...]:
     position = replace(POSITION, reach=furthest)
     asides = (position, VELOCITY, ORIENTATION, ATTITUDE)
     return (command(spec), *STATES, *asides, *PLANNED)
+
+
+USUAL_RATE = 200.0
+"""Hz; flight recorders write 10 to 1000 times a second, so the unit of time can be told."""
+
+
+def expected(spec: QuadrotorSpec) -> Expected:
+    """What the log doctor may expect: the room, the speed, the commands."""
+    lower, upper = np.array(spec.lower), np.array(spec.upper)
+    speed = np.full(3, spec.speed)
+    limits = {
+        PATH: (lower, upper),
+        "velocity": (-speed, speed),
+        "command": (np.array(spec.command_lower), np.array(spec.command_upper)),
+    }
+    return Expected(USUAL_RATE, upper - lower, limits, rest=False)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,10 +13,15 @@ from etude.errors import DataError, UsageError
 from etude.robots.quadrotor.channels import PLANNED, STATES
 from etude.robots.quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion, roll_pitch_yaw
 
+if TYPE_CHECKING:
+    from etude.robots.quadrotor.physics.drag import DragModel
+
 Acceleration = Literal["specific_force", "kinematic"]
 
 SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
 CHANNELS = {channel.name: channel for channel in STATES}
+OPTIONAL = ("altitude", "body_velocity")
+"""Channels that a model can do without, by the options of their name."""
 COMMANDS = 4
 
 
@@ -33,6 +38,9 @@ class QuadrotorInputs:
         body_velocity: whether the velocity is an input.
         drag: (dx, dy, dz) 1/s that plans lean against; learned by `tuned`.
         left_out: inputs that were asked for and that not every flight tells, found by `tuned`.
+        lateral: the drag in full, for feedforward; None where no flight tells the velocity.
+        seen: (2, D) lowest and highest of each input in the flights that it was tuned by; None before.
+        flights: how many these were.
     """
 
     altitude: bool = True
@@ -40,6 +48,9 @@ class QuadrotorInputs:
     body_velocity: bool = True
     drag: Drag = (0.0, 0.0, 0.0)
     left_out: tuple[str, ...] = ()
+    lateral: DragModel | None = field(default=None, compare=False, repr=False)
+    seen: Array | None = field(default=None, compare=False, repr=False)
+    flights: int = 0
 
     def __post_init__(self) -> None:
         if self.acceleration not in SOURCES:
@@ -75,7 +86,7 @@ class QuadrotorInputs:
         """A sentence if inputs that were asked for are missing."""
         if not self.left_out:
             return ()
-        names = " and ".join(self.left_out)
+        names = " and ".join(name.replace("_", " ") for name in self.left_out)
         return (f"Not every flight tells its {names}; the model does without.",)
 
     def states(self, motion: Motion) -> Log:
@@ -144,26 +155,56 @@ class QuadrotorInputs:
         """With the drag that the flights show, and without the inputs that not every flight tells."""
         from etude.robots.quadrotor.physics.drag import train_drag
 
-        log = samples.log
-        altitude = self.altitude and "altitude" in log
-        velocity = self.body_velocity and "body_velocity" in log
-        missing = [word for word, was, now in _asked(self, altitude, velocity) if was and not now]
-        drag = (0.0, 0.0, 0.0)
-        if "body_velocity" in log:
-            drag = train_drag(samples, process=False).coefficients
-        left_out = tuple(dict.fromkeys([*self.left_out, *missing]))
-        return replace(self, altitude=altitude, body_velocity=velocity, drag=drag, left_out=left_out)
+        missing = [name for name in OPTIONAL if getattr(self, name) and name not in samples.log]
+        lateral = train_drag(samples) if "body_velocity" in samples.log else None
+        own = replace(
+            self,
+            altitude=self.altitude and "altitude" not in missing,
+            body_velocity=self.body_velocity and "body_velocity" not in missing,
+            left_out=tuple(dict.fromkeys([*self.left_out, *missing])),
+            drag=(0.0, 0.0, 0.0) if lateral is None else lateral.coefficients,
+            lateral=lateral,
+            flights=len(np.unique(samples.group)),
+        )
+        X = own.of_log(samples.log)
+        return replace(own, seen=np.stack([X.min(axis=0), X.max(axis=0)]))
+
+    def arrays(self) -> Mapping[str, Array]:
+        """What `tuned` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag, ranges."""
+        found = {
+            "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
+            "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
+            "drag": np.array(self.drag),
+            "flights": np.array(float(self.flights)),
+        }
+        if self.seen is not None:
+            found["seen"] = self.seen
+        if self.lateral is not None:
+            found |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
+        return found
+
+    def restore(self, arrays: Mapping[str, Array]) -> QuadrotorInputs:
+        """The same inputs with what `arrays` of tuned ones tell."""
+        from etude.robots.quadrotor.physics.drag import DragModel
+
+        dx, dy, dz = arrays["drag"].tolist()
+        altitude, body_velocity = arrays["inputs"].astype(bool).tolist()
+        pairs = zip(OPTIONAL, arrays["left_out"], strict=True)
+        lateral = {n.removeprefix("lateral."): v for n, v in arrays.items() if n.startswith("lateral.")}
+        return replace(
+            self,
+            altitude=altitude,
+            body_velocity=body_velocity,
+            left_out=tuple(name for name, out in pairs if out),
+            drag=(dx, dy, dz),
+            lateral=DragModel.restored(lateral) if lateral else None,
+            seen=arrays.get("seen"),
+            flights=int(arrays["flights"]),
+        )
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002
         """None: not written yet."""
         return None
-
-
-def _asked(
-    inputs: QuadrotorInputs, altitude: bool, velocity: bool
-) -> tuple[tuple[str, bool, bool], tuple[str, bool, bool]]:
-    """Optional inputs in words: asked for, and told."""
-    return ("altitude", inputs.altitude, altitude), ("velocity", inputs.body_velocity, velocity)
 
 
 def _planned(flat: FlatMotion) -> tuple[Array, ...]:

@@ -13,6 +13,7 @@ from etude.contracts import (
     Channel,
     Controller,
     Described,
+    Expected,
     Family,
     Finding,
     Index,
@@ -106,6 +107,12 @@ class QuadrotorKind:
 
         return readable(spec)
 
+    def expected(self, spec: QuadrotorSpec) -> Expected:
+        """Room, speed and commands; what is flown before and after the trajectory is cut away."""
+        from etude.robots.quadrotor.channels import expected
+
+        return expected(spec)
+
     def family(self, spec: QuadrotorSpec, config: Any) -> Family:  # noqa: ARG002
         """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
         from etude.robots.quadrotor.family import flight_family
@@ -113,7 +120,11 @@ class QuadrotorKind:
         return flight_family(config.trajectory)
 
     def limits(
-        self, spec: QuadrotorSpec, config: Any, model: Model | None, margins: Margins
+        self,
+        spec: QuadrotorSpec,
+        config: Any,
+        model: Model | None,  # noqa: ARG002
+        margins: Margins,
     ) -> Sequence[Limit]:
         """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
         from etude.robots.quadrotor.room import limits

@@ -11,17 +11,16 @@ import numpy as np
 
 from etude.contracts import Array, Index, Log, Samples, joined_samples
 from etude.errors import DataError, UsageError
-from etude.logs.derivatives import median_rate
+from etude.logs.steps import command_lag, median_rate, sampled, saturated, trimmed, without_lag
 from etude.robots.quadrotor.inputs import Acceleration, QuadrotorInputs
-from etude.robots.quadrotor.lag import command_lag
 from etude.robots.quadrotor.recorded import with_states
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
 FAST = 2.0
 """Samples of the log per sample of the model from which a lag can be told: of slow flights, at 10 Hz, single
 logs gave 0 to 200 ms for a vehicle that has 50."""
-NEAR_LIMIT = 1e-3
-"""A command this close to its limit, as a part of its range, is saturated."""
+LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "altitude")
+"""States that tell of the motion that commands cause."""
 MOST_SATURATED = 0.95
 KEPT = ("state", "command", "plan", "truth")
 """Roles of channels that samples have; beside them the position."""
@@ -101,7 +100,7 @@ def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> fl
     """Seconds by which the vehicle lags behind its commands, from all its flights (with states) together."""
     if data.lag_s != "auto":
         return data.lag_s
-    return command_lag([log for log in logs if median_rate(log.t) >= FAST * spec.rate])
+    return command_lag([log for log in logs if median_rate(log.t) >= FAST * spec.rate], LAGGING)
 
 
 def _check_logs(logs: Sequence[Log]) -> None:
@@ -120,69 +119,23 @@ def _check_logs(logs: Sequence[Log]) -> None:
 
 def _flight(log: Log, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float) -> Samples:
     """One flight: lag, rate, trimming and checks."""
-    log, group = without_lag(log, group, lag)
-    log, group = sampled(log, group, spec.rate, averaged=data.averaged)
-    t = log.t - log.t[0] if len(log) else log.t
-    kept = (t >= data.first_s) & (t <= (t[-1] if len(t) else 0.0) - data.last_s)
-    if not kept.any():
-        raise DataError(
-            "nothing is left of a flight after trimming",
-            where=log.source,
-            next_step="Trim less, or fly longer.",
-        )
     names = [n for n, c in log.channels.items() if c.role not in KEPT and n != "position"]
-    part = replace(log.without(*names), t=t).take(kept)
+    recorded = log.t
+    log = sampled(without_lag(log.without(*names), lag), spec.rate, averaged=data.averaged)
+    part = trimmed(log, data.first_s, data.last_s)
+    own = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
+    part = replace(part, t=part.t - log.t[0])
     for name, values in part.values.items():
         if part.channels[name].role in ("state", "command"):
             _finite(name.replace("_", " "), values, log.source)
     _check_saturation(part, spec)
     every = np.ones(part["command"].shape, dtype=np.bool_)
-    return Samples(part, group[kept], every, every.copy())
-
-
-def without_lag(log: Log, group: Index, lag: float) -> tuple[Log, Index]:
-    """The log whose commands are those of `lag` s earlier; the samples before the first such are cut.
-
-    Raises:
-        DataError: the flight is shorter than the lag.
-    """
-    if lag == 0.0:
-        return log, group
-    kept = log.t - lag >= log.t[0]
-    if not kept.any():
-        raise DataError(f"the flight is shorter than a lag of {lag:g} s", where=log.source)
-    command = np.column_stack([np.interp(log.t[kept] - lag, log.t, column) for column in log["command"].T])
-    return log.take(kept).put(log.channels["command"], command), group[kept]
-
-
-def sampled(log: Log, group: Index, rate: float, *, averaged: bool = True) -> tuple[Log, Index]:
-    """The flight at `rate` Hz or a little above; as it is if its own rate is no higher.
-
-    Args:
-        log: on a uniform grid.
-        group: (T,) segments; that of an interval's first row counts.
-        rate: Hz.
-        averaged: means over the interval, at its middle; else single samples at its start (thesis).
-    """
-    ticks = int(median_rate(log.t) / rate + 1e-6)
-    count = len(log) // max(ticks, 1)
-    if ticks < 2 or count == 0:
-        return log, group
-
-    def take(values: Array) -> Array:
-        if not averaged:
-            return values[: count * ticks : ticks]
-        return np.asarray(values[: count * ticks].reshape(count, ticks, *values.shape[1:]).mean(axis=1))
-
-    values = {name: take(column) for name, column in log.values.items()}
-    return replace(log, t=take(log.t), values=values), group[: count * ticks : ticks]
+    return Samples(part, own, every, every.copy())
 
 
 def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:
     lower, upper = np.array(spec.command_lower), np.array(spec.command_upper)
-    near = NEAR_LIMIT * (upper - lower)
-    saturated = (log["command"] <= lower + near) | (log["command"] >= upper - near)
-    if saturated.any(axis=1).mean() > MOST_SATURATED:
+    if saturated(log["command"], lower, upper).any(axis=1).mean() > MOST_SATURATED:
         raise DataError(
             "the commands are saturated throughout, so they do not tell what the motion needs",
             where=log.source,

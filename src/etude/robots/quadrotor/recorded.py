@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Log
-from etude.logs.derivatives import median_rate, smooth
+from etude.logs.steps import median_rate, smooth
 from etude.robots.quadrotor.channels import (
     ALTITUDE,
     ANGULAR_ACCELERATION,

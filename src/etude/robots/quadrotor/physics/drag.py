@@ -7,17 +7,22 @@ at 10 m/s and 0.5 1/s. The acceleration is no input: its noise is in the output 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from etude.contracts import Array, Index, Samples
 from etude.errors import DataError
-from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.models.gp.kernels import SquaredExponential
 
 LATERAL = 2
 """Outputs: x and y."""
 POINTS, FIT_POINTS, STEPS = 600, 200, 40
+KERNEL = SquaredExponential((0, 1, 2))
+PROCESS = ("theta", "noise_variance", "X", "y")
+"""What makes a process of the residual."""
 FLOOR = 0.1
 """Least noise deviation, of the residual's own."""
 
@@ -51,6 +56,28 @@ class DragModel:
                 mean[:, j] += more
                 variance[:, j] = latent + posterior.noise_variance
         return mean, variance
+
+    def arrays(self) -> Mapping[str, Array]:
+        """All that `restored` takes to make it again, bit for bit."""
+        found = {"linear": self.linear, "noise": self.noise}
+        for j, posterior in enumerate(self.residual):
+            if posterior is not None:
+                found |= {f"{j}.{name}": np.asarray(getattr(posterior, name)) for name in PROCESS}
+        return found
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, Array]) -> DragModel:
+        """The model whose `arrays()` these are."""
+        x, y = (_again(arrays, f"{j}.") for j in range(LATERAL))
+        return cls(arrays["linear"], (x, y), arrays["noise"])
+
+
+def _again(arrays: Mapping[str, Array], prefix: str) -> ExactPosterior | None:
+    """The process that was stored with that prefix, if there was one."""
+    if f"{prefix}X" not in arrays:
+        return None
+    theta, noise, X, y = (arrays[prefix + name] for name in PROCESS)
+    return posterior_given(KERNEL, theta, float(noise), X, y)
 
 
 def train_drag(samples: Samples, *, process: bool = True) -> DragModel:
@@ -102,13 +129,10 @@ def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> Drag
 
 def _process(velocity: Array, left: Array) -> ExactPosterior:
     """A squared exponential in the velocity, trained on a part of the samples, evenly spread."""
-    from etude.models.gp.kernels import SquaredExponential
     from etude.models.gp.training import fit, initial_gp
 
     chosen, kept = _spread(len(left), FIT_POINTS), _spread(len(left), POINTS)
-    start = initial_gp(
-        SquaredExponential((0, 1, 2)), velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std())
-    )
+    start = initial_gp(KERNEL, velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std()))
     return fit(start, velocity[chosen], left[chosen], steps=STEPS).condition(velocity[kept], left[kept])
 
 
