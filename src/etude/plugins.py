@@ -1,0 +1,179 @@
+"""What can be exchanged, by name: built-ins first, then what other packages bring as entry points.
+
+A plug-in is named by its group and a name, or in full by "module:attribute". Nothing is imported before it
+is named, so a source tree needs no installation and a broken plug-in harms nobody who does not ask for it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from etude.errors import UsageError
+
+_MEMBERS = (
+    "exact",
+    "dictionary_variance",
+    "dictionary_error",
+    "thesis_dictionary_variance",
+    "thesis_dictionary_error",
+    "ssgp_fixed",
+    "ssgp_learned",
+    "fitc",
+    "vfe",
+    "sogp",
+    "local_gp",
+    "lwpr",
+)
+_CRITERIA = ("mean_variance", "ivr", "log_ivr", "sum_log", "info_gain", "mi_region", "d_opt")
+
+BUILT_IN: Mapping[str, Mapping[str, str]] = {
+    "etude.robots": {
+        "arm": "etude.robots.arm.kind:KIND",
+        "quadrotor": "etude.robots.quadrotor.kind:KIND",
+    },
+    "etude.models": {name: f"etude.models.members:{name}" for name in _MEMBERS},
+    "etude.kernels": {
+        "structured": "etude.models.gp.kernels:structured",
+        "ard_se": "etude.models.gp.kernels:ard_se",
+    },
+    "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
+    "etude.readers": {
+        "csv": "etude.logs.readers:read_csv",
+        "parquet": "etude.logs.readers:read_parquet",
+    },
+    "etude.exporters": {},
+    # a bench is a study of the machine: its name begins with "bench_"
+    "etude.studies": {
+        "arm": "etude_studies.arm:run",
+        "online": "etude_studies.online:run",
+        "quadrotor": "etude_studies.flight_orders:run",
+        "quadrotor_loop": "etude_studies.flight_loop:run",
+        "bench_crazyflie": "etude_studies.crazyflie:run",
+        "bench_gp": "etude_studies.bench_gp:run",
+        "bench_models": "etude_studies.bench_models:run",
+        "bench_quadrotor": "etude_studies.bench_quadrotor:run",
+    },
+}
+"""GROUP -> name -> "module:attribute" of what comes with Étude."""
+GROUPS = tuple(BUILT_IN)
+FULL_NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One row of `etude plugins`.
+
+    Attributes:
+        group, name: what it is asked for by.
+        target: "module:attribute".
+        source: "etude", or the distribution that brings it and its version.
+        problem: why it cannot be used; "" if nothing is known against it.
+    """
+
+    group: str
+    name: str
+    target: str
+    source: str
+    problem: str = ""
+
+
+def names(group: str) -> tuple[str, ...]:
+    """The names in a group, built-ins first. KeyError for a group that does not exist."""
+    return tuple(dict.fromkeys(plugin.name for plugin in _known(group)))
+
+
+def load(group: str, name: str) -> Any:
+    """The object of that name, or of a full "module:attribute".
+
+    Raises:
+        UsageError: no such plug-in (with the nearest name), two of one name (with both distributions), or
+            one that cannot be imported (with the reason).
+    """
+    if FULL_NAME.fullmatch(name):
+        return _imported(Plugin(group, name, name, "named in full"))
+    found = [plugin for plugin in _known(group) if plugin.name == name]
+    if not found:
+        near = difflib.get_close_matches(name, names(group), 1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise UsageError(
+            f"there is no {name!r} among {group}",
+            next_step=f"{hint}Known: {', '.join(names(group)) or 'none'}; or name it as module:attribute.",
+        )
+    if len(found) > 1:
+        raise UsageError(
+            f"two plug-ins are named {name!r} in {group}: of {_sources(found)}",
+            next_step="Uninstall one, or name the one that you want as module:attribute.",
+        )
+    return _imported(found[0])
+
+
+def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
+    """All plug-ins, group by group.
+
+    Args:
+        tried: import those of other packages, to say which cannot be; else only what failed before is said.
+    """
+    return tuple(_judged(plugin, tried) for group in GROUPS for plugin in _known(group))
+
+
+def _judged(plugin: Plugin, tried: bool) -> Plugin:
+    twins = [p for p in _known(plugin.group) if p.name == plugin.name]
+    if len(twins) > 1:
+        return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
+    if tried and plugin.source != "etude":
+        try:
+            _imported(plugin)
+        except UsageError as error:
+            return replace(plugin, problem=error.fact)
+    return replace(plugin, problem=_failures.get(plugin.target, ""))
+
+
+def _known(group: str) -> Sequence[Plugin]:
+    own = [Plugin(group, name, target, "etude") for name, target in BUILT_IN[group].items()]
+    # a distribution may repeat a row of the table as an entry point: that is the same plug-in
+    return [*own, *(p for p in _installed(group) if BUILT_IN[group].get(p.name) != p.target)]
+
+
+@cache
+def _installed(group: str) -> tuple[Plugin, ...]:
+    """Those of other distributions, each once, however often its folder is on the path."""
+    from importlib.metadata import entry_points
+
+    found = {}
+    for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
+        source = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
+        target = point.value.split("[")[0].strip()
+        found[point.name, target, source] = Plugin(group, point.name, target, source)
+    return tuple(found.values())
+
+
+_failures: dict[str, str] = {}
+
+
+def _imported(plugin: Plugin) -> Any:
+    """What the target names. A plug-in may fail with anything; its reason is kept for `listed`."""
+    module, _, path = plugin.target.partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+        for part in path.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        _failures[plugin.target] = reason
+        raise UsageError(
+            f"{plugin.name!r} of {plugin.group} cannot be loaded: {reason}",
+            where=f"{plugin.target} ({plugin.source})",
+            next_step="Install what it needs, or repair it; etude plugins lists all of them.",
+        ) from error
+    _failures.pop(plugin.target, None)
+    return found
+
+
+def _sources(found: Sequence[Plugin]) -> str:
+    return " and ".join(plugin.source for plugin in found)

@@ -1,0 +1,63 @@
+"""What goes into an engine and what comes out: the closed loop as arrays, the same for every engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopInputs:
+    """A closed loop to simulate, on the control grid, from rest at q_des[0].
+
+    Attributes:
+        q_des, qd_des: (T, dof) desired motion, rad and rad/s.
+        tau_ff: (T, dof) feedforward in the command unit.
+        noise: (T, dof) encoder noise before quantisation, rad; drawn by the caller so that every engine
+            sees the same.
+        substeps: physics steps per control tick.
+    """
+
+    q_des: Array
+    qd_des: Array
+    tau_ff: Array
+    noise: Array
+    substeps: int
+
+    def tick(self, k: int, tau_ff: Array) -> LoopInputs:
+        """Tick k alone, with this feedforward (dof,)."""
+        one = slice(k, k + 1)
+        return LoopInputs(self.q_des[one], self.qd_des[one], tau_ff[None], self.noise[one], self.substeps)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened at each control tick, (T, dof): measured and true position, command, feedback."""
+
+    q: Array
+    q_true: Array
+    tau: Array
+    tau_fb: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Trace]) -> Trace:
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in cls.__dataclass_fields__))
+
+
+class Running(Protocol):
+    """A robot whose closed loop is advanced a few control ticks at a time."""
+
+    def advance(self, inputs: LoopInputs) -> Trace:
+        """Goes on from where it is, over the ticks of `inputs`; (T, dof) as for a whole run."""
+        ...
+
+    def change(self, parameters: Any) -> None:
+        """From the next tick on the robot has these physical parameters; its state stays."""
+        ...

@@ -1,0 +1,89 @@
+"""Plug-ins by name: the table, entry points of other distributions, and how each way of failing reads."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from etude import plugins
+from etude.errors import UsageError
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+    """A function that installs a distribution with one module and entry points."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    plugins._installed.cache_clear()
+    monkeypatch.setattr(plugins, "_failures", {})
+
+    def install(name: str, points: str, module: str = "") -> None:
+        info = tmp_path / f"{name}-1.2.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
+        (info / "entry_points.txt").write_text(points)
+        (tmp_path / f"{name}_module.py").write_text(module)
+        plugins._installed.cache_clear()
+
+    yield install
+    plugins._installed.cache_clear()
+    for name in [n for n in sys.modules if n.endswith("_module")]:
+        del sys.modules[name]
+
+
+def test_every_row_of_the_table_names_a_module_and_an_attribute() -> None:
+    for rows in plugins.BUILT_IN.values():
+        assert all(plugins.FULL_NAME.fullmatch(target) for target in rows.values())
+
+
+def test_a_plug_in_follows_the_built_ins_and_is_imported_only_when_named(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", "KIND = 'a vessel'")
+    assert plugins.names("etude.robots") == ("arm", "quadrotor", "vessel")
+    assert "rov_module" not in sys.modules
+    assert plugins.load("etude.robots", "vessel") == "a vessel"
+    row = next(p for p in plugins.listed() if p.name == "vessel")
+    assert (row.source, row.target, row.problem) == ("rov 1.2", "rov_module:KIND", "")
+
+
+def test_two_of_one_name_are_refused_with_both_distributions(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "[etude.kernels]\nmatern = rov_module:KIND\nard_se = rov_module:KIND\n")
+    installed("kelp", "[etude.kernels]\nmatern = kelp_module:KIND\n")
+    with pytest.raises(UsageError, match=r"kelp 1\.2 and rov 1\.2"):
+        plugins.load("etude.kernels", "matern")
+    with pytest.raises(UsageError, match=r"of etude and rov 1\.2"):
+        plugins.load("etude.kernels", "ard_se")
+    assert {p.source for p in plugins.listed() if "stands twice" in p.problem} == {
+        "etude",
+        "rov 1.2",
+        "kelp 1.2",
+    }
+
+
+def test_a_row_of_the_table_repeated_as_an_entry_point_is_one_plug_in(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("copy", "[etude.criteria]\nivr = etude.design.criteria:ivr\n")
+    assert [p.name for p in plugins.listed() if p.name == "ivr"] == ["ivr"]
+
+
+def test_one_that_cannot_be_imported_is_named_with_its_reason(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", "import nowhere_to_be_found")
+    assert not any(p.problem for p in plugins.listed())
+    with pytest.raises(UsageError, match="nowhere_to_be_found") as caught:
+        plugins.load("etude.robots", "vessel")
+    assert "rov 1.2" in caught.value.where
+    assert ["nowhere_to_be_found" in p.problem for p in plugins.listed() if p.name == "vessel"] == [True]
+
+
+def test_listing_tries_the_plug_ins_of_others_on_request(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "[etude.robots]\nvessel = rov_module:MISSING\n")
+    assert [p.problem for p in plugins.listed(tried=True) if p.name == "vessel"] != [""]
+
+
+def test_full_names_need_no_table(installed) -> None:  # type: ignore[no-untyped-def]
+    installed("rov", "", "class Box:\n    lid = 7\n")
+    assert plugins.load("etude.kernels", "rov_module:Box.lid") == 7
+
+
+def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(UsageError, match="Did you mean quadrotor"):
+        plugins.load("etude.robots", "quadroter")
