@@ -141,6 +141,21 @@ def joined_logs(parts: Sequence[Log]) -> Log:
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """What the log doctor may expect of a robot's logs. rate: Hz at which they are usually recorded, which
+    tells the unit of their times; scale (k,): sizes of the path's coordinates, in parts of which motions
+    are compared; limits: lower and upper (parts,) of positions, their rates and commands, by channel; rest:
+    rows before and after the trajectory are kept (a joint at rest teaches, a vehicle on the ground does
+    not).
+    """
+
+    rate: float
+    scale: Array
+    limits: Mapping[str, tuple[Array, Array]]
+    rest: bool = True
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
     (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
@@ -338,6 +353,23 @@ class Physics(Protocol):
     def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
 
 
+class Regressor(Protocol):
+    """Features (n, p) of one command at model inputs X (n, D), in its unit, their weights N(0, 1) before any
+    data; pullback: the gradient (n, D) of sum(G * features), G (n, p).
+    """
+
+    def transform(self, X: Array) -> Array: ...
+    def pullback(self, X: Array, G: Array) -> Array: ...
+
+
+class Regressed(Protocol):
+    """Capability of a `Physics` that is linear in its parameters: a regressor for each command (criterion
+    d_opt). Who lacks the method has none.
+    """
+
+    def regressors(self) -> Sequence[Regressor]: ...
+
+
 class Posterior(Protocol):
     """One latent function given its data, as designs see it; X (T, D), Z (r, D). Variances without
     noise.
@@ -505,6 +537,7 @@ class Kind(Protocol):
     def home(self, spec: Any) -> Array: ...
     def limit(self, spec: Any) -> Array: ...
     def channels(self, spec: Any) -> Sequence[Channel]: ...
+    def expected(self, spec: Any) -> Expected: ...  # for `logs.read.read_log` and `logs.identity.align`
     def family(self, spec: Any, config: Any) -> Family: ...
     def limits(self, spec: Any, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]: ...
     def ways(
