@@ -6,25 +6,24 @@ import itertools
 
 import numpy as np
 import pytest
-from arm_examples import MIDDLE, Sines
+from arm_examples import MIDDLE, Sines, simulated
 
-from etude.control.closed_loop import control_times
 from etude.errors import UsageError
-from etude.plants import compiled
-from etude.plants.changes import with_friction, with_payload
-from etude.plants.parameters import load_parameters
-from etude.plants.registry import simulated_robot
-from etude.plants.running import RunningArm
-from etude.plants.trace import LoopInputs, Trace
+from etude.robots.arm.plant import compiled
+from etude.robots.arm.plant.changes import with_friction, with_payload
+from etude.robots.arm.plant.led_in import control_times
+from etude.robots.arm.plant.parameters import load_parameters
+from etude.robots.arm.plant.running import RunningArm
+from etude.robots.arm.plant.trace import LoopInputs, Trace
 
 FIELDS = ("q", "q_true", "tau", "tau_fb")
 
 
 def loop_inputs(seconds: float = 6.0, seed: int = 0) -> LoopInputs:
     rng = np.random.default_rng(seed)
-    samples = Sines(seconds).sample(control_times(seconds, 100.0))
-    noise = rng.normal(0.0, 3e-4, samples.q.shape)
-    return LoopInputs(samples.q, samples.qd, rng.uniform(-80.0, 80.0, samples.q.shape), noise, 10)
+    q, qd, _ = Sines(seconds).motion(control_times(seconds, 100.0)).orders
+    noise = rng.normal(0.0, 3e-4, q.shape)
+    return LoopInputs(q, qd, rng.uniform(-80.0, 80.0, q.shape), noise, 10)
 
 
 def part(inputs: LoopInputs, rows: slice) -> LoopInputs:
@@ -71,11 +70,14 @@ def test_the_run_does_not_touch_the_angles_it_was_started_from() -> None:
     np.testing.assert_array_equal(start, MIDDLE)
 
 
-def test_only_the_compiled_engine_can_be_begun() -> None:
-    assert simulated_robot("arm4", "mujoco").begin is None
-    begin = simulated_robot("arm4", "compiled").begin
-    assert begin is not None
-    assert isinstance(begin(MIDDLE), RunningArm)
+def test_a_robot_that_changes_on_its_way_is_as_before_until_then() -> None:
+    heavier = {1.0: simulated().changed(payload=1.0)}
+    with pytest.raises(UsageError, match='Use "compiled"'):
+        simulated("arm4", "mujoco").run(Sines(2.0), None, None, heavier)
+    before, after = (simulated().run(Sines(2.0), None, None, changes) for changes in (None, heavier))
+    until = before.t <= 1.0
+    np.testing.assert_array_equal(before["q_true"][until], after["q_true"][until])
+    assert np.abs(before["q_true"] - after["q_true"]).max() > 1e-4
 
 
 def test_a_payload_weighs_and_turns_as_two_bodies_would() -> None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from arm_examples import MIDDLE, actuator_length, moment_arm, open_loop
+from arm_examples import MIDDLE, actuator_length, moment_arm, open_loop, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.plants import mujoco_engine
-from etude.plants.parameters import ArmParameters, load_parameters
-from etude.plants.registry import simulated_robot
+from etude.robots.arm.plant import mujoco_engine
+from etude.robots.arm.plant.parameters import ArmParameters, load_parameters
 
 ARMS = ("arm4", "arm4_rough")
 four = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)
@@ -32,7 +31,7 @@ def _steady_bristles(arm: ArmParameters, q: np.ndarray, qd: np.ndarray) -> np.nd
 
 def _volts(name: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     c = load_parameters(name).controller
-    return simulated_robot(name).inverse(q, qd, qdd) / c.resolution * c.supply
+    return simulated(name).inverse(q, qd, qdd) / c.resolution * c.supply
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -72,5 +71,5 @@ def test_steady_commands_match_a_hand_calculation() -> None:
     qd = np.array([[speed, 0.0, 0.0, 0.0]])
     torque = waist.coulomb + waist.viscous * speed  # far above the Stribeck speed
     expected = 255.0 * (torque / waist.stall + speed / waist.no_load)
-    command = simulated_robot("arm4").inverse(MIDDLE[None], qd, np.zeros((1, 4)))[0, 0]
+    command = simulated("arm4").inverse(MIDDLE[None], qd, np.zeros((1, 4)))[0, 0]
     assert command == pytest.approx(expected, rel=1e-6)

@@ -5,10 +5,18 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
-from arm_examples import ENGINES, MIDDLE, actuator_length, energy, moment_arm, open_loop, with_motors
+from arm_examples import (
+    ENGINES,
+    MIDDLE,
+    actuator_length,
+    energy,
+    moment_arm,
+    open_loop,
+    simulated,
+    with_motors,
+)
 
-from etude.plants.parameters import ArmParameters, Sine, load_parameters
-from etude.plants.registry import simulated_robot
+from etude.robots.arm.plant.parameters import ArmParameters, Sine, load_parameters
 
 ARMS = ("arm4", "arm4_rough")
 
@@ -99,7 +107,7 @@ def test_an_unpowered_arm_only_loses_energy(engine: str, name: str) -> None:
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ARMS)
 def test_rest_stays_at_rest_under_the_holding_command(engine: str, name: str) -> None:
-    robot, arm = simulated_robot(name), load_parameters(name)
+    robot, arm = simulated(name), load_parameters(name)
     rest = np.zeros((1, 4))
     hold = robot.inverse(MIDDLE[None, :], rest, rest) / arm.controller.resolution * arm.controller.supply
     q, v, _ = open_loop(engine, arm, MIDDLE, np.zeros(4), np.repeat(hold, 2000, axis=0))
@@ -145,7 +153,7 @@ def test_at_stall_the_motor_gives_its_stall_torque(engine: str) -> None:
 
 
 def test_moment_arms_over_the_range_of_motion() -> None:
-    robot, arm = simulated_robot("arm4"), load_parameters("arm4")
+    robot, arm = simulated("arm4"), load_parameters("arm4")
     arms = moment_arm(arm, np.linspace(robot.spec.lower, robot.spec.upper, 50))
     ends = {"shoulder": (0.080, 0.058), "elbow": (0.060, 0.040), "wrist": (0.032, 0.045)}
     for j, (first, last) in enumerate(ends.values(), start=1):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.dataset import Dataset
-from etude.robots.spec import Axis, RobotSpec
+from etude.contracts import Log, Samples
+from etude.robots.arm.spec import ArmSpec, Axis
 
 NAMES = ("turn", "slide", "tilt", "reach", "lone")
 
@@ -48,8 +48,8 @@ AWKWARD = """
 ACTUATOR_OF_AXIS = {"turn": "belt", "slide": "slide", "reach": "rod", "lone": "lone"}
 
 
-def awkward_spec() -> RobotSpec:
-    return RobotSpec("awkward", tuple(Axis(name, -1.0, 1.0, 1.0, 3.0, 100.0) for name in NAMES), "A", 10.0)
+def awkward_spec() -> ArmSpec:
+    return ArmSpec("awkward", tuple(Axis(name, -1.0, 1.0, 1.0, 3.0, 100.0) for name in NAMES), "A", 10.0)
 
 
 def smooth_motion(rng: np.random.Generator, samples: int, dof: int, step: float = 0.1):
@@ -63,8 +63,17 @@ def smooth_motion(rng: np.random.Generator, samples: int, dof: int, step: float 
     return t, q, qd, -np.sum(size * speed**2 * np.sin(angle), axis=1)
 
 
-def dataset_of(model, rng: np.random.Generator, samples: int, noise: float, group: int = 0) -> Dataset:
+def samples_of(model, rng: np.random.Generator, samples: int, noise: float, group: int = 0) -> Samples:
     """Noisy commands of a `RigidBodyModel` along a smooth motion, masked below 0.015 rad/s."""
     t, q, qd, qdd = smooth_motion(rng, samples, len(NAMES))
-    tau = model.predict(q, qd, qdd) + noise * rng.normal(size=q.shape)
-    return Dataset(t, q, qd, qdd, tau, np.abs(qd) < 0.015, np.full(samples, group, dtype=np.int64))
+    command = model.predict(q, qd, qdd) + noise * rng.normal(size=q.shape)
+    channels = {c.name: c for c in awkward_spec().channels()}
+    values = {"q": q, "qd": qd, "qdd": qdd, "command": command}
+    log = Log(t, {name: channels[name] for name in values}, values)
+    moving = np.abs(qd) >= 0.015
+    return Samples(log, np.full(samples, group, dtype=np.int64), np.ones_like(moving), moving)
+
+
+def motion_of(samples: Samples) -> tuple[np.ndarray, ...]:
+    """q, qd, qdd (n, dof)."""
+    return samples.log["q"], samples.log["qd"], samples.log["qdd"]

@@ -9,15 +9,23 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from rigid_examples import AWKWARD, NAMES, awkward_spec, dataset_of, smooth_motion
+from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, smooth_motion
 
+from etude.contracts import Samples, joined_samples
 from etude.errors import DataError, UsageError
-from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude.models.physics.regressor import nominal_parameters, regressor
-from etude.models.physics.rigid_body import RigidBodyModel, identify
-from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.robots.arm.physics.regressor import nominal_parameters, regressor
+from etude.robots.arm.physics.rigid_body import RigidBodyModel, identify
+from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 V0 = np.full(5, 0.02)
+
+
+def with_command(samples: Samples, command: np.ndarray) -> Samples:
+    """The samples with other commands."""
+    return replace(samples, log=samples.log.put(samples.log.channels["command"], command))
+
+
 NOISE = 0.1
 
 
@@ -36,13 +44,13 @@ def truth(robot) -> RigidBodyModel:
     inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=nominal_parameters(tree).shape))
     extra = gain[:, None] * np.array([0.1, 2.0, 3.0, 0.0, 0.0, 0.4])
     return RigidBodyModel(
-        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5)
+        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5), 0 * extra
     )
 
 
 @pytest.fixture(scope="module")
 def data(truth):
-    return dataset_of(truth, np.random.default_rng(2), 1200, NOISE)
+    return samples_of(truth, np.random.default_rng(2), 1200, NOISE)
 
 
 def test_base_parameters_reproduce_every_torque(robot) -> None:
@@ -70,7 +78,7 @@ def test_the_number_of_base_parameters_of_a_pendulum_is_three() -> None:
 
 
 def test_identified_model_predicts_an_unseen_motion_to_a_fraction_of_the_noise(robot, truth, data) -> None:
-    model = identify(data, awkward_spec(), *robot, V0)
+    model = identify(data, motion_of(data), awkward_spec(), *robot, V0)
     motion = smooth_motion(np.random.default_rng(9), 400, 5)[1:]
     error = model.predict(*motion) - truth.predict(*motion)
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.5 * NOISE)
@@ -78,28 +86,28 @@ def test_identified_model_predicts_an_unseen_motion_to_a_fraction_of_the_noise(r
 
 
 def test_with_little_data_the_nominal_model_keeps_it_sane(robot, truth) -> None:
-    few = dataset_of(truth, np.random.default_rng(2), 120, NOISE)
-    model = identify(few, awkward_spec(), *robot, V0)
+    few = samples_of(truth, np.random.default_rng(2), 120, NOISE)
+    model = identify(few, motion_of(few), awkward_spec(), *robot, V0)
     motion = smooth_motion(np.random.default_rng(9), 400, 5)[1:]
     wanted = truth.predict(*motion)
     assert np.all(np.std(model.predict(*motion) - wanted, axis=0) < 0.7 * np.std(wanted, axis=0))
 
 
 def test_what_the_mask_hides_changes_nothing(robot, data) -> None:
-    assert np.all(data.stuck.any(axis=0))
-    spoiled = replace(data, tau=np.where(data.stuck, 1e3, data.tau))
+    assert np.all((~data.moving).any(axis=0))
+    spoiled = with_command(data, np.where(data.moving, data.command, 1e3))
     for name in ("inertial", "extra", "deviation"):
         np.testing.assert_array_equal(
-            getattr(identify(spoiled, awkward_spec(), *robot, V0), name),
-            getattr(identify(data, awkward_spec(), *robot, V0), name),
+            getattr(identify(spoiled, motion_of(spoiled), awkward_spec(), *robot, V0), name),
+            getattr(identify(data, motion_of(data), awkward_spec(), *robot, V0), name),
         )
 
 
 def test_the_unit_of_the_command_does_not_matter(robot, data) -> None:
     spec = awkward_spec()
     scaled_spec = replace(spec, axes=tuple(replace(a, command=a.command * 1000) for a in spec.axes))
-    model = identify(data, spec, *robot, V0)
-    scaled = identify(replace(data, tau=data.tau * 1000), scaled_spec, *robot, V0)
+    model = identify(data, motion_of(data), spec, *robot, V0)
+    scaled = identify(with_command(data, data.command * 1000), motion_of(data), scaled_spec, *robot, V0)
     np.testing.assert_allclose(scaled.inertial, 1000 * model.inertial, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(scaled.deviation, 1000 * model.deviation, rtol=1e-6)
 
@@ -107,16 +115,15 @@ def test_the_unit_of_the_command_does_not_matter(robot, data) -> None:
 def test_the_order_of_the_samples_does_not_matter(robot, data) -> None:
     halves = [data.take(np.arange(600, 1200)), data.take(np.arange(600))]
     parts = [replace(half, group=np.full(600, k)) for k, half in enumerate(halves)]
-    fields = data.__dataclass_fields__
-    swapped = replace(data, **{f: np.concatenate([getattr(p, f) for p in parts]) for f in fields})
-    first, second = (identify(d, awkward_spec(), *robot, V0) for d in (data, swapped))
+    swapped = joined_samples(parts)
+    first, second = (identify(d, motion_of(d), awkward_spec(), *robot, V0) for d in (data, swapped))
     np.testing.assert_allclose(first.extra, second.extra, rtol=1e-6, atol=1e-8)
 
 
 def test_bad_data_is_refused(robot, data) -> None:
-    stuck = data.stuck.copy()
-    stuck[:, 3] = True
+    moving = data.moving.copy()
+    moving[:, 3] = False
     with pytest.raises(DataError, match=r"never moves.*reach"):
-        identify(replace(data, stuck=stuck), awkward_spec(), *robot, V0)
+        identify(replace(data, moving=moving), motion_of(data), awkward_spec(), *robot, V0)
     with pytest.raises(UsageError, match="same axes"):
-        identify(data, replace(awkward_spec(), axes=awkward_spec().axes[:3]), *robot, V0)
+        identify(data, motion_of(data), replace(awkward_spec(), axes=awkward_spec().axes[:3]), *robot, V0)

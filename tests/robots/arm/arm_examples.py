@@ -7,9 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.plants import compiled, mujoco_engine
-from etude.plants.parameters import ArmParameters
-from etude.trajectories.samples import TrajectorySamples
+from etude.contracts import Motion
+from etude.robots.arm.kind import KIND
+from etude.robots.arm.plant import compiled, mujoco_engine
+from etude.robots.arm.plant.parameters import ArmParameters
+from etude.robots.arm.plant.robot import ArmRobot, simulated_robot
 
 Array = NDArray[np.float64]
 MIDDLE = np.array([0.0, 0.7625, -1.145, 0.0])
@@ -17,15 +19,20 @@ SWING = np.array([0.7, 0.42, 0.42, 0.4])
 ENGINES = ("mujoco", "compiled")
 
 
+def simulated(name: str = "arm4", engine: str = "compiled") -> ArmRobot:
+    """A built-in robot as its owner describes it."""
+    return simulated_robot(name, KIND.spec(KIND.built_in()[name]), engine)  # type: ignore[arg-type]
+
+
 class Sines:
     """One sine per joint about the middle of its range, from rest by a smooth start; a Trajectory."""
 
-    dof = 4
+    form = "sines"
 
     def __init__(self, duration: float = 60.0, omega: tuple[float, ...] = (0.13, 0.21, 0.17, 0.19)) -> None:
         self.duration, self.omega = duration, np.array(omega)
 
-    def sample(self, t: Array) -> TrajectorySamples:
+    def motion(self, t: Array, orders: int = 3) -> Motion:
         phase = t[:, None] - np.tanh(t[:, None])  # its rate starts at 0 and tends to 1
         rate = np.tanh(t[:, None]) ** 2
         bend = 2.0 * np.tanh(t[:, None]) * (1.0 - rate)
@@ -33,7 +40,25 @@ class Sines:
         q = MIDDLE + SWING * sin
         qd = SWING * self.omega * cos * rate
         qdd = SWING * self.omega * (cos * bend - self.omega * sin * rate**2)
-        return TrajectorySamples(t=t, q=q, qd=qd, qdd=qdd, qddd=np.zeros_like(q))
+        return Motion(t, np.stack([q, qd, qdd])[:orders])
+
+
+class Swing:
+    """Every joint swings about its middle at 0.6 of its range, one sine each; starts and ends at rest."""
+
+    form = "swing"
+
+    def __init__(self, robot: ArmRobot, duration: float = 40.0, joints: int = 4) -> None:
+        self.duration = duration
+        self.middle = 0.5 * (robot.spec.lower + robot.spec.upper)[:joints]
+        self.width = 0.3 * (robot.spec.upper - robot.spec.lower)[:joints]
+        self.omega = 2.0 * np.pi / duration * np.array([1, 2, 2, 2])[:joints]
+
+    def motion(self, t: Array, orders: int = 3) -> Motion:
+        angle = self.omega * t[:, None]
+        q = self.middle - self.width * np.cos(angle)
+        qd, qdd = self.width * self.omega * np.sin(angle), self.width * self.omega**2 * np.cos(angle)
+        return Motion(t, np.stack([q, qd, qdd])[:orders])
 
 
 def with_motors(arm: ArmParameters, **changes: object) -> ArmParameters:
