@@ -1,4 +1,4 @@
-"""Posteriors on disk: arrays beside a few words, and a registry of the forms a posterior can have."""
+"""Posteriors and kernels as arrays beside a few words, and a registry of the forms a posterior can have."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.contracts import Posterior
+from etude import plugins
+from etude.contracts import Posterior
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
+from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-from etude.models.guided import GuidedPosterior
 from etude.models.lwpr.posterior import LWPRPosterior
 
 Arrays = dict[str, NDArray[Any]]
@@ -117,15 +118,11 @@ FORMS = {
     ),
     "lwpr": Form(LWPRPosterior, LWPR_ARRAYS, ("noise_variance", "signal_variance"), _lwpr),
 }
-"""The forms on disk by name; an exact posterior, of a dictionary too, is computed again from its points."""
-GUIDE = "guide"
-"""A guided posterior is stored as its own form, with its guide's words and arrays under this name."""
+"""The forms by name; an exact posterior, of a dictionary too, is computed again from its points."""
 
 
 def posterior_words(posterior: Posterior) -> Words:
     """Form, kernel and numbers of a posterior, for JSON. TypeError if its type has no form."""
-    if isinstance(posterior, GuidedPosterior):
-        return posterior_words(posterior.own) | {GUIDE: posterior_words(posterior.guide)}
     name, form = _form_of(posterior)
     kernel = getattr(posterior, "kernel", None)
     words: Words = {"form": name} if kernel is None else {"form": name, "kernel": kernel_words(kernel)}
@@ -134,9 +131,6 @@ def posterior_words(posterior: Posterior) -> Words:
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name. TypeError if its type has no form."""
-    if isinstance(posterior, GuidedPosterior):
-        of_guide = posterior_arrays(posterior.guide)
-        return posterior_arrays(posterior.own) | {f"{GUIDE}_{name}": a for name, a in of_guide.items()}
     arrays: Arrays = {name: getattr(posterior, name) for name in _form_of(posterior)[1].arrays}
     if isinstance(posterior, SparseSpectrumPosterior):
         arrays["frequencies"] = posterior.features.frequencies
@@ -149,13 +143,10 @@ def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) 
     Raises:
         ValueError: unknown form or kernel. KeyError: something is missing.
     """
-    name = words.get("form", "exact")  # the only form that earlier files knew
+    name = words["form"]
     if name not in FORMS:
         raise ValueError(f"unknown form {name!r} of a posterior")
-    own = FORMS[name].make(words, lambda array: arrays[prefix + array])
-    if GUIDE not in words:
-        return own
-    return GuidedPosterior(own, posterior_of(words[GUIDE], arrays, f"{prefix}{GUIDE}_"))
+    return FORMS[name].make(words, lambda array: arrays[prefix + array])
 
 
 def _form_of(posterior: Posterior) -> tuple[str, Form]:
@@ -166,7 +157,14 @@ def _form_of(posterior: Posterior) -> tuple[str, Form]:
 
 
 def kernel_words(kernel: Kernel) -> Words:
-    """A kernel for JSON. TypeError for a type that has no form."""
+    """A kernel for JSON, a plug-in's by its name. TypeError for a type that has no form."""
+    if isinstance(kernel, PluginKernel):
+        return {
+            "type": "plugin",
+            "name": kernel.plugin,
+            "columns": [list(column) for column in kernel.columns],
+            "commands": list(kernel.commands),
+        }
     if isinstance(kernel, Sum | Product):
         return {"type": type(kernel).__name__, "parts": [kernel_words(part) for part in kernel.parts]}
     if isinstance(kernel, SquaredExponential):
@@ -182,8 +180,16 @@ def kernel_words(kernel: Kernel) -> Words:
 
 
 def kernel_of(words: Words) -> Kernel:
-    """The kernel that `kernel_words` described. ValueError for an unknown type."""
+    """The kernel that `kernel_words` described.
+
+    Raises:
+        ValueError: an unknown type. UsageError: a plug-in that is not there.
+    """
     kind = words["type"]
+    if kind == "plugin":
+        name, columns = words["name"], [tuple(column) for column in words["columns"]]
+        factory = plugins.load("etude.kernels", name)
+        return PluginKernel.of(name, factory, columns, tuple(words["commands"]))
     if kind in ("Sum", "Product"):
         parts = tuple(kernel_of(part) for part in words["parts"])
         return Sum(parts) if kind == "Sum" else Product(parts)
