@@ -12,9 +12,9 @@ import pytest
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-from etude.studies.bench_peers import TOLERANCE
-from etude.studies.peers.catalogue import EXACT, SPECTRUM, Peer
-from etude.studies.peers.running import PeerUnavailable, Running, here
+from etude_studies.bench_peers import TOLERANCE
+from etude_studies.peers.catalogue import EXACT, SPECTRUM, Peer
+from etude_studies.peers.running import PeerUnavailable, Running, here
 
 RNG = np.random.default_rng(5)
 X, Y = RNG.normal(size=(40, 3)), RNG.normal(size=40)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from etude.studies.peers.catalogue import Peer
+from etude_studies.peers.catalogue import Peer
 
 DENSE = """
 import os

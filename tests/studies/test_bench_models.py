@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from etude.studies import (
+from etude_studies import (
     arm_accuracy,
     bench_models,
     crazyflie_accuracy,
@@ -20,9 +20,9 @@ from etude.studies import (
     real_accuracy,
     real_logs,
 )
-from etude.studies.model_members import MEMBERS
-from etude.studies.online import Cell, Outcome
-from etude.studies.registry import run_bench
+from etude_studies.model_members import MEMBERS
+from etude_studies.online import Cell, Outcome
+from etude_studies.registry import run_bench
 
 DICTIONARIES = ("dictionary_variance", "dictionary_error")
 MODELS = (

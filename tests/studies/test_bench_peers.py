@@ -16,11 +16,11 @@ from threadpoolctl import threadpool_info
 from etude.commands.bench import Bench
 from etude.commands.parse import command
 from etude.errors import UsageError
-from etude.studies import bench_gp, bench_peers
-from etude.studies.bench_peers import in_turn, peer_rows, spectrum_rows
-from etude.studies.peers.catalogue import EXACT, SPECTRUM
-from etude.studies.peers.running import Running
-from etude.studies.registry import run_bench
+from etude_studies import bench_gp, bench_peers
+from etude_studies.bench_peers import in_turn, peer_rows, spectrum_rows
+from etude_studies.peers.catalogue import EXACT, SPECTRUM
+from etude_studies.peers.running import Running
+from etude_studies.registry import run_bench
 
 HERE = Path(sys.executable)
 ABSENT = "import no_such_library_anywhere"

@@ -10,11 +10,11 @@ import pytest
 from etude.logs.flight.lag import command_lag
 from etude.logs.flight.log import FlightLog
 from etude.models.blocks import block_masks
-from etude.studies import crazyflie
-from etude.studies import crazyflie_flights as study
-from etude.studies.crazyflie import crazyflie_rows
-from etude.studies.registry import run_bench
-from etude.studies.rows import Row
+from etude_studies import crazyflie
+from etude_studies import crazyflie_flights as study
+from etude_studies.crazyflie import crazyflie_rows
+from etude_studies.registry import run_bench
+from etude_studies.rows import Row
 
 
 @pytest.fixture(scope="module")

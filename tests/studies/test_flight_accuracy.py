@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.studies.flight_accuracy import flight_accuracy
+from etude_studies.flight_accuracy import flight_accuracy
 
 
 def test_rows_of_one_seed_are_finite_and_named() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.design.flight.config import FlightDesignConfig
-from etude.studies.flight_design_cost import DRAG, design_rows, known_flights, thesis_room
+from etude_studies.flight_design_cost import DRAG, design_rows, known_flights, thesis_room
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.flatness import flat_motion

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.studies import flight_loop
-from etude.studies.flight_loop import Cell, loop_rows, run, run_one, seed_errors
+from etude_studies import flight_loop
+from etude_studies.flight_loop import Cell, loop_rows, run, run_one, seed_errors
 
 CELL = Cell("quadrotor", "moving", 2, 5)
 

@@ -12,9 +12,9 @@ from made_up_orders import made_up
 
 from etude.design.flight.config import FlightDesignConfig
 from etude.errors import UsageError
-from etude.studies import flight_orders
-from etude.studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, extreme_cell, ordinary_cell
-from etude.studies.flight_orders_cell import (
+from etude_studies import flight_orders
+from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, extreme_cell, ordinary_cell
+from etude_studies.flight_orders_cell import (
     EXTREME,
     Effort,
     Judge,
@@ -26,7 +26,7 @@ from etude.studies.flight_orders_cell import (
     rounds,
     some_extremes,
 )
-from etude.studies.flight_orders_world import PRESETS, World
+from etude_studies.flight_orders_world import PRESETS, World
 
 SMALL = Effort(
     arms=("uniform", "mean_variance"),

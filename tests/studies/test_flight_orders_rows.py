@@ -9,10 +9,10 @@ import pytest
 from made_up_orders import made_up
 from scipy.stats import ttest_rel
 
-from etude.studies.flight_orders_cell import CRITERIA
-from etude.studies.flight_orders_rows import Paired, compare, order_rows, paired
-from etude.studies.flight_orders_verdicts import at_least, at_most, ordering, verdict_rows
-from etude.studies.rows import rows_json
+from etude_studies.flight_orders_cell import CRITERIA
+from etude_studies.flight_orders_rows import Paired, compare, order_rows, paired
+from etude_studies.flight_orders_verdicts import at_least, at_most, ordering, verdict_rows
+from etude_studies.rows import rows_json
 
 FACTOR = {"uniform": 1.0, "scaled": 2.0, "boundary": 0.5, "mean_variance": 1.6, "info_gain": 1.25}
 

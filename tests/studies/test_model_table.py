@@ -9,9 +9,9 @@ import pytest
 
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.studies.model_cost import held_bytes, predict_seconds
-from etude.studies.model_table import FIGURES, cells, show
-from etude.studies.rows import Row
+from etude_studies.model_cost import held_bytes, predict_seconds
+from etude_studies.model_table import FIGURES, cells, show
+from etude_studies.rows import Row
 
 
 def test_models_are_rows_figures_columns_and_all_other_rows_stay(capsys, monkeypatch) -> None:

@@ -11,8 +11,8 @@ import pytest
 from etude.errors import UsageError
 from etude.models.online.learner import OnlineConfig
 from etude.plants.parameters import load_parameters
-from etude.studies import online, online_rows
-from etude.studies.online import Cell, Outcome
+from etude_studies import online, online_rows
+from etude_studies.online import Cell, Outcome
 
 FEW = {"none": None, "variance": OnlineConfig("variance", size=40)}
 

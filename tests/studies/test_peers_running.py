@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from peer_examples import MakePeer, peer_maker
 
-from etude.studies.peers.running import PeerUnavailable, here, in_own_process, started
+from etude_studies.peers.running import PeerUnavailable, here, in_own_process, started
 
 HERE = Path(sys.executable)
 RNG = np.random.default_rng(11)

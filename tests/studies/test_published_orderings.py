@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.studies import arm_accuracy
-from etude.studies.model_members import MEMBERS
+from etude_studies import arm_accuracy
+from etude_studies.model_members import MEMBERS
 
 
 @pytest.mark.slow

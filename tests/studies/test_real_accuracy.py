@@ -8,11 +8,11 @@ import pytest
 from etude.errors import DataError, UsageError
 from etude.models.blocks import split_blocks
 from etude.models.calibration import score
-from etude.studies import real_accuracy, real_logs
-from etude.studies.external_logs import panda_log, sarcos_samples
-from etude.studies.real_accuracy import accuracy_rows, real_rows
-from etude.studies.real_logs import REAL_LOGS, Recording
-from etude.studies.registry import run_bench
+from etude_studies import real_accuracy, real_logs
+from etude_studies.external_logs import panda_log, sarcos_samples
+from etude_studies.real_accuracy import accuracy_rows, real_rows
+from etude_studies.real_logs import REAL_LOGS, Recording
+from etude_studies.registry import run_bench
 
 
 @pytest.fixture(scope="module")

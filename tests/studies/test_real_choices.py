@@ -11,9 +11,9 @@ from etude.models import output_process
 from etude.models.gp.kernels import SquaredExponential, structured_kernel
 from etude.models.model_config import ModelConfig
 from etude.models.preprocess import filter_cutoff, preset
-from etude.studies import real_choices
-from etude.studies.real_choices import DEFAULT, choice_rows, folds, left_out, stacked_errors
-from etude.studies.real_logs import REAL_LOGS, arm_log
+from etude_studies import real_choices
+from etude_studies.real_choices import DEFAULT, choice_rows, folds, left_out, stacked_errors
+from etude_studies.real_logs import REAL_LOGS, arm_log
 
 QUICK = replace(DEFAULT, model=ModelConfig(kind="gp", steps=3, fit_points=40))
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from etude.models.gp.exact import ExactGP
-from etude.studies import bench_gp, rows
-from etude.studies.rows import Row, rows_json
+from etude_studies import bench_gp, rows
+from etude_studies.rows import Row, rows_json
 
 
 def test_a_row_knows_its_ratio() -> None:

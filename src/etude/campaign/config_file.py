@@ -11,7 +11,7 @@ from typing import Any
 from etude.campaign.comments import COMMENTS, HEAD
 from etude.campaign.config import SECTIONS, CampaignConfig
 from etude.campaign.presets import preset
-from etude.campaign.tables import read_table, refuse_unknown, write_table
+from etude.robots.toml import read_table, refuse_unknown, write_table
 from etude.errors import UsageError
 
 CONFIG = "campaign.toml"

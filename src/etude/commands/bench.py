@@ -34,7 +34,7 @@ class Bench(Common):
     """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
 
     def run(self, _: Say) -> Outcome:
-        from etude.studies.registry import run_bench
+        from etude_studies.registry import run_bench
 
         run_bench(
             self.name, json=self.json, seed=self.seed, quick=self.quick, pythons=self.python, logs=self.logs

@@ -30,7 +30,7 @@ class Demo(Common):
     """Of every random number."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.studies.demo import run
+        from etude.commands.demonstration import run
 
         text, data = run(self.folder, self.kind, self.robot, self.rounds, self.seed, say)
         return Outcome(text, data)

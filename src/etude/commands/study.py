@@ -29,7 +29,7 @@ class Study(Common):
     """Where campaigns are kept; a study that was interrupted goes on from there."""
 
     def run(self, _: Say) -> Outcome:
-        from etude.studies.registry import run_study
+        from etude_studies.registry import run_study
 
         run_study(self.name, json=self.json, seed=self.seed, seeds=self.seeds, folder=self.folder)
         return Outcome("")

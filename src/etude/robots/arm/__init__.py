@@ -1,0 +1,1 @@
+"""Robots of joints: arms, gantries, legs with a fixed base."""

@@ -1,0 +1,80 @@
+"""Checks of a robot description: every limit present, possible, and believable as SI."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from etude.errors import UsageError
+from etude.robots.arm.spec import ArmSpec, Axis
+
+COMMAND_UNITS = ("N m", "N", "A", "V", "pwm")
+LARGEST_POSITION = 4 * math.pi  # two turns either way: no arm joint, but 13 degrees and more
+LARGEST_VELOCITY = 100.0  # rad/s: no arm joint, but an ordinary figure in degrees per second
+RADIANS = "Limits are in radians: multiply degrees by pi/180 (0.01745)."
+
+
+def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -> ArmSpec:
+    """The same spec, or UsageError naming the joint and the limit.
+
+    Args:
+        spec: the description to check.
+        where: the file it came from, for messages.
+        units_checked: the owner vouches for the units, so that large figures are not suspected to be degrees.
+    """
+    if not spec.axes:
+        raise UsageError("a robot needs at least one axis", where=where, next_step="Add an [[axis]] table.")
+    for name, count in Counter(spec.names).items():
+        if not name:
+            raise UsageError("an axis has an empty name", where=where)
+        if count > 1:
+            raise UsageError(
+                f"joint '{name}' is described {count} times",
+                where=where,
+                next_step="Keep one [[axis]] per joint.",
+            )
+    if not (math.isfinite(spec.rate) and spec.rate > 0):
+        raise UsageError(f"rate must be a positive number of Hz, not {spec.rate}", where=where)
+    if spec.command_unit not in COMMAND_UNITS:
+        raise UsageError(
+            f"unknown command_unit '{spec.command_unit}'",
+            where=where,
+            next_step=f"Valid units: {', '.join(COMMAND_UNITS)}.",
+        )
+    for axis in spec.axes:
+        _check_axis(axis, where)
+    suspicion = unit_suspicion(spec)
+    if suspicion and not units_checked:
+        raise UsageError(
+            suspicion, where=where, next_step=f"{RADIANS} If the figure is right, set units_checked = true."
+        )
+    return spec
+
+
+def _check_axis(axis: Axis, where: str) -> None:
+    place = f"{where}, joint '{axis.name}'" if where else f"joint '{axis.name}'"
+    for limit in ("lower", "upper", "velocity", "acceleration", "command"):
+        value = getattr(axis, limit)
+        if not math.isfinite(value):
+            raise UsageError(f"limit '{limit}' must be a finite number, not {value}", where=place)
+        if limit in ("velocity", "acceleration", "command") and value <= 0:
+            raise UsageError(f"limit '{limit}' must be above zero, not {value:g}", where=place)
+    if axis.lower >= axis.upper:
+        raise UsageError(
+            f"lower limit {axis.lower:g} is not below upper limit {axis.upper:g}",
+            where=place,
+            next_step="Swap or correct the two limits.",
+        )
+
+
+def unit_suspicion(spec: ArmSpec) -> str:
+    """A sentence if a limit of a turning joint looks like degrees, else an empty string."""
+    for axis in spec.axes:
+        if axis.unit != "rad":
+            continue
+        largest = max(abs(axis.lower), abs(axis.upper))
+        if largest > LARGEST_POSITION:
+            return f"position limit {largest:g} of joint '{axis.name}' looks like degrees, not radians"
+        if axis.velocity > LARGEST_VELOCITY:
+            return f"velocity limit {axis.velocity:g} of joint '{axis.name}' looks like degrees/s, not rad/s"
+    return ""

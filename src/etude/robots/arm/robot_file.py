@@ -1,0 +1,96 @@
+"""One TOML file per robot of joints: strict reading, exact writing.
+
+kind = "arm"                # optional
+name = "arm"
+command_unit = "N m"        # of the learned output: N m, N, A, V or pwm
+rate = 100.0                # logging and control rate, Hz
+model_file = "arm.urdf"     # optional, relative to this file
+plant = "arm4"              # optional, simulated stand-in
+[[axis]]                    # one table per joint, in the order of every array's columns
+name = "elbow"
+lower = -1.0                # rad (m for a sliding joint)
+upper = 1.0
+velocity = 2.0              # largest |qd|, rad/s
+acceleration = 4.0          # largest |qdd|, rad/s^2
+command = 150.0             # largest |command|, in command_unit
+unit = "m"                  # optional: of a sliding joint
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from etude.errors import UsageError
+from etude.robots.arm.checks import check_spec, unit_suspicion
+from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.toml import decoded, from_table, read_text, write_values
+
+KIND = "arm"
+KINDS = (KIND, "joints", "")
+"""What `kind` may say in a file: files of 0.1 say nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotTable:
+    """The whole file. `units_checked` vouches for limits that would otherwise be suspected to be degrees."""
+
+    kind: str = ""
+    name: str
+    command_unit: str
+    rate: float
+    model_file: str | None = None
+    plant: str | None = None
+    units_checked: bool = False
+    axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
+
+
+def read_robot(path: Path) -> ArmSpec:
+    """The robot of a TOML file.
+
+    Raises:
+        UsageError: no such file, unknown key, missing or impossible limit, limits in degrees.
+    """
+    return parse_robot(read_text(path, "robot file"), where=path.name, folder=path.parent)
+
+
+def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
+    """The robot described by TOML text; a relative model_file starts at `folder`. Errors as read_robot."""
+    table = from_table(RobotTable, decoded(text, where), where)
+    if table.kind not in KINDS:
+        raise UsageError(
+            f"kind = '{table.kind}' is no robot of joints", where=where, next_step="Leave it out."
+        )
+    model_file = None if table.model_file is None else (folder / table.model_file).resolve()
+    if model_file is not None and not model_file.is_file():
+        raise UsageError(
+            f"model_file {model_file} does not exist",
+            where=where,
+            next_step="Correct the path (relative to this file), or leave model_file out.",
+        )
+    spec = ArmSpec(table.name, table.axis, table.command_unit, table.rate, model_file, table.plant)
+    return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[str, ...] = ()) -> str:
+    """TOML text that `parse_robot` reads back to the same spec.
+
+    Args:
+        spec: the robot.
+        folder: where the text will be stored; a model_file below it is written as a relative path.
+        comments: lines to put on top, e.g. limits that a person should confirm.
+    """
+    model_file = spec.model_file
+    if model_file is not None and folder is not None and model_file.is_relative_to(folder.resolve()):
+        model_file = model_file.relative_to(folder.resolve())
+    table = RobotTable(
+        kind=KIND,
+        name=spec.name,
+        command_unit=spec.command_unit,
+        rate=spec.rate,
+        model_file=None if model_file is None else str(model_file),
+        plant=spec.plant,
+        units_checked=bool(unit_suspicion(spec)),
+        axis=spec.axes,
+    )
+    return write_values(table, comments)

@@ -1,0 +1,121 @@
+"""ArmSpec: what a campaign has to know of a robot of joints. Axes by name, SI units, limits, rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from etude.contracts import Array, Channel
+
+COMMAND = "command"
+PATH = ("q", "qd", "qdd")
+PLAN = ("q_des", "qd_des", "qdd_des")
+ORDERS = 3
+"""Position, velocity and acceleration: what an inverse dynamics model looks at."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One actuated joint and its limits.
+
+    Attributes:
+        name: the joint's name, as in logs and in the URDF or MJCF.
+        lower, upper: position limits, rad (m for a sliding joint).
+        velocity: largest |qd|, rad/s (m/s).
+        acceleration: largest |qdd|, rad/s^2 (m/s^2).
+        command: largest |command| in the robot's command unit.
+        unit: of the position: "rad", or "m" for a sliding joint.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    command: float
+    unit: Literal["rad", "m"] = "rad"
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """A robot as its owner describes it, one TOML file per robot (see `robot_file`).
+
+    Attributes:
+        name: short name.
+        axes: the actuated joints, in the order of every array's columns.
+        command_unit: unit of the learned output: "N m", "N", "A", "V" or "pwm".
+        rate: logging and control rate, Hz.
+        model_file: URDF or MJCF with the rigid-body model, or None.
+        plant: name of the simulated plant that stands in for the robot, or None.
+    """
+
+    name: str
+    axes: tuple[Axis, ...]
+    command_unit: str
+    rate: float
+    model_file: Path | None = None
+    plant: str | None = None
+
+    @property
+    def dof(self) -> int:
+        return len(self.axes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def lower(self) -> Array:
+        return np.array([axis.lower for axis in self.axes])
+
+    @property
+    def upper(self) -> Array:
+        return np.array([axis.upper for axis in self.axes])
+
+    @property
+    def velocity(self) -> Array:
+        return np.array([axis.velocity for axis in self.axes])
+
+    @property
+    def acceleration(self) -> Array:
+        return np.array([axis.acceleration for axis in self.axes])
+
+    @property
+    def command(self) -> Array:
+        """Largest command of each joint."""
+        return np.array([axis.command for axis in self.axes])
+
+    def channels(self) -> tuple[Channel, ...]:
+        """What a log of this robot may hold; only positions and commands must be in it."""
+        return (*self.motion(PATH, "state"), *self.motion(PLAN, "plan"), *self._commands(), self._truth())
+
+    def motion(self, names: tuple[str, ...], role: Literal["state", "plan"]) -> tuple[Channel, ...]:
+        """Position, velocity and acceleration of the joints under these names."""
+        reach = (np.maximum(np.abs(self.lower), np.abs(self.upper)), self.velocity, self.acceleration)
+        return tuple(
+            Channel(
+                name,
+                self.names,
+                tuple(axis.unit + ("", "/s", "/s^2")[order] for axis in self.axes),
+                role,
+                required=name == PATH[0],
+                derivative_of=names[order - 1] if order else "",
+                reach=tuple(reach[order].tolist()),
+            )
+            for order, name in enumerate(names)
+        )
+
+    def _commands(self) -> tuple[Channel, ...]:
+        units = (self.command_unit,) * self.dof
+        reach = tuple(self.command.tolist())
+        return (
+            Channel(COMMAND, self.names, units, "command", required=True, acts_on=PATH[0], reach=reach),
+            Channel("command_ff", self.names, units, "aside"),
+            Channel("command_fb", self.names, units, "aside"),
+        )
+
+    def _truth(self) -> Channel:
+        return Channel("q_true", self.names, tuple(axis.unit for axis in self.axes), "truth")

@@ -1,0 +1,207 @@
+"""Frozen dataclasses from TOML that people edit by hand, and back; file and key in every message.
+
+`read_table` lays a table over known values, as campaign.toml does over a preset; `from_table` makes a value
+from a table alone, as a robot file does, where every limit must be stated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from etude.errors import UsageError
+
+T = TypeVar("T")
+STATE_ALL = "Nothing is guessed: state each of them."
+
+
+def decoded(text: str, where: str) -> dict[str, Any]:
+    """The tables of TOML text. UsageError with the line if it is no TOML."""
+    import tomllib
+
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise UsageError(f"not valid TOML: {problem}", where=where) from None
+
+
+def read_text(path: Path, what: str = "file") -> str:
+    """The text of a file that a person names. UsageError if there is none, or it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise UsageError(f"there is no {what} {path}", next_step="Check the path.") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise UsageError(f"the {what} cannot be read: {problem}", where=str(path)) from None
+
+
+def read_table(kind: type[T], table: Any, start: T, where: str) -> T:
+    """`start` with the values of `table` put over it; each value must have its field's type.
+
+    Args:
+        kind: the frozen dataclass.
+        table: what TOML gave for it.
+        start: the values of keys that the table leaves out.
+        where: file and section, for messages.
+
+    Raises:
+        UsageError: not a table, an unknown key (named with the valid ones), or a value that is impossible.
+    """
+    _require_table(table, where)
+    names = [field.name for field in _fields(kind)]
+    refuse_unknown(table, names, where)
+    types = typing.get_type_hints(kind)
+    given = {key: _value(types[key], value, key, where) for key, value in table.items()}
+    return _made(kind, {**{name: getattr(start, name) for name in names}, **given}, where)
+
+
+def from_table(kind: type[T], table: Any, where: str) -> T:
+    """The dataclass that `table` states; keys without a default must be there.
+
+    A field that is a dataclass is a table of its own, a tuple of dataclasses an array of tables; one of those
+    is called by its name in messages, after the field's metadata "label" if it has one.
+
+    Raises:
+        UsageError: as `read_table`; or a key is missing.
+    """
+    _require_table(table, where)
+    fields = _fields(kind)
+    refuse_unknown(table, [field.name for field in fields], where)
+    missing = [field.name for field in fields if _required(field) and field.name not in table]
+    if missing:
+        raise UsageError(f"missing {', '.join(missing)}", where=where, next_step=STATE_ALL)
+    types = typing.get_type_hints(kind)
+    values = {
+        field.name: _nested(field, types[field.name], table[field.name], where)
+        for field in fields
+        if field.name in table
+    }
+    return _made(kind, values, where)
+
+
+def refuse_unknown(table: Mapping[str, Any], valid: list[str], where: str) -> None:
+    """Raises UsageError for the first key that is not in `valid`, with the valid ones."""
+    for key in table:
+        if key not in valid:
+            near = difflib.get_close_matches(key, valid, 1)
+            hint = f"Did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"unknown key {key!r}", where=where, next_step=f"{hint}Valid keys: {', '.join(valid)}."
+            )
+
+
+def write_table(name: str, value: Any, comments: Mapping[str, str]) -> str:
+    """A TOML table with every field, each followed by its comment."""
+    lines = [f"[{name}]"]
+    for field in dataclasses.fields(value):
+        text = f"{field.name} = {toml_value(getattr(value, field.name))}"
+        comment = comments.get(field.name, "")
+        lines.append(f"{text:<34} # {comment}" if comment else text)
+    return "\n".join(lines) + "\n"
+
+
+def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:
+    """TOML that `from_table` reads back to the same value; what is at its default is left out.
+
+    comments: sentences on top, for instance what a person should confirm.
+    """
+    lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
+    lines += [f"{name} = {toml_value(item)}" for name, item in _stated(value) if not _is_table(item)]
+    for name, item in _stated(value):
+        if _is_table(item):
+            several = isinstance(item, tuple)
+            for one in item if several else (item,):
+                lines += ["", f"[[{name}]]" if several else f"[{name}]"]
+                lines += [f"{key} = {toml_value(v)}" for key, v in _stated(one)]
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML; JSON's scalars and lists of them are TOML too, but for one control character."""
+    if value is None:
+        return '"none"'
+    if isinstance(value, tuple):
+        value = list(value)
+    return json.dumps(value, allow_nan=False, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
+    return dataclasses.fields(kind)
+
+
+def _required(field: dataclasses.Field[Any]) -> bool:
+    missing = dataclasses.MISSING
+    return field.default is missing and field.default_factory is missing
+
+
+def _require_table(table: Any, where: str) -> None:
+    if not isinstance(table, Mapping):
+        raise UsageError("expected a table of keys", where=where, next_step="Write it as [section].")
+
+
+def _nested(field: dataclasses.Field[Any], expected: Any, value: Any, where: str) -> Any:
+    """The value of one field: tables become dataclasses."""
+    inner = _dataclass_in(expected)
+    if inner is None:
+        return _value(expected, value, field.name, where)
+    if typing.get_origin(expected) is not tuple:
+        return from_table(inner, value, f"{where} [{field.name}]")
+    if not isinstance(value, list) or not all(isinstance(one, Mapping) for one in value):
+        raise UsageError(
+            f"{field.name} must be an array of tables", where=where, next_step=f"Write [[{field.name}]]."
+        )
+    label = field.metadata.get("label", field.name)
+    return tuple(
+        from_table(
+            inner, one, f"{where}, " + (f"{label} '{one['name']}'" if "name" in one else f"{label} {i}")
+        )
+        for i, one in enumerate(value, start=1)
+    )
+
+
+def _dataclass_in(expected: Any) -> Any:
+    """The dataclass that a field's type holds, if it does: itself, one or None, or a tuple of them."""
+    if dataclasses.is_dataclass(expected):
+        return expected
+    return next((one for one in typing.get_args(expected) if dataclasses.is_dataclass(one)), None)
+
+
+def _value(expected: Any, value: Any, key: str, where: str) -> Any:
+    import msgspec
+
+    if value == "none" and type(None) in typing.get_args(expected):  # TOML has no null
+        return None
+    try:
+        return msgspec.convert(value, expected)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"{key} = {value!r} is not possible: {error}", where=f"{where} {key}") from None
+
+
+def _made(kind: type[T], values: dict[str, Any], where: str) -> T:
+    """The dataclass; what its own checks refuse is said with the file."""
+    try:
+        return kind(**values)
+    except (UsageError, ValueError) as error:
+        named = error if isinstance(error, UsageError) else UsageError(str(error))
+        place = f"{where} {named.where}".strip()
+        raise UsageError(named.fact, where=place, next_step=named.next_step) from None
+
+
+def _stated(value: Any) -> list[tuple[str, Any]]:
+    """(field, value) of what is not at its default."""
+    return [
+        (field.name, getattr(value, field.name))
+        for field in dataclasses.fields(value)
+        if _required(field) or getattr(value, field.name) != field.default
+    ]
+
+
+def _is_table(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and dataclasses.is_dataclass(value[0])
+    return dataclasses.is_dataclass(value)

@@ -1,0 +1,116 @@
+"""The rows of `etude study arm`: means over paired seeds with 95 % intervals, read from campaign folders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.campaign.folder import Campaign, open_campaign
+from etude.logs.parquet import read_parquet
+from etude.models.calibration import score
+from etude.models.model_file import load_model
+from etude.models.preprocess import build_dataset
+from etude_studies.rows import Row, mean_rows
+
+Array = NDArray[np.float64]
+TESTS = ("fourier", "moves")
+ROUNDS_SHOWN = (1, 2, 3, 4, 6)
+CALIBRATED_FROM = 3
+
+
+class Named(Protocol):
+    """A cell of the study."""
+
+    @property
+    def robot(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+
+
+def arm_rows(folder: Path, cells: Iterable[Named]) -> list[Row]:
+    """Tracking errors beside the perfect model's, the baselines, held-out calibration; a block per arm."""
+    arms: dict[tuple[str, str], list[Campaign]] = {}
+    for cell in cells:
+        arms.setdefault((cell.robot, cell.kind), []).append(open_campaign(folder / cell.name))
+    rows = []
+    for (robot, kind), campaigns in arms.items():
+        name = f"{robot}_{kind}"
+        rows += _tracking_rows(name, campaigns)
+        rows += _calibration_rows(name, campaigns)
+    return rows
+
+
+def _tracking_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
+    rows = []
+    for test in TESTS:
+        perfect = _errors(campaigns, test, "perfect", None)
+        for baseline in ("pd", "rigid_body"):
+            errors = _errors(campaigns, test, baseline, None)
+            rows += mean_rows(f"{name}_{test}_{baseline}", errors, "deg", "perfect model", perfect)
+        for number in ROUNDS_SHOWN:
+            errors = _errors(campaigns, test, None, number)
+            rows += mean_rows(f"{name}_{test}_k{number}", errors, "deg", "perfect model", perfect)
+    return rows
+
+
+def _errors(
+    campaigns: Sequence[Campaign], test: str, baseline: str | None, number: int | None
+) -> list[float]:
+    """Mean over joints, one value per campaign; the newest evaluation where several fit."""
+    found = []
+    for campaign in campaigns:
+        fitting = [
+            event["tracking_error_deg"]
+            for event in campaign.state().evaluated
+            if event["test"] == test
+            and event.get("baseline") == baseline
+            and number in (None, event.get("number"))
+        ]
+        found += [float(np.mean(fitting[-1]))] if fitting else []
+    return found
+
+
+def _calibration_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
+    """z^2 and coverage per round, on the next trajectory before it was learned and on a test motion."""
+    rows = []
+    last = max(len(campaign.state().trained) for campaign in campaigns)
+    sources: dict[str, tuple[int, Callable[[Campaign, int], Any]]] = {
+        "next": (last - 1, _next_score),
+        "test": (last, _test_score),
+    }
+    for source, (until, scores) in sources.items():
+        for number in range(CALIBRATED_FROM, until + 1):
+            z2, coverage = np.array([scores(campaign, number) for campaign in campaigns]).T
+            target = "target 0.5 to 2.5"
+            rows += mean_rows(f"{name}_z2_{source}_k{number}", list(z2), "1", target, [])
+            rows += mean_rows(f"{name}_coverage_{source}_k{number}", list(coverage), "1", "nominal", [0.95])
+    return rows
+
+
+def _next_score(campaign: Campaign, number: int) -> tuple[float, float]:
+    """Of the model in use after round `number`, on the trajectory of the next round."""
+    before = campaign.state().rounds[number].trained
+    after = campaign.state().rounds[number + 1].trained
+    assert before is not None
+    assert after is not None
+    found = after["models"][before["chosen"]]
+    return _mean(found["z2"]), _mean(found["coverage"])
+
+
+def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
+    """Of the model in use after round `number`, on the test motion as PD alone ran it."""
+    log = read_parquet(campaign.path / "tests" / "0000.pd.parquet")
+    new = build_dataset(log, campaign.spec, campaign.config.data)
+    model = load_model(campaign.model_folder(number))
+    found = score(new.tau, *model.predict(new.q, new.qd, new.qdd), ~new.stuck)
+    return float(np.nanmean(found.z2)), float(np.nanmean(found.coverage))
+
+
+def _mean(values: Sequence[float | None]) -> float:
+    return float(np.mean([value for value in values if value is not None]))

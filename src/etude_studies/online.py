@@ -1,0 +1,224 @@
+"""etude study online: the simulated arms go on learning while they run, and after they have changed.
+
+A cell starts from a model of two motions, and repeats a motion that the model has not seen, three passes of a
+minute, once for every rule; all rules of a cell see the same motion, robot and noise. A finished cell is a
+file in the folder and is not run again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.control.closed_loop import run_closed_loop
+from etude.control.feedforward import no_feedforward
+from etude.control.online_loop import OnlineRun, run_online
+from etude.errors import UsageError
+from etude.models.dataset import concatenate
+from etude.models.inverse_dynamics import InverseDynamicsModel, ModelConfig, train_model
+from etude.models.online.learner import OnlineConfig
+from etude.models.online.model import OnlineModel
+from etude.models.preprocess import build_dataset, preset
+from etude.plants.changes import with_friction, with_payload
+from etude.plants.parameters import ArmParameters, load_parameters
+from etude.plants.registry import simulated_robot
+from etude.plants.robot import SimulatedRobot
+from etude.storage import write_atomic
+from etude_studies.rows import Row, mean_rows, rows_json, table
+from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.random import random_trajectory
+from etude.trajectories.samples import Trajectory
+
+Array = NDArray[np.float64]
+
+PASSES, PASS_S = 3, 60.0
+TRAINING = 2
+CHANGE_S = PASS_S
+"""The robot changes after the first pass."""
+FRICTION, PAYLOAD_KG = 1.5, 0.5
+HALF_LIFE_S = 30.0
+RULES: dict[str, OnlineConfig | None] = {
+    "none": None,
+    "variance": OnlineConfig("variance"),
+    "error": OnlineConfig("error"),
+    "ssgp": OnlineConfig("ssgp"),
+    "sogp": OnlineConfig("sogp"),
+}
+UNGUARDED: dict[str, OnlineConfig | None] = {
+    "error_literal_unguarded": OnlineConfig("error_literal", guarded=False),
+}
+FORGETTING: dict[str, OnlineConfig | None] = {
+    "variance_forgetting": OnlineConfig("variance", half_life=HALF_LIFE_S),
+    "ssgp_forgetting": OnlineConfig("ssgp", half_life=HALF_LIFE_S),
+}
+PLACES: dict[tuple[str, str], dict[str, OnlineConfig | None]] = {
+    ("arm4", "same"): RULES | UNGUARDED,
+    ("arm4_rough", "same"): RULES,
+    ("arm4", "friction"): RULES | FORGETTING,
+    ("arm4", "payload"): RULES | FORGETTING,
+}
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """One rule in one cell.
+
+    Attributes:
+        errors: (passes, dof) mean tracking error, degrees.
+        predict_us, update_us: median and 99th percentile of a tick's time; updates of ticks that learned.
+    """
+
+    errors: list[list[float]]
+    predict_us: tuple[float, float]
+    update_us: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot, what happens to it ("same", "friction", "payload"), and a seed."""
+
+    robot: str
+    change: str
+    seed: int
+
+    def path(self, folder: Path) -> Path:
+        return folder / f"{self.robot}_{self.change}_{self.seed:04d}.json"
+
+
+def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
+    """Runs seeds `seed` .. `seed + seeds - 1` of every place and prints the rows.
+
+    Raises:
+        UsageError: fewer than two seeds, of which no interval can be made.
+    """
+    if seeds < 2:
+        raise UsageError(f"an interval needs 2 seeds or more, not {seeds}")
+    cells = [Cell(*place, s) for place in PLACES for s in range(seed, seed + seeds)]
+    outcomes = {}
+    for done, (cell, found) in enumerate(_run_all(cells, folder), start=1):
+        outcomes[cell] = found
+        _say(f"{done} of {len(cells)} cells: {cell.path(folder).stem}")
+    rows = study_rows(outcomes)
+    if json:
+        print(rows_json(rows, f"etude study online --seed {seed} --seeds {seeds}"))  # noqa: T201
+    else:
+        table(rows, f"learning on line, {seeds} seeds from {seed}")
+
+
+def _say(text: str) -> None:
+    from rich.console import Console
+
+    Console(stderr=True).print(text, highlight=False)
+
+
+def _run_all(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, dict[str, Outcome]]]:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        yield from zip(cells, pool.map(run_cell, cells, [folder] * len(cells)), strict=True)
+
+
+def run_cell(cell: Cell, folder: Path) -> dict[str, Outcome]:
+    """All rules of one cell, from its file if it has been run."""
+    path = cell.path(folder)
+    if path.exists():
+        return msgspec.json.decode(path.read_bytes(), type=dict[str, Outcome])
+    found = outcomes_of(cell, PLACES[cell.robot, cell.change])
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, msgspec.json.encode(found))
+    return found
+
+
+def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, Outcome]:
+    """Trains, and runs the test motion under each of the rules."""
+    robot = simulated_robot(cell.robot, "compiled")
+    rng = np.random.default_rng([cell.seed, 0])
+    model = start_model(robot, rng)
+    motion = random_trajectory(rng, robot.spec, TrajectoryFamily(2, PASS_S))
+    changes = {CHANGE_S: changed(load_parameters(cell.robot), cell.change)}
+    return {
+        name: _outcome(run_rule(robot, model, motion, config, cell.seed, changes))
+        for name, config in rules.items()
+    }
+
+
+def start_model(robot: SimulatedRobot, rng: np.random.Generator) -> InverseDynamicsModel:
+    """What a campaign without a model file knows after two random motions under PD control."""
+    parts = []
+    for number in range(TRAINING):
+        trajectory = random_trajectory(rng, robot.spec, TrajectoryFamily(duration=PASS_S))
+        log = run_closed_loop(robot, trajectory, no_feedforward(robot.spec), rng)
+        parts.append(build_dataset(log, robot.spec, preset("default"), number))
+    return train_model(concatenate(parts), robot.spec, replace(ModelConfig(), kind="gp"), rng)
+
+
+def changed(arm: ArmParameters, change: str) -> ArmParameters:
+    """The arm after what happens to it."""
+    if change == "friction":
+        return with_friction(arm, FRICTION)
+    return with_payload(arm, PAYLOAD_KG) if change == "payload" else arm
+
+
+def run_rule(
+    robot: SimulatedRobot,
+    model: InverseDynamicsModel,
+    motion: Trajectory,
+    config: OnlineConfig | None,
+    seed: int,
+    changes: dict[float, ArmParameters],
+) -> OnlineRun:
+    """Three passes under one rule; the same seed gives every rule the same encoder noise."""
+    own = np.random.default_rng([seed, 1])
+    online = None if config is None else OnlineModel(model, config, robot.spec.rate, own)
+    noise = np.random.default_rng([seed, 2])
+    return run_online(robot, motion, model, online, noise, passes=PASSES, changes=changes)
+
+
+def _outcome(run: OnlineRun) -> Outcome:
+    return Outcome(
+        np.degrees(run.pass_errors()).tolist(),
+        _median_p99(run.predict_s),
+        _median_p99(run.update_s[run.learned]) if run.learned.any() else (0.0, 0.0),
+    )
+
+
+def _median_p99(seconds: Array) -> tuple[float, float]:
+    median, high = 1e6 * np.percentile(seconds, [50.0, 99.0])
+    return float(median), float(high)
+
+
+def study_rows(outcomes: dict[Cell, dict[str, Outcome]]) -> list[Row]:
+    """`<robot>_<change>_<rule>_pass<k>` beside the same pass without updates; paired gains; latencies."""
+    rows = []
+    for robot, change in PLACES:
+        found = [own for cell, own in outcomes.items() if (cell.robot, cell.change) == (robot, change)]
+        for rule in PLACES[robot, change] if found else ():
+            name = f"{robot}_{change}_{rule}"
+            for k in range(PASSES):
+                without, errors = (_means(found, r, k) for r in ("none", rule))
+                rows += mean_rows(f"{name}_pass{k + 1}", errors, "deg", "without updates", without)
+            gains = [a - b for a, b in zip(without, errors, strict=True)]
+            if rule != "none":
+                rows += mean_rows(f"{name}_gain", gains, "deg", "paired, last pass", [])
+    return rows + _latency_rows(outcomes)
+
+
+def _means(found: list[dict[str, Outcome]], rule: str, k: int) -> list[float]:
+    """Mean over the joints in pass k, one value per seed."""
+    return [float(np.mean(own[rule].errors[k])) for own in found]
+
+
+def _latency_rows(outcomes: dict[Cell, dict[str, Outcome]]) -> list[Row]:
+    """Medians over the cells of each tick's median and 99th percentile."""
+    rows = []
+    for rule in RULES:
+        own = [found[rule] for found in outcomes.values() if rule != "none" and rule in found]
+        for figure in ("predict_us", "update_us") if own else ():
+            median, high = np.median([getattr(outcome, figure) for outcome in own], axis=0)
+            rows.append(Row(f"{figure}_{rule}", float(median), "us", "99th percentile", float(high)))
+    return rows

@@ -1,0 +1,135 @@
+"""Recordings of real arms that models are measured on: one row each in `REAL_LOGS`.
+
+Some come with the package, in `examples`; others may be measured but not handed on, and are read from a
+folder that the user names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.logs.log import RobotLog
+from etude.logs.read import read_log
+from etude.models.blocks import split_blocks
+from etude.models.dataset import Dataset
+from etude.models.preprocess import build_dataset, filter_cutoff, preset
+from etude.robots.spec import RobotSpec
+from etude.robots.toml_file import load_robot
+
+Array = NDArray[np.float64]
+
+PLACES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[3] / "examples")
+EXAMPLES = next((place for place in PLACES if place.is_dir()), PLACES[0])
+"""In a package, and in a checkout."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A real arm's log as a campaign would learn it, divided.
+
+    Attributes:
+        spec: the robot.
+        train, test: blocks 3, 8, 13 and 18 of 20 are the test. Training samples within one period of the
+            filter's cutoff of a test sample are left out: their filtered commands hold the test's noise.
+        raw: (n, dof) commands at the test samples as they were recorded, interpolated; None without a filter.
+    """
+
+    spec: RobotSpec
+    train: Dataset
+    test: Dataset
+    raw: Array | None
+
+
+@dataclass(frozen=True)
+class RealLog:
+    """One recording.
+
+    Attributes:
+        name: in the rows, `nmse_<name>`.
+        title: robot and motion.
+        licence: under which the recording was published.
+        files: any one of them is looked for: below `examples` if `bundled`, else in the user's folder.
+        bundled: comes with the package.
+        load: from the path of the file found.
+        note: what has to be said wherever its figures are shown.
+    """
+
+    name: str
+    title: str
+    licence: str
+    files: tuple[str, ...]
+    bundled: bool
+    load: Callable[[Path], Recording]
+    note: str = ""
+
+    def find(self, logs: Path | None = None) -> Path | None:
+        """The file, or None if it is not there."""
+        folder = EXAMPLES if self.bundled else logs
+        if folder is None:
+            return None
+        return next((folder / file for file in self.files if (folder / file).is_file()), None)
+
+
+def bundled_arm(path: Path) -> Recording:
+    """The log of an example, whose robot file lies beside it."""
+    return recording(*_example(path))
+
+
+def _example(path: Path) -> tuple[RobotLog, RobotSpec]:
+    spec = load_robot(path.with_name(f"{path.parent.name}.toml"))
+    return read_log(path, spec), spec
+
+
+def arm_log(name: str, path: Path) -> tuple[RobotLog, RobotSpec]:
+    """The log itself of one of `REAL_LOGS`, and its robot; SARCOS has samples without times, and no log."""
+    from etude_studies.external_logs import panda_log
+
+    return panda_log(path) if name == "panda" else _example(path)
+
+
+def recording(log: RobotLog, spec: RobotSpec) -> Recording:
+    """A cleaned log through the default preset of a campaign, divided into blocks."""
+    config = preset("default")
+    dataset = build_dataset(log, spec, config)
+    train, test = split_blocks(dataset, gap_s=1.0 / filter_cutoff(log, config))
+    raw = np.column_stack([np.interp(test.t, log.t, column) for column in log.tau.T])
+    return Recording(spec, train, test, raw)
+
+
+def panda(path: Path) -> Recording:
+    from etude_studies.external_logs import panda_log
+
+    return recording(*panda_log(path))
+
+
+def sarcos(path: Path) -> Recording:
+    from etude_studies.external_logs import sarcos_samples
+
+    spec, dataset = sarcos_samples(path)
+    return Recording(spec, *split_blocks(dataset), raw=None)
+
+
+SARCOS_NOTE = (
+    "SARCOS: the official test set is the training set decimated by ten, so its rows are taken as one log "
+    "and divided into blocks."
+)
+REAL_LOGS = (
+    RealLog("ur10", "UR10, 27 s", "BSD-3-Clause", ("ur10/ur10_exciting.csv",), True, bundled_arm),
+    RealLog("tx40", "Stäubli TX40, 9 s", "Apache-2.0", ("tx40/tx40_exciting.csv",), True, bundled_arm),
+    RealLog("tiago", "PAL TIAGo, 80 s", "Apache-2.0", ("tiago/tiago_exciting.csv",), True, bundled_arm),
+    RealLog("panda", "Franka Emika Panda, 21 s", "GPL-3.0", ("panda_exciting.npz",), False, panda),
+    RealLog(
+        "sarcos",
+        "SARCOS arm",
+        "none stated",
+        ("sarcos_inv_test.npz", "sarcos_inv_test.mat"),
+        False,
+        sarcos,
+        SARCOS_NOTE,
+    ),
+)

@@ -1,0 +1,75 @@
+"""The demo's figures are the journal's, and it is of the robot that was asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from etude.campaign.folder import open_campaign
+from etude.commands.demo import Demo
+from etude.commands.parse import command
+from etude.errors import UsageError
+from etude_studies import demo
+
+
+def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
+    said: list[str] = []
+    text, figures = demo.run(tmp_path / "lab", "quadrotor", None, 1, 2, said.append)
+    campaign = open_campaign(tmp_path / "lab")
+    assert campaign.spec.name == figures["robot"] == "quadrotor_rough"
+    assert campaign.state().seed == figures["seed"] == 2
+    uniform = [e for e in campaign.state().evaluated if e["test"] == "uniform"]
+    learned = next(e["tracking_error_m"][-1] for e in uniform if not e.get("baseline"))
+    assert figures["rounds"] == [
+        {"robot_seconds": pytest.approx(29.9), "tracking_error_m": pytest.approx(learned)}
+    ]
+    assert any(
+        line.split() == ["PID", "+", "Étude", "after", "1", "flight", "(30", "s)", f"{learned:.3f}", "m"]
+        for line in text.splitlines()
+    )
+    for event in uniform:
+        if event.get("baseline"):
+            assert figures["baselines"][event["baseline"]] == event["tracking_error_m"][-1]
+            assert f"{event['tracking_error_m'][-1]:>8.3f} m" in text
+    lines = [line for line in text.splitlines() if line.endswith(" m")]
+    assert [line.split("   ")[0].strip() for line in lines[:3]] == [
+        "PID alone",
+        "PID + analytic model without drag",
+        "PID + analytic, exact linear drag",
+    ]
+    assert f"After 30 s of motion: {learned:.3f} m on the test motion." in said
+    assert Path(figures["report"]).is_file()
+
+
+def test_an_arm_cannot_be_the_quadrotor_and_nothing_is_made(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="does not fly"):
+        demo.run(tmp_path / "lab", "quadrotor", "arm4", 1, 0, lambda _: None)
+    with pytest.raises(UsageError, match="1 round or more"):
+        demo.run(tmp_path / "lab", "quadrotor", None, 0, 0, lambda _: None)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("kind", "robot", "test", "unit"),
+    [
+        ("arm", None, "fourier", "deg"),
+        ("arm", "quadrotor", "uniform", "m"),
+        ("quadrotor", None, "uniform", "m"),
+    ],
+)
+def test_the_robot_decides_what_is_shown(
+    kind: demo.DemoKind, robot: str | None, test: str, unit: str
+) -> None:
+    show = demo._show(robot or demo.SHOWS[kind].robot, kind)
+    assert (show.test, show.unit) == (test, unit)
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "robot"),
+    [([], "arm", None), (["quadrotor"], "quadrotor", None), (["--robot", "arm4"], "arm", "arm4")],
+)
+def test_the_command_line_chooses(words: list[str], kind: str, robot: str | None) -> None:
+    found = command(["demo", *words])
+    assert isinstance(found, Demo)
+    assert (found.kind, found.robot, found.rounds) == (kind, robot, None)
