@@ -1,4 +1,4 @@
-"""The stop rule's evidence, read from committed facts."""
+"""What the stop rule sees, read from committed facts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ POOLED = 3
 """Trajectories whose prequential z^2 make the calibration factor."""
 
 
-def collect(campaign: Campaign, state: State, next_gain: float | None = None) -> list[Evidence]:
+def seen_by_the_rule(
+    campaign: Campaign, state: State, next_gain: float | None = None
+) -> list[Evidence]:
     """One Evidence for each learned log, in the order of learning.
 
     Args:
@@ -56,7 +58,7 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
     ratio = None if noise is None else (np.array(facts["latent_deviation"]) / np.maximum(noise, 1e-300)) ** 2
     return Evidence(
         number=trained[-1].number,
-        forecast=float(np.max(deviation / campaign.spec.command)),
+        forecast=float(np.max(deviation / campaign.kind.limit(campaign.spec))),
         noise_ratio=None if ratio is None else float(np.max(ratio)),
         gain=gain,
         gain_minutes=minutes,
