@@ -312,6 +312,8 @@ class Inputs(Protocol):
     def tuned(
         self, samples: Samples
     ) -> Inputs: ...  # with stick speeds, play, drag, volts, memory at the end
+    def arrays(self) -> Mapping[str, Array]: ...  # what `tuned` has set, to be stored with a model
+    def restore(self, arrays: Mapping[str, Array]) -> Inputs: ...  # the same inputs with it
     def c(self, name: str) -> Code | None: ...
 
 
@@ -323,10 +325,34 @@ class Mean(Protocol):
     def parameters(self) -> Mapping[str, tuple[float, float]]: ...
     def predict(self, log: Log) -> Array: ...
     def static(self, log: Log) -> Array: ...
+    def arrays(self) -> Mapping[str, Array]: ...  # of any dtype but object; `Physics.restore` takes them
     def c(self, name: str) -> Code | None: ...
 
 
-Physics = Callable[[Samples | None], Mean]  # a rung: identified from samples, or nominal, which needs none
+class Physics(Protocol):
+    """A mean to learn beside: identified from samples, or nominal, which needs none (None). Stored models
+    keep the mean's arrays; restore: it again, bit for bit.
+    """
+
+    def __call__(self, samples: Samples | None) -> Mean: ...
+    def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
+
+
+class Regressor(Protocol):
+    """Features (n, p) of one command at model inputs X (n, D), in its unit, their weights N(0, 1) before any
+    data; pullback: the gradient (n, D) of sum(G * features), G (n, p).
+    """
+
+    def transform(self, X: Array) -> Array: ...
+    def pullback(self, X: Array, G: Array) -> Array: ...
+
+
+class Regressed(Protocol):
+    """Capability of a `Physics` that is linear in its parameters: a regressor for each command (criterion
+    d_opt). Who lacks the method has none.
+    """
+
+    def regressors(self) -> Sequence[Regressor]: ...
 
 
 class Posterior(Protocol):
@@ -348,8 +374,10 @@ class Posterior(Protocol):
 @dataclass(frozen=True, eq=False)
 class FitData:
     """What a member learns one group of m commands from. X (n, D); Y, usable, moving (n, m): a joint
-    kernel leaves out single entries. Rows: `chosen` for hyperparameters, `kept` to condition on, or as
-    inducing inputs of all. kernels: m, or one for all; floor (m,) of the noise; start: last round's.
+    kernel leaves out single entries. Rows: `chosen` for hyperparameters, `kept` (increasing) to condition
+    on, or as inducing inputs of all. group (n,): trajectories; fold (n,): what is held out together, of a
+    single trajectory its stretches. commands: names of the m. kernels: m, or one for all; floor (m,) of
+    the noise; start: last round's.
     """
 
     X: Array
@@ -357,9 +385,11 @@ class FitData:
     usable: Mask
     moving: Mask
     group: Index
+    fold: Index
     chosen: Index
     kept: Index
     columns: Sequence[Column]
+    commands: tuple[str, ...]
     kernels: Sequence[Any]
     floor: Array
     start: Process | None
@@ -369,21 +399,36 @@ class FitData:
 
 class Process(Protocol):
     """A Gaussian process of m commands learned together: one alone, with a shared kernel (one latent
-    function for all), or joint (one each, given all). Mean and variance (T, m), without noise.
+    function for all), or joint (one each, given all). Mean and variance (T, m), without noise, in the
+    units of `FitData.Y`; noise_variance, signal_variance (m,).
     """
 
+    @property
+    def noise_variance(self) -> Array: ...
+    @property
+    def signal_variance(self) -> Array: ...
     def latents(
         self,
     ) -> Sequence[tuple[Posterior, tuple[int, ...]]]: ...  # for designs, with the commands of each
     def predict(self, X: Array) -> tuple[Array, Array]: ...
-    def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]: ...  # (k, m), with noise
-    def arrays(self) -> Mapping[str, Array]: ...
+    # means and variances with noise (k, m) of the samples own (k,), all of `kept` in one fold, from what
+    # was learned of other folds; Y (n, m): outputs to predict from, if not those of `FitData`
+    def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]: ...
+    def arrays(self) -> Mapping[str, Array]: ...  # of any dtype but object
     def c(self, name: str) -> Code | None: ...
 
 
-Member = Callable[
-    [FitData], Process
-]  # entry point `etude.models`; attribute `restore(arrays)`: it again, bit for bit
+class Member(Protocol):
+    """How one group of commands is learned, entry point `etude.models`; restore: the process again from
+    its arrays, bit for bit (it need hold nothing out).
+    """
+
+    def __call__(self, fit: FitData) -> Process: ...
+    def restore(self, arrays: Mapping[str, Array]) -> Process: ...
+
+
+# `etude.kernels`: (Inputs.columns, names of the group's commands) -> a kernel as of models/gp/kernel_algebra
+KernelFactory = Callable[[Sequence[Column], tuple[str, ...]], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,8 +449,8 @@ class Candidate:
 
 class Model(Protocol):
     """What was learned: each command's best candidate, or several averaged (variance: sum w (v + (m -
-    average)^2)). worth (J,): independent samples that a sample is worth, from held-out residuals
-    (changed-robot test).
+    average)^2)). Candidates of weight 0 take no part: they are the other rungs. worth (J,): independent
+    samples that a sample is worth, from held-out residuals (changed-robot test).
     """
 
     @property

@@ -8,13 +8,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.contracts import Posterior
+from etude.contracts import Posterior
 
 Array = NDArray[np.float64]
 
 
 class Batch(Protocol):
-    """Latent posterior covariances of inputs X (T, D); `models.covariance_factors` shares their factors."""
+    """Latent posterior covariances of inputs X (T, D); `models.gp.covariance_factors` shares factors."""
 
     def variance(self) -> Array:
         """(T,) latent variance."""
@@ -50,7 +50,7 @@ def batch_of(posterior: Posterior, X: Array) -> Batch:
 
 @dataclass(frozen=True)
 class PlainBatch:
-    """A batch for any posterior that keeps `models.contracts.Posterior` and no more."""
+    """A batch for any posterior that keeps `contracts.Posterior` and no more."""
 
     posterior: Posterior
     X: Array

@@ -3,41 +3,72 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
-from etude.design.criteria import CRITERIA
+from etude import plugins
 from etude.errors import UsageError
+
+GROUP = "etude.criteria"
+"""Of the entry points that criteria are."""
 
 
 @dataclass(frozen=True)
 class DesignConfig:
-    """Options of `solve.design`.
+    """Options of `solve.design`, the same for every kind of robot.
 
     Attributes:
-        criterion: a name in `criteria.CRITERIA`.
-        candidates: certified random candidates that are scored.
+        criterion: a name among `etude.criteria`, or "module:function".
+        sampler: of the random candidates. "scaled": each part of the motion enlarged to its limits, every
+            fourth of a random amplitude; "uniform": half uniform on what is allowed, half on its edge.
+        candidates: random candidates that are scored.
         refine: how many of the best are refined by L-BFGS.
         steps: iterations of each refinement.
         points: planned samples along a trajectory; logs are autocorrelated, so about one a second.
-        reference_points: reference states per output.
+        planned_noise: planned samples stand for all that will be logged, each with less noise; else each
+            counts as one sample.
+        reference_points: reference states per process.
         random_share: part of the reference states taken from random motions although tasks are given.
-        raw_units: add the outputs' variances in their own squared units, as the thesis does.
+        inducing: an exact process with more samples is seen through this many of them; 0: as it is.
+        raw_units: add the commands' variances in their own squared units, as the thesis does.
+
+    Raises:
+        UsageError: values out of range, or a criterion that nobody brings.
     """
 
     criterion: str = "log_ivr"
+    sampler: Literal["scaled", "uniform"] = "scaled"
     candidates: int = 24
     refine: int = 2
     steps: int = 15
     points: int = 50
+    planned_noise: bool = False
     reference_points: int = 100
     random_share: float = 0.0
+    inducing: int = 0
     raw_units: bool = False
 
     def __post_init__(self) -> None:
-        if self.criterion not in CRITERIA:
+        known = plugins.BUILT_IN[GROUP]
+        if self.criterion not in known and not plugins.FULL_NAME.fullmatch(self.criterion):
+            names = plugins.names(GROUP)
+            if self.criterion not in names:
+                raise UsageError(
+                    f"there is no criterion {self.criterion!r}; known: {', '.join(sorted(names))}",
+                    where="design.criterion",
+                )
+        if self.sampler not in ("scaled", "uniform"):
             raise UsageError(
-                f"there is no criterion {self.criterion!r}; known: {', '.join(sorted(CRITERIA))}"
+                f"the sampler is 'scaled' or 'uniform', not {self.sampler!r}", where="design.sampler"
             )
-        if min(self.candidates, self.points, self.reference_points) < 1 or min(self.refine, self.steps) < 0:
-            raise UsageError("candidates, points and reference points must be >= 1, refine and steps >= 0")
+        for name, least in LEAST.items():
+            if not getattr(self, name) >= least:
+                raise UsageError(
+                    f"{name} must be >= {least}, not {getattr(self, name)}", where=f"design.{name}"
+                )
         if not 0.0 <= self.random_share <= 1.0:
-            raise UsageError(f"random_share must be in [0, 1], not {self.random_share}")
+            raise UsageError(
+                f"random_share must be in [0, 1], not {self.random_share}", where="design.random_share"
+            )
+
+
+LEAST = {"candidates": 1, "points": 1, "reference_points": 1, "refine": 0, "steps": 0, "inducing": 0}

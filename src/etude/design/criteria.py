@@ -2,7 +2,9 @@
 
 A criterion is a function of covariances and returns its value and its derivatives with respect to them; the
 chain from covariances to inputs is the same for all and lives in `score.evaluate`. To add one, write such a
-function and a row in CRITERIA; the conformance suite tests/conformance/test_criteria.py checks its gradient.
+function, with an attribute `needs = "reference"` if it looks at reference states, or `needs = "identified"`
+if it judges the identified model's parameters, and name it: by an entry point in `etude.criteria`, or in a
+campaign as "module:function". The conformance suite tests/conformance/test_criteria.py checks its gradient.
 Here are the criteria that count variances; those that count nats are in `information`.
 """
 
@@ -14,23 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from etude import plugins
 from etude.design.batch import Batch
+from etude.design.config import GROUP
 from etude.design.information import d_opt, info_gain, mi_region, sum_log
-from etude.design.score import Criterion, Output, Score, evaluate, value_of
+from etude.design.score import Criterion, Output, Score, evaluate, needing, value_of
+from etude.errors import UsageError
 
 __all__ = [
-    "CRITERIA",
     "LOG_FLOOR",
-    "NEEDS_IDENTIFIED",
-    "NEEDS_REFERENCE",
     "Criterion",
     "Output",
     "Reduction",
     "Score",
+    "criterion_named",
+    "d_opt",
     "evaluate",
+    "info_gain",
     "ivr",
     "log_ivr",
     "mean_variance",
+    "mi_region",
+    "needs_of",
+    "sum_log",
     "value_of",
 ]
 
@@ -50,6 +58,7 @@ def mean_variance(output: Output, batch: Batch, gain: Array) -> Score:
     )
 
 
+@needing("reference")
 def ivr(output: Output, batch: Batch, gain: Array) -> Score:
     """Integrated variance reduction: mean reference variance before minus after, exactly (ALC, A-optimality).
 
@@ -61,6 +70,7 @@ def ivr(output: Output, batch: Batch, gain: Array) -> Score:
     return reduction.score(float(weights @ reduction.values), weights)
 
 
+@needing("reference")
 def log_ivr(output: Output, batch: Batch, gain: Array) -> Score:
     """Minus the mean log of the reference variances afterwards, each plus 1e-4 of the signal variance."""
     r = len(output.reference)
@@ -69,18 +79,25 @@ def log_ivr(output: Output, batch: Batch, gain: Array) -> Score:
     return reduction.score(-float(np.log(after).mean()), 1.0 / (r * output.scale * after))
 
 
-CRITERIA: dict[str, Criterion] = {
-    "mean_variance": mean_variance,
-    "ivr": ivr,
-    "log_ivr": log_ivr,
-    "sum_log": sum_log,
-    "info_gain": info_gain,
-    "mi_region": mi_region,
-    "d_opt": d_opt,
-}
-NEEDS_REFERENCE = frozenset({"ivr", "log_ivr", "mi_region"})
-NEEDS_IDENTIFIED = frozenset({"d_opt"})
-"""Criteria that judge the identified model's parameters instead of the model's own processes."""
+def criterion_named(name: str) -> Criterion:
+    """The criterion of that name, built in or of a plug-in.
+
+    Raises:
+        UsageError: there is none, it cannot be loaded, it is no function, or it needs what no design has.
+    """
+    criterion: Criterion = plugins.load(GROUP, name)
+    if not callable(criterion):
+        raise UsageError(f"the criterion {name!r} is a {type(criterion).__name__}, not a function")
+    if needs_of(criterion) not in ("", "reference", "identified"):
+        raise UsageError(
+            f"the criterion {name!r} needs {needs_of(criterion)!r}; a design has 'reference' and 'identified'"
+        )
+    return criterion
+
+
+def needs_of(criterion: Criterion) -> str:
+    """What it needs: "reference", "identified", or "" for a criterion that needs neither."""
+    return str(getattr(criterion, "needs", ""))
 
 
 @dataclass(frozen=True)

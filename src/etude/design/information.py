@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from etude.design.batch import Batch
-from etude.design.score import Output, Score
+from etude.design.score import Output, Score, needing
 from etude.models.gp.cholesky import factorise, inverse_lower
 
 Array = NDArray[np.float64]
@@ -40,13 +40,14 @@ def info_gain(output: Output, batch: Batch, gain: Array) -> Score:
     return _joint(output, batch, gain, 1.0)
 
 
+@needing("identified")
 def d_opt(output: Output, batch: Batch, gain: Array) -> Score:
     """Growth of the log determinant of the parameters' information (Swevers et al. 1997), per output.
 
     log det(Y^T Sigma^-1 Y + Lambda0) - log det Lambda0 for the regressor Y of the planned samples. With the
     weights of a linear regression as parameters and what is known of them as Lambda0, the determinant lemma
     makes that log det(S/sn^2): twice `info_gain`. What makes it d_opt is the process: `design` gives it the
-    identified model (`identified.identified_posteriors`) in place of the model's own.
+    identified model (`view.of_parameters`) in place of the model's own.
     """
     return _joint(output, batch, gain, 2.0)
 
@@ -57,6 +58,7 @@ def _joint(output: Output, batch: Batch, gain: Array, factor: float) -> Score:
     return Score(value=factor * joint.value, gain=factor * in_gain, own=factor * own)
 
 
+@needing("reference")
 def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
     """Information that the samples give about noisy measurements at the reference states, I(y_T; y_R).
 

@@ -1,96 +1,97 @@
-"""A criterion as a function of a trajectory's coefficients and omega0, with exact derivatives."""
+"""A criterion as a function of a trajectory's parameters, with its exact gradient."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.design.criteria import Criterion, Output, evaluate, value_of
-from etude.design.mask import stick_gains
-from etude.models.contracts import Posterior
-from etude.models.features import FeatureMap
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.fourier import basis, basis_omega0_derivative
-
-Array = NDArray[np.float64]
+from etude.contracts import Array, Family, Index, Inputs, Planned
+from etude.design.score import Criterion, Output, evaluate, value_of
 
 
-class DesignModel(Protocol):
-    """What a design asks of a model of inverse dynamics."""
-
-    @property
-    def features(self) -> FeatureMap: ...
-
-    @property
-    def posteriors(self) -> Sequence[Posterior]:
-        """One Gaussian process per output."""
-        ...
-
-    @property
-    def stick_velocity(self) -> Array:
-        """(dof,) rad/s below which samples of that joint will be masked."""
-        ...
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Objective:
-    """value(coefficients, omega0) to be maximised.
+    """value(p) to be maximised: parameters -> motion -> inputs -> covariances -> criterion, and back.
 
     Attributes:
         criterion: see `criteria`.
-        outputs: the model's outputs with their reference states.
-        features: the model's feature map.
-        stick_velocity: (dof,) rad/s.
-        family: gives duration and ramp.
-        times: (T,) s, the planned samples.
+        outputs: L latent functions with their reference states.
+        commands: of each, the commands that it tells; their gains count for it.
+        inputs: the model's feature map, with what was learned about plans.
+        family: which trajectories the parameters choose from.
+        times: (T,) s, where the motion is sampled.
+        keep: of these the planned samples; None: all.
     """
 
     criterion: Criterion
     outputs: tuple[Output, ...]
-    features: FeatureMap
-    stick_velocity: Array
-    family: TrajectoryFamily
+    commands: tuple[tuple[int, ...], ...]
+    inputs: Inputs
+    family: Family
     times: Array
+    keep: Index | None = None
 
-    def _motion(self, coefficients: Array, omega0: float) -> tuple[Array, ...]:
-        rows = basis(self.times, *self._shape(coefficients, omega0))[:3]
-        return (*rows, *(row @ coefficients for row in rows))
+    def planned(self, p: Array) -> Planned:
+        """The trajectory of p (P,) as the model will see its log."""
+        return self.inputs.plan(self.family.motion(p, self.times, self.inputs.orders), self.keep)
 
-    def _shape(self, coefficients: Array, omega0: float) -> tuple[int, float, float, float]:
-        harmonics = (len(coefficients) - 1) // 2
-        return harmonics, omega0, self.family.duration, self.family.phase_ramp
+    def samples(self, p: Array) -> tuple[Array, Array]:
+        """Model inputs X (T, D) along the trajectory and gains (T, L)."""
+        planned = self.planned(p)
+        return planned.X, gains_of(self.commands, planned.gains)
 
-    def inputs(self, coefficients: Array, omega0: float) -> tuple[Array, Array]:
-        """Model inputs X (T, D) along the trajectory and gains (T, dof)."""
-        _, _, _, q, qd, qdd = self._motion(coefficients, omega0)
-        return self.features.transform(q, qd, qdd), stick_gains(qd, self.stick_velocity)[0]
-
-    def value(self, coefficients: Array, omega0: float) -> float:
+    def value(self, p: Array) -> float:
         """The criterion alone."""
-        return value_of(self.criterion, self.outputs, *self.inputs(coefficients, omega0))
+        return value_of(self.criterion, self.outputs, *self.samples(p))
 
-    def value_and_gradient(
-        self, coefficients: Array, omega0: float, *, with_omega0: bool
-    ) -> tuple[float, Array, float]:
-        """Value, gradient in the coefficients (2N+1, dof), derivative in omega0 (0 unless asked for).
+    def value_and_gradient(self, p: Array) -> tuple[float, Array]:
+        """Value and gradient (P,)."""
+        planned = self.planned(p)
+        gains = gains_of(self.commands, planned.gains)
+        value, in_X, in_gains = evaluate(self.criterion, self.outputs, planned.X, gains)
+        in_motion = planned.pull(in_X, pull_gains(self.commands, planned.gains, in_gains))
+        return value, self.family.pull(p, self.times, in_motion)
 
-        q, qd, qdd = Bq x, Bv x, Ba x are linear in the coefficients: the chain is three transposed products.
-        """
-        Bq, Bv, Ba, q, qd, qdd = self._motion(coefficients, omega0)
-        gains, slopes = stick_gains(qd, self.stick_velocity)
-        value, in_X, in_gains = evaluate(
-            self.criterion, self.outputs, self.features.transform(q, qd, qdd), gains
-        )
-        in_q, in_qd, in_qdd = self.features.pullback(q, qd, qdd, in_X)
-        in_qd = in_qd + in_gains * slopes
-        gradient = Bq.T @ in_q + Bv.T @ in_qd + Ba.T @ in_qdd
-        if not with_omega0:
-            return value, gradient, 0.0
-        moved = basis_omega0_derivative(self.times, *self._shape(coefficients, omega0))
-        weights = (in_q, in_qd, in_qdd)
-        slope = sum(float(np.sum(G * (B @ coefficients))) for G, B in zip(weights, moved, strict=True))
-        return value, gradient, slope
+
+def gains_of(commands: Sequence[tuple[int, ...]], gains: Array) -> Array:
+    """Gains (T, L) of latent functions from those of the commands (T, J).
+
+    That of its one command, sign included; of several, which share samples, the root of their mean weight.
+    """
+    return np.column_stack(
+        [gains[:, own[0]] if len(own) == 1 else _mean_size(gains[:, own]) for own in commands]
+    )
+
+
+def pull_gains(commands: Sequence[tuple[int, ...]], gains: Array, in_latents: Array) -> Array:
+    """Gradient (T, J) in the commands' gains from that in the latent functions' (T, L).
+
+    Where all gains are 0 it is 0: a criterion is even in the gain.
+    """
+    out = np.zeros_like(gains)
+    for latent, own in enumerate(commands):
+        if len(own) == 1:
+            out[:, own[0]] += in_latents[:, latent]
+            continue
+        size = _mean_size(gains[:, own])
+        share = in_latents[:, latent] / np.where(size == 0.0, 1.0, len(own) * size)
+        out[:, own] += share[:, None] * gains[:, own]
+    return out
+
+
+def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | None]:
+    """Times (s) at which a motion is sampled, and which of these are `count` ones spread evenly (None: all).
+
+    Inputs that remember must be sampled at their rate (Hz) throughout; rate 0: anyhow.
+    """
+    wanted = duration * (np.arange(count) + 0.5) / count
+    if rate == 0.0:
+        return wanted, None
+    times = np.arange(int(np.floor(duration * rate * (1.0 + 1e-12))) + 1) / rate
+    return times, np.unique(np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64))
+
+
+def _mean_size(gains: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(gains**2, axis=1)))

@@ -5,47 +5,50 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Inputs, Trajectory
+from etude.design.objective import gains_of, instants
 from etude.errors import UsageError
-from etude.models.features import FeatureMap
-from etude.robots.spec import RobotSpec
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.samples import Trajectory
-
-Array = NDArray[np.float64]
 
 MOTIONS = 12
 """Random motions that stand in for tasks; more than that changes reference averages little."""
 STATES_PER_MOTION = 1000
 """Enough to see the short moves between long dwells."""
+LEAST_GAIN = np.sqrt(0.5)
+"""States whose samples would count for less than half are left out: commands there are arbitrary."""
 
 
 def reference_states(
-    features: FeatureMap,
-    stick_velocity: Array,
+    inputs: Inputs,
+    commands: Sequence[tuple[int, ...]],
     count: int,
     motions: Sequence[Trajectory],
     fallback: Sequence[Trajectory] = (),
 ) -> list[Array]:
-    """Per output, at most `count` model inputs (r, D) spread evenly over the motions.
+    """Per latent function, at most `count` model inputs (r, D) spread evenly over the motions.
 
-    States whose samples would be masked (|qd_j| below the stick velocity of output j) are dropped, because
-    commands there are arbitrary. An output whose joint never moves takes its states from `fallback`.
+    States whose samples would be masked (a joint that stands) are dropped. A function whose commands say
+    nothing on these motions takes its states from `fallback`.
+
+    Args:
+        inputs: the model's feature map.
+        commands: of each latent function.
+        count: states for each.
+        motions: what the model is for.
+        fallback: other motions.
 
     Raises:
-        UsageError: no motions, or the wrong number of joints.
+        UsageError: no motions, or of the wrong number of coordinates.
     """
     if not motions or count < 1:
         raise UsageError(
             f"reference states need at least one motion and one state, not {len(motions)}, {count}"
         )
-    first, second = (_states(features, group) for group in (motions, fallback))
+    first, second = (_states(inputs, commands, group) for group in (motions, fallback))
     references = []
-    for j, threshold in enumerate(stick_velocity):
-        for X, qd in (first, second, first):
-            usable = X[np.abs(qd[:, j]) >= threshold] if len(X) else X
+    for latent in range(len(commands)):
+        for X, gains in (first, second):
+            usable = X[np.abs(gains[:, latent]) >= LEAST_GAIN]
             if len(usable):
                 break
         else:
@@ -55,21 +58,14 @@ def reference_states(
     return references
 
 
-def random_motions(
-    rng: np.random.Generator, spec: RobotSpec, family: TrajectoryFamily, count: int = MOTIONS
-) -> list[Trajectory]:
-    """`count` limit-scaled random members of the family, the reference where no tasks are given."""
-    return [random_trajectory(rng, spec, family) for _ in range(count)]
-
-
-def _states(features: FeatureMap, motions: Sequence[Trajectory]) -> tuple[Array, Array]:
-    """Model inputs (n, D) and velocities (n, dof) of all motions, each sampled evenly in time."""
-    inputs, velocities = [np.zeros((0, features.width))], [np.zeros((0, features.dof))]
+def _states(
+    inputs: Inputs, commands: Sequence[tuple[int, ...]], motions: Sequence[Trajectory]
+) -> tuple[Array, Array]:
+    """Model inputs (n, D) and gains (n, L) of all motions, each sampled evenly in time."""
+    states, gains = [np.zeros((0, len(inputs.columns)))], [np.zeros((0, len(commands)))]
     for motion in motions:
-        if motion.dof != features.dof:
-            raise UsageError(f"a task motion moves {motion.dof} joints, the model has {features.dof}")
-        t = motion.duration * (np.arange(STATES_PER_MOTION) + 0.5) / STATES_PER_MOTION
-        samples = motion.sample(t)
-        inputs.append(features.transform(samples.q, samples.qd, samples.qdd))
-        velocities.append(samples.qd)
-    return np.concatenate(inputs), np.concatenate(velocities)
+        times, keep = instants(motion.duration, STATES_PER_MOTION, inputs.rate)
+        planned = inputs.plan(motion.motion(times, inputs.orders), keep)
+        states.append(planned.X)
+        gains.append(gains_of(commands, planned.gains))
+    return np.concatenate(states), np.concatenate(gains)

@@ -1,64 +1,64 @@
-"""Local refinement of a candidate: L-BFGS over variables whose every value is a certified trajectory."""
+"""Local refinement of a candidate: L-BFGS over variables whose every value is inside the limits."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array
 from etude.design.objective import Objective
-from etude.robots.spec import RobotSpec
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.fourier import FourierTrajectory, rest_constraints
-from etude.trajectories.gauge import CertifiedRows
-
-Array = NDArray[np.float64]
+from etude.limits.feasible import FeasibleSet
 
 CORNER = 30
 """p of the smooth corner at the edge of the limits; the final step takes back the few per cent it costs."""
+LEAST_VALUE = 1e-12
+"""Values are divided by that of the start, since L-BFGS takes differences far below 1 for converged."""
 
 
-def refine(
-    objective: Objective,
-    rows: CertifiedRows,
-    spec: RobotSpec,
-    family: TrajectoryFamily,
-    start: FourierTrajectory,
-    steps: int,
-) -> tuple[FourierTrajectory, float, int]:
-    """The best certified trajectory met in `steps` iterations from `start`, its value, and evaluations."""
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Where a refinement ended: parameters (P,) inside the limits, their value, evaluations."""
+
+    p: Array
+    value: float
+    evaluations: int
+
+
+def refine(objective: Objective, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
+    """The best point met in `steps` iterations from `start` (P,), on the exact edge where that is better."""
     from scipy.optimize import minimize
 
-    search = Search(objective, rows, Variables.of(spec, family, start.omega0))
-    first = search.variables.pack(start.coefficients, start.omega0)
+    search = Search(objective, feasible)
+    first = search.variables(start)
     best = Best(-np.inf, first)
+    scale = 0.0
 
     def cost(y: Array) -> tuple[float, Array]:
+        nonlocal scale
         value, gradient = search.value_and_gradient(y)
         best.offer(value, y)
-        return -value, -gradient
+        scale = scale or 1.0 / max(abs(value), LEAST_VALUE)
+        return -scale * value, -scale * gradient
 
-    bounds = [(None, None)] * (len(first) - 1) + [(0.0, 1.0)]
     options = {"maxiter": steps, "maxcor": 20, "maxls": 10}
-    minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    coefficients, omega0 = search.certified(best.y)
-    coefficients, value = _to_the_edge(objective, rows, coefficients, omega0, best.value)
-    return family.trajectory(coefficients, omega0), value, best.count + spec.dof
+    minimize(cost, first, jac=True, method="L-BFGS-B", options=options)
+    p, value, tried = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
+    return Refined(p, value, best.count + tried)
 
 
 def _to_the_edge(
-    objective: Objective, rows: CertifiedRows, coefficients: Array, omega0: float, value: float
-) -> tuple[Array, float]:
-    """Each joint in turn enlarged to the exact edge of its limits, where that raises the value."""
-    full = rows.scale_to(coefficients, omega0, enlarge=True)
-    for joint in range(full.shape[1]):
-        trial = coefficients.copy()
-        trial[:, joint] = full[:, joint]
-        trial_value = objective.value(trial, omega0)
+    objective: Objective, feasible: FeasibleSet, p: Array, value: float
+) -> tuple[Array, float, int]:
+    """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
+    full = feasible.scale_to(p, enlarge=True)
+    for block in feasible.blocks:
+        trial = p.copy()
+        trial[block] = full[block]
+        trial_value = objective.value(trial)
         if trial_value > value:
-            coefficients, value = trial, trial_value
-    return coefficients, value
+            p, value = trial, trial_value
+    return p, value, len(feasible.blocks)
 
 
 @dataclass
@@ -75,88 +75,47 @@ class Best:
             self.value, self.y = value, y.copy()
 
 
-@dataclass(frozen=True)
-class Variables:
-    """Coefficients and omega0 as one vector of numbers of order one.
-
-    Attributes:
-        scale: (2N+1, dof) size of each coefficient at which some limit is reached by it alone.
-        free: (dof, 2N+1, P) basis of the scaled coefficients that keep the family's rest equalities.
-        middle: (dof,) rad, centre of the position limits.
-        low, high: range of omega0, rad/s.
-    """
-
-    scale: Array
-    free: Array
-    middle: Array
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, spec: RobotSpec, family: TrajectoryFamily, omega0: float) -> Variables:
-        w = omega0 * np.arange(1, family.harmonics + 1)[:, None]
-        half = 0.5 * (spec.upper - spec.lower)
-        size = np.minimum(np.minimum(half * w, spec.velocity), spec.acceleration / w)
-        scale = np.vstack([half, size, size])
-        free = [np.eye(len(scale))] * spec.dof
-        if family.rest == "nullspace":
-            rows = rest_constraints(family.harmonics)
-            free = [np.linalg.svd(rows * scale[:, j])[2][2:].T for j in range(spec.dof)]
-        low, high = family.omega0_range if family.omega0_is_free else (omega0, omega0)
-        return cls(scale, np.array(free), 0.5 * (spec.upper + spec.lower), low, high)
-
-    def pack(self, coefficients: Array, omega0: float) -> Array:
-        """The vector (dof P + 1,) of a member of the family."""
-        table = coefficients.copy()
-        table[0] -= self.middle
-        y = np.einsum("jcp,cj->jp", self.free, table / self.scale)
-        share = (omega0 - self.low) / (self.high - self.low) if self.high > self.low else 0.0
-        return np.append(y.ravel(), share)
-
-    def unpack(self, y: Array) -> tuple[Array, float]:
-        """Coefficients relative to rest in the middle (2N+1, dof), and omega0."""
-        parts = y[:-1].reshape(len(self.middle), -1)
-        table: Array = np.einsum("jcp,jp->cj", self.free, parts) * self.scale
-        return table, self.low + float(y[-1]) * (self.high - self.low)
-
-    def pull(self, in_coefficients: Array, in_omega0: float) -> Array:
-        """Gradient in the vector from gradients in the coefficients and omega0."""
-        y = np.einsum("jcp,cj->jp", self.free, in_coefficients * self.scale)
-        return np.append(y.ravel(), in_omega0 * (self.high - self.low))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Search:
     """The objective on variables that cannot leave the limits.
 
-    A joint that uses its limits by g is drawn towards rest in the middle by (1 + g^p)^(-1/p), which is nearly
-    1 inside and 1/g outside, and always enough: g is the smooth gauge, never below the true one. So every
-    evaluation is of a certified trajectory and the search has no corners.
+    p = centre + shape y, the shape that of the ellipsoid of the limits' rows, so that numbers are of order
+    one. A block that uses its limits by g is drawn towards the centre by (1 + g^p)^(-1/p), which is nearly 1
+    inside and 1/g outside, and always enough: g is the smooth gauge, never below the true one. So every
+    evaluation is of a trajectory inside, and the search has no constraints and no corners.
     """
 
     objective: Objective
-    rows: CertifiedRows
-    variables: Variables
+    feasible: FeasibleSet
 
-    def certified(self, y: Array) -> tuple[Array, float]:
-        """Coefficients inside the limits and omega0."""
-        offset, omega0 = self.variables.unpack(y)
-        centre = self.rows.centre((len(offset) - 1) // 2)
-        use, _, _ = self.rows.smooth_gauge(centre + offset, omega0)
-        return centre + offset * _shrink(use), omega0
+    def variables(self, p: Array) -> Array:
+        """y (P,) of parameters."""
+        return self.feasible.shape_solve(p - self.feasible.centre)
+
+    def inside(self, y: Array) -> Array:
+        """Parameters (P,) inside the limits."""
+        offset = self.feasible.shape @ y
+        use, _ = self.feasible.smooth_gauge(self.feasible.centre + offset)
+        return self.feasible.centre + offset * self._per_parameter(_shrink(use))
 
     def value_and_gradient(self, y: Array) -> tuple[float, Array]:
-        """Value at the certified trajectory of y, and its gradient in y."""
-        offset, omega0 = self.variables.unpack(y)
-        centre = self.rows.centre((len(offset) - 1) // 2)
-        use, use_gradient, use_slope = self.rows.smooth_gauge(centre + offset, omega0)
-        shrink = _shrink(use)
-        value, gradient, slope = self.objective.value_and_gradient(
-            centre + offset * shrink, omega0, with_omega0=self.variables.high > self.variables.low
-        )
-        in_use = -np.einsum("cj,cj->j", offset, gradient) * shrink**2 * (use * shrink) ** (CORNER - 1)
-        in_offset = gradient * shrink + use_gradient * in_use
-        return value, self.variables.pull(in_offset, slope + float(use_slope @ in_use))
+        """Value at the parameters of y, and its gradient in y."""
+        offset = self.feasible.shape @ y
+        use, use_gradient = self.feasible.smooth_gauge(self.feasible.centre + offset)
+        drawn = _shrink(use)
+        shrink = self._per_parameter(drawn)
+        value, gradient = self.objective.value_and_gradient(self.feasible.centre + offset * shrink)
+        pulled = np.array([offset[block] @ gradient[block] for block in self.feasible.blocks])
+        in_use = -pulled * drawn**2 * (use * drawn) ** (CORNER - 1)
+        in_offset = gradient * shrink + use_gradient * self._per_parameter(in_use)
+        return value, self.feasible.shape.T @ in_offset
+
+    def _per_parameter(self, values: Array) -> Array:
+        """(P,) from one value per block."""
+        out = np.ones(len(self.feasible.centre))
+        for block, value in zip(self.feasible.blocks, values, strict=True):
+            out[block] = value
+        return out
 
 
 def _shrink(use: Array) -> Array:

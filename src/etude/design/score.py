@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Posterior
 from etude.design.batch import Batch, batch_of
-from etude.errors import UsageError
-from etude.models.contracts import Posterior
+from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
-from etude.models.guided import guide_of
 
 Array = NDArray[np.float64]
 
@@ -26,15 +26,15 @@ A noise-free process would learn infinitely much from every sample.
 
 @dataclass(frozen=True)
 class Output:
-    """One output of the model, as a criterion sees it.
+    """One latent function of the model, as a criterion sees it.
 
     Attributes:
-        posterior: its Gaussian process; the guide of a member that has no covariances.
+        posterior: its Gaussian process.
         reference: (r, D) states where its variance matters; r = 0 if the criterion needs none.
         reference_batch: the same as a batch of `posterior`.
         reference_variance: (r,) their latent variance now.
-        scale: variances are divided by this, so that outputs can be added: the signal variance, or 1 for the
-            thesis's sum in raw squared units.
+        scale: variances are divided by this, so that outputs can be added: the signal variance, or what
+            leaves them in squared units of the commands, for the thesis's sum.
     """
 
     posterior: Posterior
@@ -44,13 +44,13 @@ class Output:
     scale: float
 
     @classmethod
-    def of(cls, posterior: Posterior, reference: Array, *, raw_units: bool = False) -> Output:
-        """The output with everything that is fixed during a design computed once."""
-        posterior = guide_of(posterior)
+    def of(cls, posterior: Posterior, reference: Array, scale: float | None = None) -> Output:
+        """The output with everything that is fixed during a design computed once; scale None: the signal."""
         batch = batch_of(posterior, reference)
-        scale = 1.0 if raw_units else posterior.signal_variance
         variance = batch.variance() if len(reference) else np.zeros(0)
-        return cls(posterior, reference, batch, variance, scale)
+        return cls(
+            posterior, reference, batch, variance, posterior.signal_variance if scale is None else scale
+        )
 
     @property
     def noise(self) -> float:
@@ -99,24 +99,37 @@ sn^2/gain_t^2. All gains 1: no mask.
 """
 
 
+def needing(what: Literal["reference", "identified"]) -> Callable[[Criterion], Criterion]:
+    """Decorator that sets the attribute `needs` of a criterion."""
+
+    def marked(criterion: Criterion) -> Criterion:
+        vars(criterion)["needs"] = what
+        return criterion
+
+    return marked
+
+
 def evaluate(
     criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array
 ) -> tuple[float, Array, Array]:
     """A criterion summed over outputs.
 
     Args:
-        criterion: one of `criteria.CRITERIA`, or a function like them.
-        outputs: J outputs.
+        criterion: one of `criteria`, or a function like them.
+        outputs: L latent functions.
         X: (T, D) inputs, the same for all outputs.
-        gains: (T, J) square roots of the weights of the samples, per output.
+        gains: (T, L) square roots of the weights of the samples, per output.
 
     Returns:
-        value, gradient in X (T, D), gradient in the gains (T, J).
+        value, gradient in X (T, D), gradient in the gains (T, L).
+
+    Raises:
+        UsageError: the criterion fails, or answers with NaN or wrong shapes; it is named.
     """
     total, in_inputs, in_gains = 0.0, np.zeros_like(X), np.zeros_like(gains)
     for j, output in enumerate(outputs):
         batch = batch_of(output.posterior, X)
-        score = criterion(output, batch, gains[:, j])
+        score = _asked(criterion, output, batch, gains[:, j])
         reference = output.reference_batch
         cross = None if score.cross is None else (reference, score.cross)
         reduction = None if score.reduction is None else (reference, *score.reduction)
@@ -129,6 +142,41 @@ def evaluate(
 def value_of(criterion: Criterion, outputs: Sequence[Output], X: Array, gains: Array) -> float:
     """The value of `evaluate` alone, at about half its price."""
     return sum(
-        criterion(output, batch_of(output.posterior, X), gains[:, j]).value
+        _asked(criterion, output, batch_of(output.posterior, X), gains[:, j]).value
         for j, output in enumerate(outputs)
+    )
+
+
+def _asked(criterion: Criterion, output: Output, batch: Batch, gain: Array) -> Score:
+    """What the criterion says, if it is a score. A plug-in may fail with anything."""
+    try:
+        score = criterion(output, batch, gain)
+    except EtudeError:
+        raise
+    except Exception as error:
+        raise _refused(criterion, f"fails: {type(error).__name__}: {error}") from error
+    if not isinstance(score, Score):
+        raise _refused(criterion, f"returns a {type(score).__name__}, not a Score")
+    if np.ndim(score.value) or not np.isfinite(score.value):
+        raise _refused(criterion, f"returns the value {score.value}, not a finite number")
+    T, r = len(gain), len(output.reference)
+    for name, part, shape in (
+        ("gain", score.gain, (T,)),
+        ("variance", score.variance, (T,)),
+        ("own", score.own, (T, T)),
+        ("cross", score.cross, (T, r)),
+        ("reduction", None if score.reduction is None else np.stack(score.reduction), (2, T, r)),
+    ):
+        if part is not None and (np.shape(part) != shape or not np.isfinite(part).all()):
+            fault = "not finite" if np.shape(part) == shape else f"of shape {np.shape(part)}, not {shape}"
+            raise _refused(criterion, f"returns derivatives in '{name}' that are {fault}")
+    return score
+
+
+def _refused(criterion: Criterion, fault: str) -> UsageError:
+    name = getattr(criterion, "__name__", type(criterion).__name__)
+    return UsageError(
+        f"the criterion '{name}' {fault}",
+        where=getattr(criterion, "__module__", ""),
+        next_step="Repair it; the conformance suite of criteria shows what each owes.",
     )

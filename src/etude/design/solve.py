@@ -1,62 +1,50 @@
-"""Design of the next trajectory: certified random candidates, the best few refined, the winner certified."""
+"""Design of the next trajectory: random candidates inside the limits, the best few refined."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.design.batch import batch_of
+from etude.design.candidates import Candidates, Drawn
 from etude.design.config import DesignConfig
-from etude.design.criteria import CRITERIA, NEEDS_IDENTIFIED, Output, Reduction
-from etude.design.identified import identified_posteriors
-from etude.design.objective import DesignModel, Objective
-from etude.design.reference import random_motions, reference_states
+from etude.design.criteria import Output, Reduction, criterion_named, needs_of
+from etude.design.objective import Objective, gains_of, instants
+from etude.design.reference import MOTIONS, reference_states
 from etude.design.refine import refine
+from etude.design.view import Latent, latents_of, of_parameters, planned
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
 from etude.threads import threads_for
-from etude.trajectories.certificate import Certificate, require_certified
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.gauge import certified_rows
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.samples import Trajectory
-
-Array = NDArray[np.float64]
-
-AMPLITUDE_SHARE = 4
-"""Every fourth candidate has a random amplitude: slow motion is sometimes what is missing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Design:
     """A designed trajectory and how it was found.
 
     Attributes:
-        trajectory: certified inside the limits.
-        certificate: its proof.
+        trajectory: inside the limits; the certificate of the written bytes is the caller's.
+        family: its own, with what was drawn (omega0). parameters: (P,) of it.
         status: one sentence.
         criterion: name of the criterion.
         value: its value, to be maximised.
         baseline: value of the best random candidate.
-        active_limits: (joint, quantity) of the limits used to within 1 %.
-        deviation_before, deviation_after: (dof,) root mean square predicted deviation over the reference
-            states, in output units, now and forecast for after this motion (hyperparameters unchanged).
+        deviation_before, deviation_after: (J,) root mean square predicted deviation of each command over its
+            reference states, in its unit, now and forecast for after this motion (hyperparameters unchanged).
         evaluations: evaluations of the criterion.
         seconds: CPU time.
     """
 
-    trajectory: FourierTrajectory
-    certificate: Certificate
+    trajectory: Trajectory
+    family: Family
+    parameters: Array
     status: str
     criterion: str
     value: float
     baseline: float
-    active_limits: tuple[tuple[str, str], ...]
     deviation_before: Array
     deviation_after: Array
     evaluations: int
@@ -64,135 +52,179 @@ class Design:
 
     @property
     def variance_removed(self) -> float:
-        """Fraction of the reference variance that this motion is forecast to remove, mean over outputs."""
+        """Fraction of the reference variance that this motion is forecast to remove, mean over commands."""
         return float(np.mean(1.0 - (self.deviation_after / self.deviation_before) ** 2))
 
 
 def design(
-    model: DesignModel,
-    spec: RobotSpec,
-    family: TrajectoryFamily,
+    family: Family,
+    limits: Sequence[Limit],
+    home: Array,
+    inputs: Inputs,
+    model: Model,
     config: DesignConfig,
     rng: np.random.Generator,
-    tasks: Sequence[Trajectory] | None = None,
+    tasks: Sequence[Trajectory] = (),
+    *,
+    rate: float = 0.0,
+    physics: Mapping[str, Physics] | None = None,
 ) -> Design:
-    """The trajectory of `family` that teaches `model` most, certified inside the limits of `spec`.
+    """The trajectory of `family` that teaches `model` most, inside the limits.
 
     Args:
-        model: its posteriors, feature map and stick velocities.
-        spec: the robot.
         family: which trajectories may be proposed.
+        limits: what they may not exceed.
+        home: (k,) a pose inside every limit.
+        inputs: the model's feature map, with what was learned about plans.
+        model: what is known.
         config: criterion and effort.
-        rng: source of candidates and random reference motions.
-        tasks: motions the model is for; without them limit-scaled random members of the family stand in.
+        rng: source of candidates and of random reference motions.
+        tasks: motions the model is for; without them random members of the family stand in.
+        rate: Hz of the logs, for `config.planned_noise`.
+        physics: of the kind, for criteria that need the identified model.
 
     Raises:
-        UnsafeTrajectoryError: the limits leave no room, or the result could not be certified.
-        UsageError: the model has another number of joints than the robot.
+        UnsafeTrajectoryError: the limits leave no room.
+        UsageError: the model lacks what the criterion needs, or the criterion fails.
     """
     started = time.process_time()
-    if model.features.dof != spec.dof or len(model.posteriors) != spec.dof:
-        raise UsageError(f"the model has {model.features.dof} joints, the robot '{spec.name}' has {spec.dof}")
-    rows = certified_rows(spec, family)
     with threads_for(0):
-        outputs = _outputs(model, spec, family, config, rng, tasks or ())
-        objective = _objective(model, spec, family, config, outputs)
-        candidates = _candidates(rng, spec, family, config.candidates)
-        values = [objective.value(c.coefficients, c.omega0) for c in candidates]
-        order = np.argsort(values)[::-1]
-        best, value = candidates[order[0]], values[order[0]]
-        evaluations = len(values)
-        for start in (candidates[i] for i in order[: config.refine]):
-            refined, refined_value, count = refine(objective, rows, spec, family, start, config.steps)
-            evaluations += count
-            if refined_value > value:
-                best, value = refined, refined_value
-        before, after = _deviations(outputs, *objective.inputs(best.coefficients, best.omega0))
-    certificate = require_certified(best, spec)
+        source = Candidates(family, tuple(limits), home, config.sampler)
+        standing_in = [drawn.trajectory for drawn in source.draw(rng, MOTIONS)]
+        aim = objective(family, inputs, model, config, tasks, standing_in, rate=rate, physics=physics)
+        found = search(aim.objective, source.draw(rng, config.candidates), config)
+        before, after = aim.deviations(found.best)
     return Design(
-        trajectory=best,
-        certificate=certificate,
-        status=_status(config, value, values[order[0]], certificate),
+        trajectory=found.best.trajectory,
+        family=found.best.family,
+        parameters=found.best.p,
+        status=_status(config, found),
         criterion=config.criterion,
-        value=value,
-        baseline=values[order[0]],
-        active_limits=certificate.active(),
+        value=found.value,
+        baseline=found.baseline,
         deviation_before=before,
         deviation_after=after,
-        evaluations=evaluations,
+        evaluations=found.evaluations,
         seconds=time.process_time() - started,
     )
 
 
-def _outputs(
-    model: DesignModel,
-    spec: RobotSpec,
-    family: TrajectoryFamily,
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """The objective of a design, and the model's own processes by which it is forecast.
+
+    Attributes:
+        objective: of the criterion, with everything that is fixed computed once.
+        latents: the model's own, as planned samples see them.
+        outputs: the same with their reference states.
+    """
+
+    objective: Objective
+    latents: tuple[Latent, ...]
+    outputs: tuple[Output, ...]
+
+    def deviations(self, drawn: Drawn) -> tuple[Array, Array]:
+        """(J,) forecast root mean square deviation of each command before and after a trajectory."""
+        plan = replace(self.objective, family=drawn.family).planned(drawn.p)
+        gains = gains_of([latent.commands for latent in self.latents], plan.gains)
+        found: dict[int, tuple[float, float]] = {}
+        for latent, output, gain in zip(self.latents, self.outputs, gains.T, strict=True):
+            removed = Reduction.of(output, batch_of(output.posterior, plan.X), gain).values
+            now = float(np.sqrt(output.reference_variance.mean()))
+            then = float(np.sqrt(np.maximum(output.reference_variance - removed, 0.0).mean()))
+            for command, factor in zip(latent.commands, latent.factors, strict=True):
+                found[command] = (factor * now, factor * then)
+        before, after = zip(*(found[command] for command in sorted(found)), strict=True)
+        return np.array(before), np.array(after)
+
+
+def objective(
+    family: Family,
+    inputs: Inputs,
+    model: Model,
     config: DesignConfig,
-    rng: np.random.Generator,
     tasks: Sequence[Trajectory],
+    standing_in: Sequence[Trajectory],
+    *,
+    rate: float = 0.0,
+    physics: Mapping[str, Physics] | None = None,
+) -> Aim:
+    """What `design` maximises; arguments as there, and the random motions that stand in for tasks."""
+    criterion = criterion_named(config.criterion)
+    duration = standing_in[0].duration
+    share = 1.0
+    if config.planned_noise:
+        if not rate > 0.0:
+            raise UsageError("planned_noise needs the rate of the logs", where="design.planned_noise")
+        share = config.points / max(rate * duration, config.points)
+    own = latents_of(model)
+    latents = planned(own, share, config.inducing)
+    outputs = _outputs(latents, inputs, config, tasks, standing_in)
+    judged, asked = outputs, latents
+    if needs_of(criterion) == "identified":
+        asked = planned(of_parameters(own, physics or {}), share, 0)
+        references = {
+            j: output.reference
+            for latent, output in zip(latents, outputs, strict=True)
+            for j in latent.commands
+        }
+        judged = tuple(Output.of(one.posterior, references[one.commands[0]]) for one in asked)
+    times, keep = instants(duration, config.points, inputs.rate)
+    commands = tuple(latent.commands for latent in asked)
+    return Aim(Objective(criterion, judged, commands, inputs, family, times, keep), latents, outputs)
+
+
+def _outputs(
+    latents: Sequence[Latent],
+    inputs: Inputs,
+    config: DesignConfig,
+    tasks: Sequence[Trajectory],
+    standing_in: Sequence[Trajectory],
 ) -> tuple[Output, ...]:
     """The model's processes with the reference states at which their variance counts."""
-    stick = np.asarray(model.stick_velocity, dtype=float)
-    standing_in = random_motions(rng, spec, family)
+    commands = [latent.commands for latent in latents]
     from_random = round(config.random_share * config.reference_points) if tasks else config.reference_points
     from_tasks = config.reference_points - from_random
     parts = []
     if from_tasks:
-        parts.append(reference_states(model.features, stick, from_tasks, tasks, standing_in))
+        parts.append(reference_states(inputs, commands, from_tasks, tasks, standing_in))
     if from_random:
-        parts.append(reference_states(model.features, stick, from_random, standing_in))
-    references = [np.concatenate(of_output) for of_output in zip(*parts, strict=True)]
+        parts.append(reference_states(inputs, commands, from_random, standing_in))
+    references = [np.concatenate(of_latent) for of_latent in zip(*parts, strict=True)]
     return tuple(
-        Output.of(posterior, reference, raw_units=config.raw_units)
-        for posterior, reference in zip(model.posteriors, references, strict=True)
+        Output.of(latent.posterior, reference, latent.raw_scale if config.raw_units else None)
+        for latent, reference in zip(latents, references, strict=True)
     )
 
 
-def _objective(
-    model: DesignModel,
-    spec: RobotSpec,
-    family: TrajectoryFamily,
-    config: DesignConfig,
-    outputs: tuple[Output, ...],
-) -> Objective:
-    if config.criterion in NEEDS_IDENTIFIED:
-        posteriors = identified_posteriors(model, spec)
-        outputs = tuple(
-            Output.of(posterior, output.reference)
-            for posterior, output in zip(posteriors, outputs, strict=True)
-        )
-    stick = np.asarray(model.stick_velocity, dtype=float)
-    times = family.duration * (np.arange(config.points) + 0.5) / config.points
-    return Objective(CRITERIA[config.criterion], outputs, model.features, stick, family, times)
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The end of a search: the best trajectory, its value, the best candidate's, evaluations."""
+
+    best: Drawn
+    value: float
+    baseline: float
+    evaluations: int
 
 
-def _candidates(
-    rng: np.random.Generator, spec: RobotSpec, family: TrajectoryFamily, count: int
-) -> list[FourierTrajectory]:
-    return [
-        random_trajectory(rng, spec, family, "amplitude" if i % AMPLITUDE_SHARE == 3 else "limits")
-        for i in range(count)
-    ]
+def search(aim: Objective, candidates: Sequence[Drawn], config: DesignConfig) -> Found:
+    """The best of the candidates and of what the best few are refined to."""
+    aims = [replace(aim, family=drawn.family) for drawn in candidates]
+    values = [one.value(drawn.p) for one, drawn in zip(aims, candidates, strict=True)]
+    order = np.argsort(values)[::-1]
+    best, value, evaluations = candidates[order[0]], values[order[0]], len(values)
+    for place in order[: config.refine]:
+        start = candidates[place]
+        end = refine(aims[place], start.feasible, start.p, config.steps)
+        evaluations += end.evaluations
+        if end.value > value:
+            best, value = replace(start, p=end.p), end.value
+    return Found(best, value, values[order[0]], evaluations)
 
 
-def _deviations(outputs: Sequence[Output], X: Array, gains: Array) -> tuple[Array, Array]:
-    """Predicted root mean square deviation over each output's reference states, before and after samples X
-    (T, D) with gains (T, dof).
-    """
-    before, after = [], []
-    for j, output in enumerate(outputs):
-        removed = Reduction.of(output, batch_of(output.posterior, X), gains[:, j]).values
-        before.append(np.sqrt(output.reference_variance.mean()))
-        after.append(np.sqrt(np.maximum(output.reference_variance - removed, 0.0).mean()))
-    return np.array(before), np.array(after)
-
-
-def _status(config: DesignConfig, value: float, baseline: float, certificate: Certificate) -> str:
-    names = [f"{quantity} of {axis}" for axis, quantity in certificate.active()]
-    limits = f"at the limit: {', '.join(names)}" if names else "no limit is touched"
-    if value > baseline:
-        found = f"{config.criterion} {value:.4g}, refined from {baseline:.4g}"
+def _status(config: DesignConfig, found: Found) -> str:
+    if found.value > found.baseline:
+        text = f"{config.criterion} {found.value:.4g}, refined from {found.baseline:.4g}"
     else:
-        found = f"{config.criterion} {value:.4g}, not improved by refinement"
-    return f"{found}, the best of {config.candidates} random candidates; {limits}."
+        text = f"{config.criterion} {found.value:.4g}, not improved by refinement"
+    return f"{text}, the best of {config.candidates} random candidates."

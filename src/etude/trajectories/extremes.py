@@ -11,6 +11,8 @@ from etude.errors import UsageError
 
 Array = NDArray[np.float64]
 
+OVERSAMPLING = 64
+"""Samples per degree of a proof: the bound exceeds the true extreme by at most 0.12 %."""
 ROOM = 1.0 - 1e-9
 """Part of each limit that is used, so that rounding never leaves a proposed trajectory just outside."""
 ROUNDING = 64.0 * float(np.finfo(float).eps)
@@ -46,6 +48,8 @@ def riesz_range(values: Array, kappa: float, amplitude: Array | float = 0.0) -> 
         lower (k,), upper (k,).
     """
     low, high = values.min(axis=0), values.max(axis=0)
+    if kappa == 1.0:  # the samples hold the extremes: no centre, whose rounding could leave a limit touched
+        return low - ROUNDING * amplitude, high + ROUNDING * amplitude
     centre, reach = 0.5 * (high + low), 0.5 * (high - low) / kappa + ROUNDING * amplitude
     return centre - reach, centre + reach
 

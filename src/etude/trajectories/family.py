@@ -1,32 +1,36 @@
-"""TrajectoryFamily: which Fourier trajectories may be proposed."""
+"""FourierFamily: which Fourier trajectories may be proposed, linear in a vector of parameters."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Motion
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
-from etude.trajectories.fourier import FourierTrajectory, rest_nullspace
+from etude.trajectories.extremes import OVERSAMPLING
+from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.series import basis, instants, rest_nullspace
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class TrajectoryFamily:
-    """All Fourier trajectories of a given length and number of harmonics that start and end at rest.
+class FourierConfig:
+    """The numbers that choose a family.
 
     Attributes:
         harmonics: N; at least 2 with rest = "nullspace".
         duration: s.
-        omega0: base frequency in rad/s: a number, a range (low, high) that may be searched, or None for
+        omega0: base frequency in rad/s: a number, a range (low, high) that is drawn from, or None for
             2 pi/duration, one period.
-        rest: "nullspace", two linear equalities per joint and a whole number of periods; or "ramp", a phase
-            ramp at both ends, for any coefficients and any omega0.
+        rest: "nullspace", two linear equalities per axis and a whole number of periods; "ramp", a phase ramp
+            at both ends, for any coefficients and any omega0; or "none", for vehicles that start in motion.
         ramp: length of each phase ramp in s (only with rest = "ramp").
 
     Raises:
@@ -36,19 +40,19 @@ class TrajectoryFamily:
     harmonics: int = 5
     duration: float = 60.0
     omega0: tuple[float, float] | float | None = None
-    rest: Literal["nullspace", "ramp"] = "nullspace"
+    rest: Literal["nullspace", "ramp", "none"] = "nullspace"
     ramp: float = 2.0
 
     def __post_init__(self) -> None:
-        if self.rest not in ("nullspace", "ramp"):
-            raise UsageError(f"rest must be 'nullspace' or 'ramp', not {self.rest!r}")
+        if self.rest not in ("nullspace", "ramp", "none"):
+            raise UsageError(f"rest must be 'nullspace', 'ramp' or 'none', not {self.rest!r}")
+        if not (math.isfinite(self.duration) and self.duration > 0.0):
+            raise UsageError(f"the duration must be a positive number of seconds, not {self.duration}")
         low, high = self.omega0_range
         if self.harmonics < 1 or not (math.isfinite(high) and 0.0 < low <= high):
             raise UsageError(
                 f"a family needs harmonics >= 1 and 0 < omega0, not {self.harmonics} and {low}..{high} rad/s"
             )
-        if not (math.isfinite(self.duration) and self.duration > 0.0):
-            raise UsageError(f"the duration must be a positive number of seconds, not {self.duration}")
         if self.rest == "ramp" and not 0.0 < 2.0 * self.ramp <= self.duration:
             raise UsageError(f"two ramps of {self.ramp} s do not fit into {self.duration} s")
         if self.rest == "nullspace":
@@ -63,8 +67,7 @@ class TrajectoryFamily:
     def omega0_range(self) -> tuple[float, float]:
         """Lowest and highest omega0, rad/s."""
         if self.omega0 is None:
-            one_period = 2.0 * math.pi / self.duration if self.duration > 0.0 else math.nan
-            return one_period, one_period
+            return 2.0 * math.pi / self.duration, 2.0 * math.pi / self.duration
         if isinstance(self.omega0, tuple | list):
             low, high = self.omega0
             return float(low), float(high)
@@ -79,47 +82,154 @@ class TrajectoryFamily:
         return tuple(k * one_period for k in range(max(first, 1), last + 1))
 
     @property
-    def omega0_is_free(self) -> bool:
-        """Whether omega0 may vary continuously (rest by ramp and a range)."""
-        low, high = self.omega0_range
-        return self.rest == "ramp" and high > low
-
-    @property
     def phase_ramp(self) -> float:
-        """Ramp length of the family's trajectories, s; 0 with rest = "nullspace"."""
+        """Ramp length of the family's trajectories, s; 0 unless rest = "ramp"."""
         return self.ramp if self.rest == "ramp" else 0.0
 
-    @property
-    def free_basis(self) -> Array:
-        """(2N+1, P) basis of the coefficients that are allowed, for one joint."""
-        if self.rest == "nullspace":
-            return rest_nullspace(self.harmonics)
-        return np.eye(2 * self.harmonics + 1)
-
     def draw_omega0(self, rng: np.random.Generator) -> float:
-        """One omega0 in range, uniformly."""
+        """One omega0 in range, uniformly; with rest = "nullspace", one of the whole periods."""
         if self.rest == "nullspace":
             return float(rng.choice(self.whole_periods))
         return float(rng.uniform(*self.omega0_range))
 
-    def trajectory(self, coefficients: Array, omega0: float) -> FourierTrajectory:
-        """The member of the family with these coefficients (2N+1, dof)."""
-        return FourierTrajectory(coefficients, omega0, self.duration, self.phase_ramp)
 
-
-def suited_to(family: TrajectoryFamily, spec: RobotSpec) -> TrajectoryFamily:
-    """The family with omega0 chosen for a robot, if it was left open.
+def suited_to(
+    config: FourierConfig, lower: Array, upper: Array, velocity: Array, acceleration: Array
+) -> FourierConfig:
+    """The numbers with omega0 chosen for a robot's limits (k,), if it was left open.
 
     At one period in `duration` a fast robot would use a few per cent of its velocity limits, and show
-    nothing of its inertia. So the motion makes as many whole periods as the joint with the longest way for
-    its speed allows: a joint that swings over its range in the middle harmonics then comes near its limits
+    nothing of its inertia. So the motion makes as many whole periods as the axis with the longest way for
+    its speed allows: an axis that swings over its range in the middle harmonics then comes near its limits
     of position and of velocity (or acceleration) alike.
     """
-    if family.omega0 is not None:
-        return family
-    half_range, middle = 0.5 * (spec.upper - spec.lower), 0.5 * max(family.harmonics, 2)
-    by_velocity = spec.velocity / half_range / middle
-    by_acceleration = np.sqrt(spec.acceleration / half_range) / middle
+    if config.omega0 is not None:
+        return config
+    half_range, middle = 0.5 * (upper - lower), 0.5 * max(config.harmonics, 2)
+    by_velocity = velocity / half_range / middle
+    by_acceleration = np.sqrt(acceleration / half_range) / middle
     omega0 = float(np.min(np.minimum(by_velocity, by_acceleration)))
-    periods = max(1, round(omega0 * family.duration / (2.0 * math.pi)))
-    return replace(family, omega0=2.0 * math.pi * periods / family.duration)
+    periods = max(1, round(omega0 * config.duration / (2.0 * math.pi)))
+    return replace(config, omega0=2.0 * math.pi * periods / config.duration)
+
+
+@dataclass(frozen=True, eq=False)
+class FourierFamily:
+    """All Fourier trajectories of one base frequency whose coefficients parameters (P,) choose.
+
+    Attributes:
+        config: the numbers that chose it.
+        omega0: rad/s; `drawn` gives the family another one in range.
+        basis: (k, 2N+1, P) coefficients of axis j are basis[j] @ p + offset[:, j]; orthonormal columns, one
+            axis after the other, each axis's constant term first (where it is free).
+        offset: (2N+1, k) coefficients at p = 0: constant terms that are not free.
+        samples: per degree, of `rows`; fewer make a smaller set and a faster search.
+    """
+
+    config: FourierConfig
+    omega0: float
+    basis: Array
+    offset: Array
+    samples: int = OVERSAMPLING
+
+    @classmethod
+    def of(
+        cls,
+        config: FourierConfig,
+        axes: int,
+        constants: Sequence[float | None] | None = None,
+        samples: int = OVERSAMPLING,
+    ) -> FourierFamily:
+        """The family of `axes` axes.
+
+        Args:
+            config: harmonics, duration, omega0, rest.
+            axes: k.
+            constants: of each axis the value of its constant term, None where that is free; None: all free.
+            samples: see the class.
+
+        Raises:
+            UsageError: another number of constants than axes, or one that is not finite.
+        """
+        fixed = list(constants) if constants is not None else [None] * axes
+        if len(fixed) != axes or not all(c is None or math.isfinite(c) for c in fixed):
+            raise UsageError(f"{axes} axes need as many constant terms, numbers or None, not {fixed}")
+        whole = rest_nullspace(config.harmonics) if config.rest == "nullspace" else None
+        whole = np.eye(2 * config.harmonics + 1) if whole is None else whole
+        parts = [whole if c is None else whole[:, 1:] for c in fixed]
+        basis_ = np.zeros((axes, len(whole), sum(part.shape[1] for part in parts)))
+        first = 0
+        for j, part in enumerate(parts):
+            basis_[j, :, first : first + part.shape[1]] = part
+            first += part.shape[1]
+        offset = np.zeros((len(whole), axes))
+        offset[0] = [0.0 if c is None else c for c in fixed]
+        choices = config.whole_periods if config.rest == "nullspace" else config.omega0_range
+        return cls(config, choices[len(choices) // 2], basis_, offset, samples)
+
+    @property
+    def size(self) -> int:
+        """P, the number of parameters."""
+        return int(self.basis.shape[2])
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return self.config.duration
+
+    def drawn(self, rng: np.random.Generator) -> FourierFamily:
+        """The family with a base frequency drawn from its range."""
+        return replace(self, omega0=self.config.draw_omega0(rng))
+
+    def coefficients(self, p: Array) -> Array:
+        """(2N+1, k) coefficients that parameters (P,) choose."""
+        return np.asarray((self.basis @ p).T + self.offset)
+
+    def trajectory(self, p: Array) -> FourierTrajectory:
+        """The member that parameters (P,) choose."""
+        return FourierTrajectory(self.coefficients(p), self.omega0, self.duration, self.config.phase_ramp)
+
+    def parameters(self, trajectory: Any) -> Array:
+        """(P,) parameters of a member, or of its coefficients (2N+1, k); the nearest member's if it is none.
+
+        Raises:
+            UsageError: coefficients of another shape.
+        """
+        table = np.asarray(getattr(trajectory, "coefficients", trajectory), dtype=float)
+        if table.shape != self.offset.shape:
+            raise UsageError(f"the family's coefficients have shape {self.offset.shape}, not {table.shape}")
+        return np.asarray(np.einsum("jcp,cj->p", self.basis, table - self.offset))
+
+    def motion(self, p: Array, t: Array, orders: int = 3) -> Motion:
+        """Position and derivatives (O, T, k) of the member p (P,) at times t (T,) s."""
+        return Motion(t, self._rows_at(t, orders) @ self.coefficients(p))
+
+    def pull(self, p: Array, t: Array, gradient: Array) -> Array:  # noqa: ARG002  linear: p does not matter
+        """(P,) gradient in the parameters of sum(gradient * orders); gradient (O, T, k)."""
+        rows = self._rows_at(t, len(gradient))
+        in_table = np.einsum("otc,otj->cj", rows, gradient, optimize=True)
+        return np.asarray(np.einsum("jcp,cj->p", self.basis, in_table))
+
+    def rows(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
+        """`bound` of the members, linear in p: rows (k, M, P), offsets (k, M) and kappa.
+
+        kappa leaves room for the proof of the final bytes, whose own samples lie elsewhere: what is kept at
+        these instants to kappa times a limit reaches at most what the samples of the proof allow.
+        """
+        c = self.config
+        whole, kappa = instants(order, degree, c.harmonics, self.omega0, c.phase_ramp, self.samples)
+        if self.samples != OVERSAMPLING:
+            kappa *= math.cos(math.pi / OVERSAMPLING)
+        return np.einsum("mc,jcp->jmp", whole, self.basis), (whole @ self.offset).T, kappa
+
+    def _rows_at(self, t: Array, orders: int) -> Array:
+        """(O, T, 2N+1), kept for the searches that ask for the same times again and again."""
+        c, t = self.config, np.ascontiguousarray(t, dtype=float)
+        return _rows(t.tobytes(), c.harmonics, self.omega0, c.duration, c.phase_ramp, orders)
+
+
+@lru_cache(maxsize=8)
+def _rows(times: bytes, harmonics: int, omega0: float, duration: float, ramp: float, orders: int) -> Array:
+    rows = basis(np.frombuffer(times), harmonics, omega0, duration, ramp, orders)
+    rows.setflags(write=False)
+    return rows

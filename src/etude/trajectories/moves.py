@@ -1,18 +1,18 @@
-"""Point-to-point motions: rest-to-rest quintic moves between waypoints, all joints in step."""
+"""Point-to-point motions: rest-to-rest quintic moves between waypoints, all axes in step."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Motion, Trajectory
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
+from etude.trajectories.exact_json import to_text
 from etude.trajectories.extremes import ROOM
-from etude.trajectories.json_text import from_text, to_text
-from etude.trajectories.samples import TrajectorySamples
 
 Array = NDArray[np.float64]
 
@@ -20,17 +20,19 @@ PEAK_VELOCITY = 15.0 / 8.0
 """max of s'(x) for s = x^3 (10 - 15 x + 6 x^2)."""
 PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
 """max of |s''(x)|."""
+PEAKS = ((0.0, PEAK_VELOCITY), (-PEAK_ACCELERATION, PEAK_ACCELERATION), (-30.0, 60.0))
+"""Extremes of the first three derivatives of s; the fourth is not finite where a move begins."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointToPoint:
-    """Straight joint-space moves; each lasts as long as its slowest joint needs.
+    """Straight moves; each lasts as long as its slowest axis needs.
 
     Attributes:
-        waypoints: (K, dof) rad (m).
-        peak_velocity: highest speed of a move, rad/s; float, (dof,), or (K-1, dof) for one row a move.
+        waypoints: (K, k) rad (m).
+        peak_velocity: highest speed of a move, rad/s; float, (k,), or (K-1, k) for one row a move.
         dwell: s at rest before the first move and after every move.
-        peak_acceleration: highest |qdd|, rad/s^2; float or (dof,).
+        peak_acceleration: highest |qdd|, rad/s^2; float or (k,).
 
     Raises:
         UsageError: wrong shapes, values that are not finite, speeds or accelerations <= 0, negative dwell.
@@ -44,7 +46,7 @@ class PointToPoint:
     def __post_init__(self) -> None:
         points = np.array(self.waypoints, dtype=float)
         if points.ndim != 2 or len(points) < 2 or points.shape[1] < 1 or not np.all(np.isfinite(points)):
-            raise UsageError(f"waypoints must be a finite (K >= 2, joints) table, not {points.shape}")
+            raise UsageError(f"waypoints must be a finite (K >= 2, axes) table, not {points.shape}")
         moves = (len(points) - 1, points.shape[1])
         for name in ("peak_velocity", "peak_acceleration"):
             object.__setattr__(self, name, _per_move(name, getattr(self, name), moves))
@@ -56,12 +58,18 @@ class PointToPoint:
             raise UsageError("the waypoints are all the same point and there is no dwell")
 
     @property
-    def dof(self) -> int:
+    def form(self) -> str:
+        """What its file says it is, and what tracking margins are kept for."""
+        return "moves"
+
+    @property
+    def axes(self) -> int:
+        """k."""
         return int(self.waypoints.shape[1])
 
     @property
     def times(self) -> Array:
-        """(K-1,) s that each move lasts: long enough for every joint's peak velocity and acceleration."""
+        """(K-1,) s that each move lasts: long enough for every axis's peak velocity and acceleration."""
         reach = np.abs(np.diff(self.waypoints, axis=0))
         by_speed = PEAK_VELOCITY * reach / self.peak_velocity
         by_acceleration = np.sqrt(PEAK_ACCELERATION * reach / self.peak_acceleration)
@@ -71,34 +79,61 @@ class PointToPoint:
     def duration(self) -> float:
         return float(self.times.sum() + self.dwell * len(self.waypoints))
 
-    def sample(self, t: Array) -> TrajectorySamples:
-        """Positions and exact derivatives at times t (T,) in s; at rest outside [0, duration]."""
-        t = np.asarray(t, dtype=float)
-        times = self.times
+    def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
+        """Itself, one segment from 0 s on."""
+        return ((0.0, "segment", self),)
+
+    def motion(self, t: Array, orders: int = 3) -> Motion:
+        """Position and exact derivatives, up to jerk, at times t (T,) s; at rest outside [0, duration].
+
+        Raises:
+            UsageError: other than 1 to 4 orders.
+        """
+        if not 1 <= orders <= 1 + len(PEAKS):
+            raise UsageError(f"a point-to-point motion has the orders 1 to {1 + len(PEAKS)}, not {orders}")
+        t, times = np.asarray(t, dtype=float), self.times
         starts = self.dwell + np.concatenate([[0.0], np.cumsum(times + self.dwell)[:-1]])
         k = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(times) - 1)
         length = np.where(times[k] > 0.0, times[k], 1.0)
         x = np.clip((t - starts[k]) / length, 0.0, 1.0)
         moving = ((x > 0.0) & (x < 1.0)).astype(float)
         step = np.diff(self.waypoints, axis=0)[k]
+        rise = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         shapes = (
             30.0 * (x * (1.0 - x)) ** 2 / length,
             60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / length**2,
             moving * (60.0 - 360.0 * x + 360.0 * x * x) / length**3,
         )
-        rise = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-        q = self.waypoints[k] + rise[:, None] * step
-        return TrajectorySamples(t, q, *(shape[:, None] * step for shape in shapes))
+        rates = [shape[:, None] * step for shape in shapes[: orders - 1]]
+        return Motion(t, np.stack([self.waypoints[k] + rise[:, None] * step, *rates]))
+
+    def bound(self, order: int, degree: int = 1) -> tuple[Array, Array, float]:
+        """Values (M, k) between which that derivative stays, exactly: no amplitudes, kappa 1.
+
+        Moves are straight, so the same values hold for the sizes of vectors and whatever is convex.
+
+        Raises:
+            UsageError: an order above jerk, or a degree other than 1 and 2.
+        """
+        if not 0 <= order <= len(PEAKS) or degree not in (1, 2):
+            raise UsageError(f"nothing bounds derivative {order}, degree {degree}, of point-to-point motions")
+        still = np.zeros((1, self.axes))
+        if order == 0:
+            return self.waypoints, still[0], 1.0
+        length = np.where(self.times > 0.0, self.times, 1.0)[:, None]
+        step = np.diff(self.waypoints, axis=0)
+        ends = [peak * step / length**order for peak in PEAKS[order - 1]]
+        return np.concatenate([still, *ends]), still[0], 1.0
+
+    def slowed(self, factor: float) -> PointToPoint:
+        """The same moves in `factor` times the time, dwells included."""
+        speeds = self.peak_velocity / factor, self.peak_acceleration / factor**2
+        return PointToPoint(self.waypoints, speeds[0], self.dwell * factor, speeds[1])
 
     def to_json(self) -> str:
         """The exact motion as JSON text; every float reads back to the same bits."""
         names = ("waypoints", "peak_velocity", "dwell", "peak_acceleration")
-        return to_text("moves", {name: getattr(self, name) for name in names})
-
-    @classmethod
-    def from_json(cls, text: str | bytes) -> PointToPoint:
-        """Inverse of `to_json`. UsageError if the text is anything else."""
-        return from_text(text, {"moves": cls})
+        return to_text(self.form, {name: getattr(self, name) for name in names})
 
 
 def _per_move(name: str, value: Array | float, moves: tuple[int, int]) -> Array:
@@ -106,7 +141,7 @@ def _per_move(name: str, value: Array | float, moves: tuple[int, int]) -> Array:
         table = np.array(np.broadcast_to(np.asarray(value, dtype=float), moves))
     except ValueError:
         raise UsageError(
-            f"{name} has shape {np.shape(value)}, which does not fit {moves} moves and joints"
+            f"{name} has shape {np.shape(value)}, which does not fit {moves} moves and axes"
         ) from None
     if not np.all(table > 0.0):
         raise UsageError(f"{name} must be positive")
@@ -116,7 +151,10 @@ def _per_move(name: str, value: Array | float, moves: tuple[int, int]) -> Array:
 
 def random_moves(
     rng: np.random.Generator,
-    spec: RobotSpec,
+    lower: Array,
+    upper: Array,
+    velocity: Array,
+    acceleration: Array,
     count: int,
     speed_fraction_range: tuple[float, float] = (0.4, 0.8),
     box_fraction: float = 0.8,
@@ -125,14 +163,14 @@ def random_moves(
     """`count` moves between points drawn uniformly in the middle `box_fraction` of the position limits.
 
     Each move has its own speed, a fraction of the velocity limits drawn from `speed_fraction_range`;
-    acceleration limits are kept. Inside every limit of `spec` by construction.
+    acceleration limits are kept. Inside all four limits (k,), rad (m) and s, by construction.
     """
     low, high = speed_fraction_range
     if count < 1 or not 0.0 < low <= high <= 1.0 or not 0.0 < box_fraction <= 1.0:
         raise UsageError(
             f"random moves need count >= 1, fractions in (0, 1]: {count}, {low}..{high}, {box_fraction}"
         )
-    middle, half = 0.5 * (spec.upper + spec.lower), 0.5 * box_fraction * (spec.upper - spec.lower)
-    waypoints = middle + half * rng.uniform(-1.0, 1.0, (count + 1, spec.dof))
-    speed = ROOM * rng.uniform(low, high, (count, 1)) * spec.velocity
-    return PointToPoint(waypoints, speed, dwell, ROOM * spec.acceleration)
+    middle, half = 0.5 * (upper + lower), 0.5 * box_fraction * (upper - lower)
+    waypoints = middle + half * rng.uniform(-1.0, 1.0, (count + 1, len(middle)))
+    speed = ROOM * rng.uniform(low, high, (count, 1)) * velocity
+    return PointToPoint(waypoints, speed, dwell, ROOM * acceleration)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,10 @@ Array = NDArray[np.float64]
 
 PEAK_RATE = 15.0 / 8.0
 """max S'(s) for S(s) = s^3 (10 - 15 s + 6 s^2)."""
+PEAK_BEND = 10.0 / math.sqrt(3.0)
+"""max |S''(s)|."""
+PEAK_PRODUCT = 1.195
+"""No less than max S(s) S'(s), 1.19482."""
 
 
 def phase(t: Array, duration: float, ramp: float) -> tuple[Array, Array, Array, Array]:

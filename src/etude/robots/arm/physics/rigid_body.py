@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Samples
 from etude.errors import DataError, UsageError
-from etude.models.dataset import Dataset
-from etude.models.features import FRICTION_SCALES
+from etude.robots.arm.inputs import FRICTION_SCALES
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.robots.arm.physics.kinematics import KinematicTree, body_motion
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor_of_motion
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from etude.robots.arm.spec import ArmSpec
 
 Array = NDArray[np.float64]
+EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class RigidBodyModel:
         extra: (dof, E) armature, viscous, friction (one for each scale) and offset terms of each output.
         rank: (dof,) number of base parameters of each output.
         deviation: (dof,) standard deviation of the residual on the samples used, command units.
+        extra_deviation: (dof, E) posterior deviation of the extra terms; inf where data said nothing.
     """
 
     tree: KinematicTree
@@ -49,6 +51,7 @@ class RigidBodyModel:
     extra: Array
     rank: NDArray[np.int64]
     deviation: Array
+    extra_deviation: Array
 
     def predict(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Command (n, dof) at q, qd, qdd (n, dof)."""
@@ -61,9 +64,9 @@ def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_veloc
     """What the model file alone says, for commands in N m or N: its inertial parameters, no friction."""
     inertial = np.tile(nominal_parameters(tree), (tree.joints, 1))
     extra = np.zeros((tree.joints, 3 + len(FRICTION_SCALES)))
-    unknown = np.zeros(tree.joints)
+    rank, unknown = np.zeros(tree.joints, dtype=np.int64), np.full_like(extra, np.inf)
     return RigidBodyModel(
-        tree, drives, friction_velocity, inertial, extra, np.zeros(tree.joints, dtype=np.int64), unknown
+        tree, drives, friction_velocity, inertial, extra, rank, np.zeros(tree.joints), unknown
     )
 
 
@@ -81,7 +84,8 @@ def command_regressors(
 
 
 def identify(
-    dataset: Dataset,
+    samples: Samples,
+    motion: tuple[Array, ...],
     spec: ArmSpec,
     tree: KinematicTree,
     drives: tuple[Drive, ...],
@@ -89,34 +93,43 @@ def identify(
 ) -> RigidBodyModel:
     """Masked maximum a posteriori least squares of every output's parameters.
 
+    Args:
+        samples: commands and masks.
+        motion: q, qd, qdd (n, dof) of the samples, as models look at them.
+        spec, tree, drives: the robot and its geometry.
+        friction_velocity: (dof,) v0 of the friction terms, rad/s.
+
     Raises:
         DataError: an axis never moved.
     """
-    if tree.joints != spec.dof or len(drives) != spec.dof or dataset.dof != spec.dof:
+    axes = samples.command.shape[1]
+    if tree.joints != spec.dof or len(drives) != spec.dof or axes != spec.dof:
         raise UsageError(
-            "Robot, model file and data set must have the same axes",
-            where=f"robot {spec.dof}, model file {tree.joints}, data set {dataset.dof}",
+            "Robot, model file and samples must have the same axes",
+            where=f"robot {spec.dof}, model file {tree.joints}, samples {axes}",
         )
-    rigid, extra = command_regressors(tree, drives, friction_velocity, dataset.q, dataset.qd, dataset.qdd)
+    rigid, extra = command_regressors(tree, drives, friction_velocity, *motion)
     spread = command_regressors(tree, drives, friction_velocity, *spread_states(spec, 64 + 24 * tree.bodies))
-    weight = _information_per_sample(dataset)
+    weight = _information_per_sample(samples)
     fits = []
     for j in range(spec.dof):
-        moving = ~dataset.stuck[:, j]
+        moving = samples.moving[:, j] & samples.usable[:, j]
         if not np.any(moving):
             raise DataError("An axis never moves, so nothing of it can be identified", where=spec.names[j])
         prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
-        fits.append(_fit_output(rigid[moving, j], extra[moving, j], dataset.tau[moving, j], prior, weight))
-    inertial, extras, deviation, rank = (np.array(part) for part in zip(*fits, strict=True))
-    return RigidBodyModel(tree, drives, friction_velocity, inertial, extras, rank, deviation)
+        fits.append(
+            _fit_output(rigid[moving, j], extra[moving, j], samples.command[moving, j], prior, weight)
+        )
+    inertial, extras, deviation, rank, spreads = (np.array(part) for part in zip(*fits, strict=True))
+    return RigidBodyModel(tree, drives, friction_velocity, inertial, extras, rank, deviation, spreads)
 
 
 CORRELATION_TIME = 0.5  # s; smoothed commands closer than this repeat each other
 
 
-def _information_per_sample(dataset: Dataset) -> float:
+def _information_per_sample(samples: Samples) -> float:
     """Weight of one sample against the prior: neighbours nearer than the correlation time share one vote."""
-    steps = np.diff(dataset.t)[np.diff(dataset.group) == 0]
+    steps = np.diff(samples.t)[np.diff(samples.group) == 0]
     step = float(np.median(steps)) if len(steps) else CORRELATION_TIME
     return float(np.clip(step / CORRELATION_TIME, 1e-3, 1.0))
 
@@ -155,8 +168,8 @@ class IdentificationPrior:
 
 def _fit_output(
     rigid: Array, extra: Array, y: Array, prior: IdentificationPrior, weight: float
-) -> tuple[Array, Array, float, int]:
-    """phi (P,), extra (E,), residual deviation and rank of one output.
+) -> tuple[Array, Array, float, int, Array]:
+    """phi (P,), extra (E,), residual deviation, rank and deviations (E,) of extra of one output.
 
     First the nominal model with a free gain; then every base parameter, as far from the nominal one as
     `prior` allows.
@@ -169,9 +182,10 @@ def _fit_output(
     columns = np.column_stack([columns, rigid @ prior.directions])
     rank = prior.directions.shape[1]
     deviations = np.concatenate([deviations, np.full(rank, gain)])
-    fine, _, deviation = _map_estimate(columns, y, deviations, prior.command, weight)
+    fine, spread, deviation = _map_estimate(columns, y, deviations, prior.command, weight)
     last = 1 + extra.shape[1]
-    return fine[0] * prior.nominal + prior.directions @ fine[last:], fine[1:last], deviation, rank
+    phi = fine[0] * prior.nominal + prior.directions @ fine[last:]
+    return phi, fine[1:last], deviation, rank, spread[1:last]
 
 
 def _map_estimate(

@@ -1,0 +1,162 @@
+"""ModelConfig: every choice in making a model from samples, of any robot, named and visible."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from etude import plugins
+from etude.errors import UsageError
+
+Rung = Literal["nominal", "identified", "linear", "gp", "nominal+gp", "identified+gp", "linear+gp"]
+RUNGS: tuple[Rung, ...] = (
+    "nominal",
+    "identified",
+    "linear",
+    "gp",
+    "nominal+gp",
+    "identified+gp",
+    "linear+gp",
+)
+Schedule = Literal["update", "constant", "reinitialise", "first"]
+SCHEDULES: tuple[Schedule, ...] = ("update", "constant", "reinitialise", "first")
+FLOORS: dict[str, tuple[float, ...]] = {"limit": (0.001, 0.002, 0.004, 0.012), "deviation": (0.4, 0.25, 0.15)}
+"""Noise floors tried with noise_floor = "auto", by what they are parts of. Training goes down the second row,
+each from the optimum of the last: a high floor has one smooth optimum, where a low one may fall for lengths
+that are too short."""
+SPECTRAL = ("ssgp_fixed", "ssgp_learned")
+"""Members that stand for the squared exponential kernel alone."""
+LEAST = {"points": 2, "fit_points": 2, "basis": 1, "starts": 1, "process_from": 1}
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """How samples become a model. The defaults are the arms'; each kind's presets lay its own over them.
+
+    Attributes:
+        rung: one of `RUNGS`, or "auto": the ladder trains what the robot allows and chooses for each command.
+        choose_by: held-out error by which it chooses: mean "squared" or mean "absolute" error, each
+            trajectory with one vote.
+        process_from: trajectories from which rungs with a process compete with physics; stretches of one
+            trajectory are no new trajectories, and flatter processes.
+        kernel: "structured" (posture, friction, linear and remainder), "ard_se" (thesis 2.3), or a plug-in.
+        sharing: "separate": a process for each command; "shared": one kernel and one noise for all.
+        process: member of the model family that learns a group of commands: a name in `members.MEMBERS`, or
+            a plug-in.
+        points: samples each process is conditioned on, or members of its dictionary, or samples of each of
+            its local processes, at most; the other approximations learn from every sample that counts.
+        basis: inducing inputs, spectral points or basis points of a process that has such, at most.
+        fit_points: samples for the hyperparameters, at most.
+        fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
+            likelihood then takes their agreement for precision. With the structured kernel less, where short
+            logs would leave fewer than 100.
+        steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
+            or, if negative, evaluations of the likelihood (see `training.fit`).
+        starts: of the training; the best end wins.
+        schedule: what becomes of the hyperparameters of the last model (thesis 6.1): "update" trains on from
+            them (with several starts: beside fresh ones), with spectral points if there are such; "constant"
+            keeps those of the first training, noise included; "first" is constant too, and fitted to the
+            first trajectory alone, its units included (thesis 5); "reinitialise" trains from the data's
+            scales. Inducing inputs are chosen anew each time.
+        prior: "weak" log-normal priors on the hyperparameters, or "none": maximum likelihood, with learned
+            spectral points at once and without their guards.
+        noise_floor: least noise deviation, a part of what `floor_of` says; "auto" chooses among `FLOORS` by
+            how well each trajectory is predicted from the others.
+        floor_of: "limit": the command's limit, never more than a tenth of the command's own deviation, and
+            processes learn in command units; "deviation": that of what the process learns, which is
+            standardised.
+        stretch_s: of a single trajectory, stretches of this length are held out.
+        calibrate: multiply variances by the held-out z² where that exceeds 1.
+        student_t: fit the tails of the held-out errors, for the reported density.
+    """
+
+    rung: Rung | Literal["auto"] = "auto"
+    choose_by: Literal["squared", "absolute"] = "squared"
+    process_from: int = 1
+    kernel: str = "structured"
+    sharing: Literal["separate", "shared"] = "separate"
+    process: str = "exact"
+    points: int = 600
+    basis: int = 100
+    fit_points: int = 300
+    fit_spacing_s: float = 0.5
+    steps: int = 60
+    method: Literal["lbfgs", "minimize"] = "lbfgs"
+    starts: int = 1
+    schedule: Schedule = "update"
+    prior: Literal["weak", "none"] = "weak"
+    noise_floor: float | Literal["auto"] = 0.002
+    floor_of: Literal["limit", "deviation"] = "limit"
+    stretch_s: float = 8.0
+    calibrate: bool = True
+    student_t: bool = False
+
+    def __post_init__(self) -> None:
+        _one_of("rung", self.rung, (*RUNGS, "auto"))
+        _one_of("choose_by", self.choose_by, ("squared", "absolute"))
+        _one_of("sharing", self.sharing, ("separate", "shared"))
+        _one_of("method", self.method, ("lbfgs", "minimize"))
+        _one_of("schedule", self.schedule, SCHEDULES)
+        _one_of("prior", self.prior, ("weak", "none"))
+        _one_of("floor_of", self.floor_of, ("limit", "deviation"))
+        _plugin("kernel", self.kernel, "etude.kernels")
+        _plugin("process", self.process, "etude.models")
+        self._check_numbers()
+        self._check_kernel()
+
+    @property
+    def floors(self) -> tuple[float, ...]:
+        """The noise floors to try, parts of what `floor_of` says."""
+        return FLOORS[self.floor_of] if self.noise_floor == "auto" else (self.noise_floor,)
+
+    @property
+    def standardised(self) -> bool:
+        """Whether processes learn standardised outputs; else outputs that are centred, in command units."""
+        return self.floor_of == "deviation" or self.sharing == "shared"
+
+    def _check_numbers(self) -> None:
+        for name, least in LEAST.items():
+            if getattr(self, name) < least:
+                raise UsageError(
+                    f"{name} must be at least {least}", where=f"model.{name} = {getattr(self, name)}"
+                )
+        if self.steps < 0 and self.method == "lbfgs":
+            raise UsageError(
+                "negative steps count evaluations of the likelihood, which L-BFGS cannot be limited to",
+                where=f"model.steps = {self.steps}",
+                next_step="Set method = 'minimize', or a number of iterations.",
+            )
+        numbers = ["fit_spacing_s", "stretch_s"]
+        for name in numbers if self.noise_floor == "auto" else [*numbers, "noise_floor"]:
+            value = getattr(self, name)
+            if isinstance(value, str) or not (math.isfinite(value) and value >= 0):
+                raise UsageError(f"{name} must be a number >= 0", where=f"model.{name} = {value!r}")
+        if self.stretch_s == 0:
+            raise UsageError("stretch_s must be above 0", where="model.stretch_s = 0")
+
+    def _check_kernel(self) -> None:
+        if self.kernel != "ard_se" and self.process in SPECTRAL:
+            raise UsageError(
+                "A sparse spectrum stands for the squared exponential kernel",
+                where=f"model.process = {self.process!r}",
+                next_step="Set kernel = 'ard_se', or choose another process.",
+            )
+        if self.kernel == "structured" and self.sharing == "shared":
+            raise UsageError(
+                "The structured kernel is of one command, so commands cannot share it",
+                where="model.sharing = 'shared'",
+                next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
+            )
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise UsageError(f"{name} must be one of {', '.join(allowed)}", where=f"model.{name} = {value!r}")
+
+
+def _plugin(name: str, value: str, group: str) -> None:
+    """One of a group, or any "module:attribute"; what that is shows when it is loaded."""
+    if value in plugins.BUILT_IN[group] or plugins.FULL_NAME.fullmatch(value):
+        return
+    _one_of(name, value, plugins.names(group))

@@ -1,0 +1,22 @@
+"""What `init` writes beside the keys of an arm's own tables in campaign.toml."""
+
+from __future__ import annotations
+
+COMMENTS: dict[str, dict[str, str]] = {
+    "trajectory": {
+        "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
+        "duration": "s of each trajectory",
+        "omega0": 'rad/s: a number, a range [low, high], or "none": what suits the slowest joint',
+        "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
+        "ramp": 's of each phase ramp, for rest = "ramp"',
+    },
+    "data": {
+        "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
+        "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
+        "rate_hz": "samples kept per second of log",
+        "least_samples": "of a short log more are kept per second, until there are this many",
+        "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
+        "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
+        "friction_fraction": "width of the friction input, fraction of the velocity limit; 0 for none",
+    },
+}

@@ -1,0 +1,175 @@
+"""Robots of joints as a kind: the nouns of one arm, made of its description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from etude.contracts import (
+    Array,
+    Channel,
+    Controller,
+    Described,
+    Family,
+    Finding,
+    Index,
+    Limit,
+    Log,
+    Margins,
+    Model,
+    Samples,
+    Trajectory,
+)
+
+if TYPE_CHECKING:
+    from etude.robots.arm.inputs import ArmInputs
+    from etude.robots.arm.physics.mean import ArmPhysics
+    from etude.robots.arm.plant.robot import ArmRobot
+    from etude.robots.arm.spec import ArmSpec
+
+HERE = Path(__file__).parent
+MODEL_FILES = (".urdf", ".xml", ".mjcf")
+
+
+class ArmKind:
+    """Implements `contracts.Kind`. Modules are loaded when needed: most commands need few of them."""
+
+    @property
+    def name(self) -> str:
+        return "arm"
+
+    @property
+    def path(self) -> str:
+        return "q"
+
+    @property
+    def tables(self) -> Mapping[str, type]:
+        from etude.robots.arm.recipe import ArmData
+        from etude.trajectories.family import FourierConfig
+
+        return {"trajectory": FourierConfig, "data": ArmData}
+
+    @property
+    def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+        from etude.robots.toml import decoded, read_text
+
+        path = HERE / "presets.toml"
+        return decoded(read_text(path), path.name)
+
+    @property
+    def comments(self) -> Mapping[str, Mapping[str, str]]:
+        from etude.robots.arm.comments import COMMENTS
+
+        return COMMENTS
+
+    def built_in(self) -> Mapping[str, Path]:
+        """The robots in `data/`, by name."""
+        return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
+
+    def recognises(self, path: Path) -> bool:
+        """A URDF or MJCF, or a robot file that names this kind or none."""
+        if path.suffix.lower() in MODEL_FILES:
+            return True
+        from etude.errors import UsageError
+        from etude.robots.arm.robot_file import KINDS
+        from etude.robots.toml import decoded, read_text
+
+        try:
+            return path.suffix.lower() == ".toml" and decoded(read_text(path), "").get("kind", "") in KINDS
+        except UsageError:
+            return False
+
+    def described(self, path: Path) -> Described:
+        """robot.toml and, if there is one, the model file beside it, whole."""
+        from etude.robots.arm.description import describe
+
+        return describe(path)
+
+    def spec(self, path: Path) -> ArmSpec:
+        """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
+        from etude.robots.arm.description import read
+
+        return read(path)[0]
+
+    def home(self, spec: ArmSpec) -> Array:
+        """(J,) the middle of the position limits."""
+        return 0.5 * (spec.lower + spec.upper)
+
+    def limit(self, spec: ArmSpec) -> Array:
+        """(J,) the largest commands."""
+        return spec.command
+
+    def channels(self, spec: ArmSpec) -> Sequence[Channel]:
+        return spec.channels()
+
+    def family(self, spec: ArmSpec, config: Any) -> Family:
+        """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
+        from etude.robots.arm.motions import family
+
+        return family(spec, config.trajectory)
+
+    def limits(self, spec: ArmSpec, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]:  # noqa: ARG002
+        """Position, velocity and acceleration of every joint, less what tracking was seen to overshoot."""
+        from etude.robots.arm.motions import limits
+
+        return limits(spec, margins)
+
+    def ways(self, spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory] | None:
+        """Straight moves in joint space, from the pose to the start and from the end back."""
+        from etude.robots.arm.motions import ways
+
+        return ways(spec, motion, pose)
+
+    def inputs(self, spec: ArmSpec, config: Any) -> ArmInputs:
+        from etude.robots.arm.inputs import ArmInputs
+
+        return ArmInputs.of(spec, config.data.friction_fraction, config.data.desired)
+
+    def physics(self, spec: ArmSpec, config: Any) -> Mapping[str, ArmPhysics]:
+        """None without a model file; "nominal" only where commands are forces."""
+        if spec.model_file is None:
+            return {}
+        from etude.robots.arm.physics.mean import physics_of
+
+        return physics_of(spec, config.data.friction_fraction, config.data.desired)
+
+    def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:  # noqa: ARG002
+        return ()
+
+    def samples(self, spec: ArmSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
+        from etude.robots.arm.recipe import samples_of
+
+        return samples_of(spec, config.data, logs, groups)
+
+    def robot(self, spec: ArmSpec, config: Any) -> ArmRobot | None:  # noqa: ARG002
+        """The simulated stand-in that the robot file names; None if it names none."""
+        if spec.plant is None:
+            return None
+        from etude.robots.arm.plant.registry import simulated_robot
+
+        return simulated_robot(spec.plant, spec)
+
+    def tests(self, spec: ArmSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:  # noqa: ARG002
+        from etude.robots.arm.motions import tests
+
+        return tests(spec, rng)
+
+    def baselines(self, spec: ArmSpec, config: Any) -> Mapping[str, Controller | None]:
+        """Feedback alone, and the simulated robot's exact inverse: what no model can do better."""
+        robot = self.robot(spec, config)
+        if robot is None:
+            return {"pd": None}
+        from etude.robots.arm.controller import PerfectController
+
+        return {"pd": None, "perfect": PerfectController(robot)}
+
+    def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:
+        from etude.robots.arm.controller import ModelController
+
+        return ModelController(model, spec, self.physics(spec, config))
+
+
+KIND = ArmKind()

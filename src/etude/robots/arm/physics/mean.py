@@ -1,0 +1,140 @@
+"""The rungs of physics: the rigid body of the model file, nominal or identified, as means over logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Code, Log, Samples
+from etude.errors import UsageError
+from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude.robots.arm.physics.geometry import Geometry, read_geometry
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.rigid_body import EXTRA_TERMS, RigidBodyModel, identify, nominal_model
+from etude.robots.arm.physics.transmission import Drive
+from etude.robots.arm.spec import PATH, PLAN, ArmSpec
+
+FORCES = ("N m", "N")
+"""Command units that a model file's inertial parameters predict by themselves."""
+FRICTION_FRACTION = 0.02
+"""v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
+TREE = tuple(KinematicTree.__dataclass_fields__)
+DRIVE = tuple(Drive.__dataclass_fields__)
+OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in ("tree", "drives"))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyMean:
+    """Implements `contracts.Mean`: commands by a rigid-body model, of measured or desired states."""
+
+    model: RigidBodyModel
+    joints: tuple[str, ...]
+    desired: bool = False
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """Terms of each drive in command units: armature, viscous, friction by its scale, offset."""
+        rows = zip(self.joints, self.model.extra, self.model.extra_deviation, strict=True)
+        return {
+            f"{joint} {term}": (float(value), float(deviation))
+            for joint, values, deviations in rows
+            for term, value, deviation in zip(EXTRA_TERMS, values, deviations, strict=True)
+        }
+
+    def predict(self, log: Log) -> Array:
+        """Commands (T, J). KeyError where the log lacks a state."""
+        return self.model.predict(*(log[name] for name in (PLAN if self.desired else PATH)))
+
+    def static(self, log: Log) -> Array:
+        """Commands (T, J) at rest in the same positions: gravity and offset."""
+        q = log[(PLAN if self.desired else PATH)[0]]
+        return self.model.predict(q, np.zeros_like(q), np.zeros_like(q))
+
+    def arrays(self) -> dict[str, Array]:
+        """All that `restore` of the physics takes to make it again, bit for bit."""
+        model = self.model
+        found = {f"rigid.{name}": np.asarray(getattr(model, name)) for name in OWN}
+        found |= {f"tree.{name}": np.asarray(getattr(model.tree, name)) for name in TREE}
+        for j, drive in enumerate(model.drives):
+            found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
+        return {**found, "desired": np.array(self.desired)}
+
+    def c(self, name: str) -> Code | None:  # noqa: ARG002
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPhysics:
+    """Implements `contracts.Physics`: samples in, a mean out. The model file is read at the first call.
+
+    Attributes:
+        spec: the robot; it has a model file.
+        friction_fraction: v0 of the friction terms as a part of the velocity limits, above 0.
+        desired: whether states are the planned ones.
+        nominal: what the model file alone says, for commands that are forces.
+    """
+
+    spec: ArmSpec
+    friction_fraction: float = FRICTION_FRACTION
+    desired: bool = False
+    nominal: bool = False
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Tree and drives of the model file. UsageError if the robot has none."""
+        geometry = read_geometry(self.spec)
+        if geometry is None:
+            raise UsageError(
+                f"robot '{self.spec.name}' has no model_file, so it has no physics to learn from",
+                next_step="Add a URDF or MJCF to the robot file, or choose the rung gp.",
+            )
+        return geometry
+
+    @property
+    def friction_velocity(self) -> Array:
+        return self.friction_fraction * self.spec.velocity
+
+    def __call__(self, samples: Samples | None) -> RigidBodyMean:
+        """The mean. DataError: an axis never moved; UsageError: nothing to identify from."""
+        tree, drives = self.geometry.tree, self.geometry.drives
+        if self.nominal:
+            return self._mean(nominal_model(tree, drives, self.friction_velocity))
+        if samples is None:
+            raise UsageError("an identified model needs samples", next_step="Tell a log first.")
+        motion = tuple(samples.log[name] for name in (PLAN if self.desired else PATH))
+        return self._mean(identify(samples, motion, self.spec, tree, drives, self.friction_velocity))
+
+    def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
+        """The mean whose `arrays` these are; no model file is read."""
+        tree = KinematicTree(**{name: arrays[f"tree.{name}"] for name in TREE})
+        drives = tuple(
+            Drive(float(arrays[f"drive{j}.gear"]), *(arrays[f"drive{j}.{name}"] for name in DRIVE[1:]))
+            for j in range(tree.joints)
+        )
+        model = RigidBodyModel(tree, drives, **{name: arrays[f"rigid.{name}"] for name in OWN})
+        return RigidBodyMean(model, self.spec.names, bool(arrays["desired"]))
+
+    def regressors(self) -> tuple[BaseRegressor, ...]:
+        """One per command: features of inputs in which the command is linear, weights N(0, 1) before data.
+
+        What `d_opt` asks of a physics.
+        """
+        geometry = self.geometry
+        return base_regressors(self.spec, geometry.tree, geometry.drives, self.friction_velocity)
+
+    def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
+        return RigidBodyMean(model, self.spec.names, self.desired)
+
+
+def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
+    """The rungs that the robot allows: none without a model file, "nominal" only for forces."""
+    if spec.model_file is None:
+        return {}
+    fraction = friction_fraction or FRICTION_FRACTION
+    found = {"identified": ArmPhysics(spec, fraction, desired)}
+    if spec.command_unit in FORCES:
+        found["nominal"] = ArmPhysics(spec, fraction, desired, nominal=True)
+    return found

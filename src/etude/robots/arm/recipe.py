@@ -1,0 +1,211 @@
+"""From logs of an arm to samples: inputs, filter, trimming, stick mask and thinning.
+
+This step decides the error.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
+from etude.errors import DataError, UsageError
+from etude.logs.derivatives import (
+    auto_cutoff,
+    median_rate,
+    resample,
+    segments,
+    smooth,
+    uniform_grid,
+)
+from etude.robots.arm.spec import COMMAND, PATH, PLAN, ArmSpec
+
+ROUNDING = 1e-6  # s: time stamps are sums of steps
+GOLDEN = (math.sqrt(5) - 1) / 2
+LEAST_ROWS = 8
+"""A stretch of fewer rows cannot be filtered."""
+
+
+@dataclass(frozen=True)
+class ArmData:
+    """How logs become samples, and what their inputs are; the [data] table of a campaign.
+
+    Attributes:
+        inputs: "measured" differentiates the filtered measured position; "desired" takes the desired motion
+            (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
+        cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `logs.steps.auto_cutoff`,
+            "none" leaves both as measured.
+        rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
+            choose from, and 100/12 for downsampling.
+        least_samples: of a log so short that fewer than these would be left, more are kept per second, up to
+            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute.
+        stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
+            less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
+            speed below which samples lie about the friction is far above the encoder's noise.
+        trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
+            Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
+        friction_fraction: v0 of the friction inputs as a part of the velocity limit; 0 for no such inputs.
+    """
+
+    inputs: Literal["measured", "desired"] = "measured"
+    cutoff_hz: float | Literal["auto", "none"] = "auto"
+    rate_hz: float = 8.0
+    least_samples: int = 150
+    stick_fraction: float = 0.05
+    trim_s: float | Literal["auto"] = "auto"
+    friction_fraction: float = 0.02
+
+    def __post_init__(self) -> None:
+        if self.inputs not in ("measured", "desired"):
+            raise UsageError(
+                f"inputs must be 'measured' or 'desired', not '{self.inputs}'", where="data.inputs"
+            )
+        _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
+        _check_number("rate_hz", self.rate_hz, (), above_zero=True)
+        _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
+        for name in ("least_samples", "stick_fraction", "friction_fraction"):
+            _check_number(name, getattr(self, name), (), above_zero=False)
+
+    @property
+    def desired(self) -> bool:
+        """Whether models look at the plan."""
+        return self.inputs == "desired"
+
+
+def _check_number(name: str, value: float | str, words: tuple[str, ...], *, above_zero: bool) -> None:
+    if isinstance(value, str):
+        good = value in words
+    else:
+        good = math.isfinite(value) and (value > 0 if above_zero else value >= 0)
+    if not good:
+        kind = "above zero" if above_zero else "zero or more"
+        choices = "".join(f" or '{word}'" for word in words)
+        raise UsageError(f"{name} must be a number {kind}{choices}, not {value!r}", where=f"data.{name}")
+
+
+def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
+    """The samples a model learns from: filtered, trimmed, thinned, with the stick mask of every command.
+
+    Args:
+        spec: gives the velocity limits, the scale of the stick mask.
+        config: the protocol.
+        logs: cleaned logs whose axes are those of `spec`, in its order; pauses split them.
+        groups: per log (T,), the segment of each row; it also shifts the thinning, so that repeated motions
+            add samples. Rows of a group below 0 belong to no segment: the filter sees them, samples do not.
+
+    Raises:
+        DataError: the axes differ, desired inputs are asked of a log without them, or nothing is left.
+    """
+    if not logs:
+        raise DataError("there is no log to learn from", next_step="Tell one first.")
+    return joined_samples(
+        [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
+    )
+
+
+def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
+    _check(log, spec, config)
+    rate, cutoff = median_rate(log.t), filter_cutoff(log, config)
+    config = replace(config, rate_hz=max(config.rate_hz, config.least_samples / duration(log)))
+    stretches = [
+        _stretch(log.take(piece), group[piece], rate, cutoff, spec, config) for piece in segments(log.t)
+    ]
+    parts = list(itertools.chain.from_iterable(stretches))
+    if not parts:
+        raise DataError(
+            f"nothing is left of this log of {log.t[-1] - log.t[0]:.3g} s after trimming",
+            where=log.source,
+            next_step="Record a longer motion, or lower trim_s.",
+        )
+    return joined_samples(parts)
+
+
+def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
+    parts = log.channels[PATH[0]].parts
+    if parts != spec.names:
+        raise DataError(
+            f"the log has the joints {', '.join(parts)}, the robot {', '.join(spec.names)}", where=log.source
+        )
+    if config.desired and PLAN[0] not in log:
+        raise DataError(
+            "the log has no desired motion, which inputs = 'desired' needs",
+            where=log.source,
+            next_step="Tell it with its proposal, or use inputs = 'measured'.",
+        )
+
+
+def duration(log: Log) -> float:
+    """Seconds that the log's stretches last together."""
+    return float(sum(np.ptp(log.t[piece]) for piece in segments(log.t)))
+
+
+def filter_cutoff(log: Log, config: ArmData) -> float:
+    """The cutoff in Hz with which the log is filtered; infinite without a filter."""
+    if config.cutoff_hz == "none":
+        return math.inf
+    if config.cutoff_hz != "auto":
+        return float(config.cutoff_hz)
+    longest = max(segments(log.t), key=lambda piece: piece.stop - piece.start)
+    grid = uniform_grid(log.t[longest], median_rate(log.t))
+    return auto_cutoff(grid, resample(log.t[longest], log[PATH[0]][longest], grid))
+
+
+def _stretch(
+    log: Log, group: Index, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
+) -> list[Samples]:
+    """Samples of one stretch between pauses, a part for each segment in it."""
+    trim = 1.0 / cutoff if config.trim_s == "auto" else config.trim_s
+    if len(log) < LEAST_ROWS or log.t[-1] - log.t[0] <= 2 * trim:
+        return []
+    grid = uniform_grid(log.t, rate)
+    motion = _motion(log, grid, cutoff, config)
+    command = smooth(grid, resample(log.t, log[COMMAND], grid), cutoff).value
+    inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
+    own = group[np.searchsorted(log.t, grid + ROUNDING, side="right") - 1]
+    names = PLAN if config.desired else PATH
+    whole = Log(
+        grid,
+        {c.name: c for c in spec.channels() if c.name in (*names, COMMAND)},
+        {**dict(zip(names, motion, strict=True)), COMMAND: command},
+        log.source,
+    )
+    parts = []
+    for number in np.unique(own[inside & (own >= 0)]):
+        part = inside & (own == number)
+        parts.append(_segment(whole, part, int(number), motion[1], rate, spec, config))
+    return [part for part in parts if len(part)]
+
+
+def _segment(
+    log: Log, inside: Mask, group: int, speed: Array, rate: float, spec: ArmSpec, config: ArmData
+) -> Samples:
+    """Every so many of the rows inside, with the mask of joints that stand."""
+    keep = np.flatnonzero(inside)[_offset(rate, config.rate_hz, group) :: _step(rate, config.rate_hz)]
+    top = np.minimum(spec.velocity, np.abs(speed[inside]).max(axis=0))
+    stuck = np.abs(speed[keep]) < config.stick_fraction * top
+    return Samples(log.take(keep), np.full(len(keep), group, dtype=np.int64), np.ones_like(stuck), ~stuck)
+
+
+def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration on the grid, as models look at them."""
+    if config.desired and all(name in log for name in PLAN):
+        q, qd, qdd = (resample(log.t, log[name], grid) for name in PLAN)
+        return q, qd, qdd
+    position = log[PLAN[0] if config.desired else PATH[0]]
+    made = smooth(grid, resample(log.t, position, grid), cutoff)
+    return made.value, made.first, made.second
+
+
+def _step(rate: float, rate_hz: float) -> int:
+    """Every how many samples one is kept, so that at least rate_hz remain per second."""
+    return max(1, int(rate / rate_hz + 1e-3))
+
+
+def _offset(rate: float, rate_hz: float, group: int) -> int:
+    """First kept sample: multiples of the golden ratio visit the step evenly, whatever the number of logs."""
+    return int(_step(rate, rate_hz) * ((group * GOLDEN) % 1.0))
