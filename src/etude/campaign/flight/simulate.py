@@ -13,7 +13,7 @@ from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.flight.learner import load_chosen, told_flights
 from etude.campaign.folder import Campaign
 from etude.campaign.learner import Say
-from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
+from etude.campaign.rounds import SimulatedRound, interrupted_round, known_evaluation, robot_seconds
 from etude.campaign.tell import tell
 from etude.control.flight_feedforward import (
     PID_ALONE,
@@ -57,8 +57,9 @@ def simulate_flights(campaign: Campaign, rounds: int, say: Say) -> Iterator[Simu
     tests = test_flights(campaign)
     for name, feedforward in _baselines(plant).items():
         _evaluate(campaign, plant, tests, 0, feedforward, baseline=name)
-    if campaign.state().trained:  # a run that was stopped between learning and testing
-        yield _evaluate_round(campaign, plant, tests, campaign.state().trained[-1].number)
+    left = interrupted_round(campaign, say)
+    if left is not None:  # or its tests would be missing from the curve
+        yield _evaluate_round(campaign, plant, tests, left)
     flown = 0
     for _ in range(MOST_TRIES * rounds):
         if flown == rounds:
