@@ -16,6 +16,7 @@ RANKS = {
     "errors": 0,
     "storage": 0,
     "threads": 0,
+    "interrupt": 0,
     "robots": 1,
     "logs": 1,
     "trajectories": 1,

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from etude.campaign.folder import Campaign
+from etude.campaign.learn import learn_pending
+from etude.campaign.learner import Say
 
 
 @dataclass(frozen=True)
@@ -46,3 +48,15 @@ def known_evaluation(
 def robot_seconds(campaign: Campaign) -> float:
     """Recorded motion of all logs told, s."""
     return float(sum(r.told["robot_seconds"] for r in campaign.state().told if r.told))
+
+
+def interrupted_round(campaign: Campaign, say: Say) -> int | None:
+    """Learns a log that an earlier run left; the number of the last round learned, or None.
+
+    Raises:
+        DataError, NumericalError: the log cannot be learned.
+    """
+    with campaign.writing():
+        learn_pending(campaign, say=say)
+    trained = campaign.state().trained
+    return trained[-1].number if trained else None

@@ -14,7 +14,7 @@ from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.learn import newest_model
 from etude.campaign.learner import Say
-from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
+from etude.campaign.rounds import SimulatedRound, interrupted_round, known_evaluation, robot_seconds
 from etude.campaign.tell import tell
 from etude.control.closed_loop import run_closed_loop, tracking_error
 from etude.control.feedforward import (
@@ -59,8 +59,9 @@ def simulate(
     robot = _robot(campaign, engine)
     tests = test_motions(campaign)
     _evaluate_baselines(campaign, robot, tests)
-    if campaign.state().trained:  # a run that was stopped between learning and testing
-        _evaluate_round(campaign, robot, tests, campaign.state().trained[-1].number)
+    left = interrupted_round(campaign, say)
+    if left is not None:  # or its tests would be missing from the curve
+        _evaluate_round(campaign, robot, tests, left)
     for _ in range(rounds):
         number = ask(campaign, go_on=True, say=say).number
         say(f"Running trajectory {number} on the simulated {robot.name}.")
