@@ -141,6 +141,21 @@ def joined_logs(parts: Sequence[Log]) -> Log:
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """What the log doctor may expect of a robot's logs. rate: Hz at which they are usually recorded, which
+    tells the unit of their times; scale (k,): sizes of the path's coordinates, in parts of which motions
+    are compared; limits: lower and upper (parts,) of positions, their rates and commands, by channel; rest:
+    rows before and after the trajectory are kept (a joint at rest teaches, a vehicle on the ground does
+    not).
+    """
+
+    rate: float
+    scale: Array
+    limits: Mapping[str, tuple[Array, Array]]
+    rest: bool = True
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
     (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
@@ -522,6 +537,7 @@ class Kind(Protocol):
     def home(self, spec: Any) -> Array: ...
     def limit(self, spec: Any) -> Array: ...
     def channels(self, spec: Any) -> Sequence[Channel]: ...
+    def expected(self, spec: Any) -> Expected: ...  # for `logs.read.read_log` and `logs.identity.align`
     def family(self, spec: Any, config: Any) -> Family: ...
     def limits(self, spec: Any, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]: ...
     def ways(

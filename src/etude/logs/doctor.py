@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError
-from etude.logs.derivatives import segments
+from etude.logs.smoothing import segments
 from etude.logs.log import RobotLog
 from etude.logs.parquet import CHANNELS
 from etude.robots.spec import RobotSpec

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.logs.delay import measure_delay
-from etude.logs.derivatives import median_rate, resample, uniform_grid
+from etude.logs.smoothing import median_rate, resample, uniform_grid
 from etude.logs.doctor import add_repair
 from etude.logs.log import RobotLog
 from etude.robots.spec import RobotSpec

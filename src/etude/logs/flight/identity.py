@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.logs.delay import measure_delay
-from etude.logs.derivatives import median_rate
+from etude.logs.smoothing import median_rate
 from etude.logs.flight.log import FlightLog
 from etude.logs.flight.table import ending
 from etude.robots.flight_spec import FlightSpec

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError
-from etude.logs.derivatives import median_rate, segments, smooth, uniform_grid
+from etude.logs.smoothing import median_rate, segments, smooth, uniform_grid
 from etude.logs.flight.columns import FlightColumns, flight_columns
 from etude.logs.flight.log import FlightLog
 from etude.logs.flight.parquet import is_cleaned_flight, read_flight_parquet

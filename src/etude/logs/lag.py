@@ -1,85 +1,74 @@
-"""How far a vehicle's motion lags behind its commands: motors take time to follow a set-point."""
+"""How far a robot's motion lags behind its commands: motors take time to follow a set-point."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Log, Mask
 from etude.errors import DataError
-from etude.logs.derivatives import median_rate
-from etude.logs.flight.log import FlightLog
+from etude.logs.smoothing import median_rate, resample
 
-Array = NDArray[np.float64]
-
-STATES = ("specific_force", "rates", "angular_acceleration", "velocity", "altitude")
 LONGEST_LAG = 0.2  # s: no motor of a vehicle that flies is slower
 
 
-def command_lag(*logs: FlightLog, longest: float = LONGEST_LAG) -> float:
+def command_lag(logs: Sequence[Log], states: Sequence[str], longest: float = LONGEST_LAG) -> float:
     """The lag in [0, longest] s at which the motion explains the commands best, s.
 
     The commands of `lag` ago are fitted by least squares with the motion now (all that every state tells) and
-    a constant for each flight; the lag that leaves the least squares wins, refined by a parabola. Levels are
+    a constant for each log; the lag that leaves the least squares wins, refined by a parabola. Levels are
     compared, as a model learns them. Rates of change weigh noise and the quickest motion, which a motor with
     a time constant lags less: on real flights the lag they gave left models more error.
 
     Args:
-        logs: of one vehicle, whose lag they share. Those that are too slow or short to tell have no say.
+        logs: of one robot, whose lag they share. Those that are too slow or short to tell have no say.
+        states: channels that tell of the motion; those that a log lacks are left out of all.
+        longest: s.
 
     Returns:
         0 if no log can tell.
     """
     able = [log for log in logs if 1 <= int(longest * median_rate(log.t)) < len(log) / 20.0 - 1.0]
-    if not able:
+    names = [name for name in states if all(name in log for log in able)]
+    if not able or not names:
         return 0.0
     rate = min(median_rate(log.t) for log in able)
     lags = np.arange(int(longest * rate) + 1) / rate
-    names = [name for name in STATES if all(getattr(log.states, name) is not None for log in able)]
     Q = np.linalg.qr(np.concatenate([_centred(_motion(log, names)[_late(log, longest)]) for log in able]))[0]
     left = np.array([_residual(Q, np.concatenate([_earlier(log, k, longest) for log in able])) for k in lags])
     best = int(np.argmin(left))
     return float((best + _vertex(left, best)) / rate)
 
 
-def without_lag(log: FlightLog, lag: float) -> FlightLog:
+def without_lag(log: Log, lag: float) -> Log:
     """The log whose commands are those of `lag` s earlier; the samples before the first such are cut.
 
     Raises:
-        DataError: the flight is shorter than the lag.
+        DataError: the log is shorter than the lag.
     """
     if lag == 0.0:
         return log
     kept = log.t - lag >= log.t[0]
     if not kept.any():
-        raise DataError(f"the flight is shorter than a lag of {lag:g} s", where=log.source)
-    command = np.column_stack([np.interp(log.t[kept] - lag, log.t, column) for column in log.command.T])
-    return replace(
-        log,
-        t=log.t[kept],
-        states=log.states.take(kept),
-        command=command,
-        position=None if log.position is None else log.position[kept],
-        position_des=None if log.position_des is None else log.position_des[kept],
-    )
+        raise DataError(f"the log is shorter than a lag of {lag:g} s", where=log.source)
+    command = resample(log.t, log["command"], log.t[kept] - lag)
+    return log.take(kept).put(log.channels["command"], command)
 
 
-def _motion(log: FlightLog, names: list[str]) -> Array:
-    """(T, m) the quantities of the states in `names`."""
-    parts = [getattr(log.states, name) for name in names]
-    return np.column_stack(parts)
+def _motion(log: Log, names: Sequence[str]) -> Array:
+    """(T, m) the quantities of the channels in `names`."""
+    return np.column_stack([log[name] for name in names])
 
 
-def _late(log: FlightLog, longest: float) -> NDArray[np.bool_]:
+def _late(log: Log, longest: float) -> Mask:
     """(T,) samples whose commands of `longest` ago are recorded: the same for every lag."""
     return np.asarray(log.t >= log.t[0] + longest)
 
 
-def _earlier(log: FlightLog, lag: float, longest: float) -> Array:
-    """(n, 4) commands of `lag` before the late samples, centred."""
-    at = log.t[_late(log, longest)] - lag
-    return _centred(np.column_stack([np.interp(at, log.t, column) for column in log.command.T]))
+def _earlier(log: Log, lag: float, longest: float) -> Array:
+    """(n, J) commands of `lag` before the late samples, centred."""
+    return _centred(resample(log.t, log["command"], log.t[_late(log, longest)] - lag))
 
 
 def _centred(values: Array) -> Array:
