@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 
+from etude import __version__
 from etude.errors import EtudeError
 from etude.interrupt import INTERRUPTED, end_on_interrupt, ignore_from_now
 
@@ -55,6 +56,9 @@ def _guarded(given: list[str]) -> int:
 
 
 def _run(given: list[str]) -> int:
+    if given == ["--version"]:
+        print(f"etude {__version__}", flush=True)
+        return 0
     from etude.commands import parse
     from etude.commands.outcome import to_json
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from etude import plugins
 from etude.campaign.config import preset_config
@@ -54,6 +55,12 @@ def create_campaign(
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
     return open_campaign(path), described.confirm
+
+
+def load_robot(robot: str | Path) -> Any:
+    """The description of a built-in robot's name, or of a file. Errors as `find_robot`."""
+    kind, path = find_robot(str(robot))
+    return kind.spec(path)
 
 
 def find_robot(robot: str) -> tuple[Kind, Path]:

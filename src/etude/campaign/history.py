@@ -15,9 +15,7 @@ POOLED = 3
 """Trajectories whose prequential z^2 make the calibration factor."""
 
 
-def seen_by_the_rule(
-    campaign: Campaign, state: State, next_gain: float | None = None
-) -> list[Evidence]:
+def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None = None) -> list[Evidence]:
     """One Evidence for each learned log, in the order of learning.
 
     Args:
