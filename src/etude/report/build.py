@@ -33,8 +33,8 @@ SECTIONS = (
     repairs,
     provenance,
 )
-"""Every part of a page, in the order of reading; one that has nothing to say of a robot is empty. A new part is
-one function and one place in this row."""
+"""Every part of a page, in the order of reading; one that has nothing to say of a robot is empty. A new part
+is one function and one place in this row."""
 
 CONTENTS = {
     "learning": "learning curve",

@@ -63,7 +63,7 @@ def forecast(record: Record, model: Model, log: Log) -> Forecast:
 
 
 def newest_forecast(record: Record) -> tuple[str, Forecast] | None:
-    """Of the newest run of the first test, by the model used in it; else of the newest log, by the model before.
+    """Of the newest run of the first test, by the model in it; else of the newest log, by the one before.
 
     Raises:
         EtudeError: as `forecast`.

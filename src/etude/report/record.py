@@ -154,9 +154,9 @@ def read_record(folder: Path) -> Record:
 
 
 def _trajectory(path: Path) -> Trajectory:
-    from etude.trajectories.json_text import trajectory_from_json
+    from etude.trajectories.json_text import from_json
 
-    return trajectory_from_json(path.read_bytes())
+    return from_json(path.read_bytes())
 
 
 def _object(path: Path) -> Facts:

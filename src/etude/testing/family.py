@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from etude.contracts import Family, Trajectory
 from etude.testing.differences import central, close, same
-from etude.trajectories.json_text import trajectory_from_json
+from etude.trajectories.json_text import from_json
 
 Array = NDArray[np.float64]
 
@@ -86,14 +86,14 @@ class FamilySuite:
 
     def test_text_gives_it_back_to_the_bit(self) -> None:
         trajectory = self._trajectory(7)
-        again = trajectory_from_json(trajectory.to_json())
+        again = from_json(trajectory.to_json())
         t = self.times(trajectory, 99)
         same(again.motion(t, self.orders).orders, trajectory.motion(t, self.orders).orders, "read back")
         assert again.form == trajectory.form
 
     def test_slowed_is_the_same_path(self) -> None:
         trajectory = self._trajectory(8)
-        slow = trajectory.slowed(0.5)
+        slow = trajectory.slowed(2.0)
         t = self.times(trajectory, 40)
         assert abs(slow.duration - 2.0 * trajectory.duration) <= 1e-9 * trajectory.duration
         fast, half = trajectory.motion(t, 2).orders, slow.motion(2.0 * t, 2).orders

@@ -50,7 +50,7 @@ class RobotSuite:
         here = self.world
         robot = here.kind.robot(here.spec, here.config)
         assert robot is not None
-        slow = here.trajectory(1).slowed(0.25)
+        slow = here.trajectory(1).slowed(4.0)
         log = robot.run(slow, None, np.random.default_rng(1))
         inside = (log.t >= 0.25 * slow.duration) & (log.t <= slow.duration)
         wanted = slow.motion(log.t[inside], 1).orders[0]

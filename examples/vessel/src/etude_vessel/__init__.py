@@ -18,6 +18,7 @@ from etude.contracts import (
     Column,
     Controller,
     Described,
+    Expected,
     Finding,
     Index,
     Limit,
@@ -31,13 +32,13 @@ from etude.contracts import (
     joined_samples,
 )
 from etude.limits.library import AxisLimit
-from etude.logs.steps import smoothed
+from etude.logs.steps import smooth
 from etude.robots.toml import decoded, from_table, read_text
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import random_moves
 
 Array = NDArray[np.float64]
-AXES = ("x", "y")
+AXES, STATES = ("x", "y"), ("position", "velocity", "acceleration")
 
 
 def channel(name: str, unit: str, role: Any = "state", **more: Any) -> Channel:
@@ -89,12 +90,11 @@ class VesselInputs:
 
     @property
     def columns(self) -> Sequence[Column]:
-        states = ("position", "velocity", "acceleration")
-        plain = [(name, a, CHANNELS[name].units[0], "") for name in states for a in AXES]
+        plain = [(name, a, CHANNELS[name].units[0], "") for name in STATES for a in AXES]
         return [*plain, *(("velocity", a, "m^2/s^2", "square") for a in AXES)]
 
     def states(self, motion: Motion) -> Log:
-        named = dict(zip(("position", "velocity", "acceleration"), motion.orders, strict=False))
+        named = dict(zip(STATES, motion.orders, strict=False))
         named["position_des"] = motion.orders[0]
         return Log(motion.t, {name: CHANNELS[name] for name in named}, named)
 
@@ -124,6 +124,12 @@ class VesselInputs:
         return None
 
     def tuned(self, samples: Samples) -> VesselInputs:
+        return self
+
+    def arrays(self) -> Mapping[str, Array]:
+        return {}
+
+    def restore(self, arrays: Mapping[str, Array]) -> VesselInputs:
         return self
 
     def c(self, name: str) -> None:
@@ -265,6 +271,10 @@ class VesselKind:
     def channels(self, spec: VesselSpec) -> Sequence[Channel]:
         return tuple(CHANNELS.values())
 
+    def expected(self, spec: VesselSpec) -> Expected:
+        low, high = np.array(spec.lower), np.array(spec.upper)
+        return Expected(spec.rate, high - low, {"position": (low, high)})
+
     def family(self, spec: VesselSpec, config: Any) -> FourierFamily:
         return FourierFamily.of(config.trajectory, 2)
 
@@ -294,10 +304,10 @@ class VesselKind:
         )
 
     def _samples(self, config: Any, log: Log, group: Index) -> Samples:
-        found = smoothed(log.t, log["position"], config.data.cutoff_hz)
-        for name, values in zip(("position", "velocity", "acceleration"), found, strict=True):
+        found = smooth(log.t, log["position"], config.data.cutoff_hz)
+        for name, values in zip(STATES, (found.value, found.first, found.second), strict=True):
             log = log.put(CHANNELS[name], values)
-        log = log.put(CHANNELS["command"], smoothed(log.t, log["command"], config.data.cutoff_hz)[0])
+        log = log.put(CHANNELS["command"], smooth(log.t, log["command"], config.data.cutoff_hz).value)
         rows = np.arange(10, len(log) - 10, config.data.every)
         every = np.ones((len(rows), 2), dtype=np.bool_)
         return Samples(log.take(rows), group[rows], every, every)

@@ -117,8 +117,7 @@ def _verdict(record: Record) -> str:
     ]
     if not outside:
         return (
-            "On the newest held-out data every command is inside both bands: the deviations "
-            "can be relied on."
+            "On the newest held-out data every command is inside both bands: the deviations can be relied on."
         )
     listed = ", ".join(outside)
     return f"On the newest held-out data outside a band: {listed}. Take the deviations there with care."

@@ -21,7 +21,7 @@ SIZE = (560, 260)
 
 
 def prediction(record: Record) -> Html:
-    """Two panels per command: measured and predicted with the 95 % interval, and their difference inside it."""
+    """Two panels per command: measured and predicted with the 95 % band, and their difference in it."""
     try:
         found = newest_forecast(record)
     except EtudeError as error:
@@ -32,11 +32,11 @@ def prediction(record: Record) -> Html:
     which, said = found
     moving = said.samples.moving
     inside = (np.abs(said.command - said.mean) <= Z95 * said.deviation)[moving]
+    share = 100.0 * float(inside.mean()) if len(inside) else float("nan")
     text = paragraph(
         f"{which} The band should hold 95 % of the measured commands; here it holds "
-        f"{number(100.0 * float(inside.mean()) if len(inside) else float('nan'))} %. On the right the same, less "
-        "the prediction. Where a joint stands still friction makes its command arbitrary, so nothing is "
-        "predicted there."
+        f"{number(share)} %. On the right the same, less the prediction. Where a joint stands still friction "
+        "makes its command arbitrary, so nothing is predicted there."
     )
     panels = [
         drawn

@@ -24,7 +24,7 @@ TESTED = (
 
 
 def tracking(record: Record) -> Html:
-    """Panels per coordinate and command: of the last test run of the learned controller, else of the newest log."""
+    """Panels per coordinate and command: of the last test run of what was learned, else of the newest log."""
     tested = record.test_run(None)
     if tested is not None:
         text, log = TESTED.format(number=tested[0].number), tested[1]

@@ -33,8 +33,8 @@ RATES = ("", "/s", "/s²", "/s³")
 ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acceleration": 2, "jerk": 3}
 FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
 TEXT = (
-    "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives what "
-    "is proved of the file as written, for every instant and not only at samples."
+    "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
+    "what is proved of the file as written, for every instant and not only at samples."
 )
 
 

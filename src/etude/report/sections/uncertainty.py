@@ -55,7 +55,7 @@ def _text(record: Record) -> str:
 
 
 def deviation_maps(model: Model, data: tuple[Array, Array], ranges: tuple[Array, Array]) -> list[Array]:
-    """Predicted deviation of each coordinate's command, one (GRID, GRID) each: rows velocity, columns position.
+    """Predicted deviation of each coordinate's command, (GRID, GRID) each: rows velocity, columns position.
 
     All other coordinates rest at the median of the data's positions; accelerations are zero.
     """
@@ -75,7 +75,7 @@ def _centres(ends: Array) -> Array:
 
 
 def _ranges(record: Record, data: tuple[Array, Array]) -> tuple[Array, Array]:
-    """(2, k) ends of positions and of velocities: those of the limits, or of the data where there are none."""
+    """(2, k) ends of positions and of velocities: of the limits, or of the data where there are none."""
     found = [np.stack([part.min(axis=0), part.max(axis=0)]) for part in data]
     for limit in record.limits:
         order = getattr(limit, "order", None)
