@@ -23,7 +23,21 @@ _PLACES = {
     "certify": "etude.limits.certificate",
 }
 _MODULES = ("contracts", "errors", "testing")
-__all__ = [*_PLACES, *_MODULES]  # noqa: PLE0605
+__all__ = [
+    "ask",
+    "certify",
+    "contracts",
+    "create_campaign",
+    "errors",
+    "load_model",
+    "load_robot",
+    "open_campaign",
+    "read_log",
+    "simulate",
+    "status",
+    "tell",
+    "testing",
+]
 
 
 def __getattr__(name: str) -> Any:

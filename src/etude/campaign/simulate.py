@@ -39,8 +39,8 @@ def simulate(
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
     Trajectories are collected under the robot's own feedback. The stop rule is not heeded: who simulates
-    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once. A run whose
-    log is refused is given up, and another trajectory asked for.
+    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once. A run
+    whose log is refused is given up, and another trajectory asked for.
 
     Args:
         campaign: the folder.

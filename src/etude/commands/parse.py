@@ -22,7 +22,8 @@ from etude.commands.tell import Tell
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
-    "Étude never commands a robot: it writes trajectory files and reads logs. etude --version says which one this is."
+    "Étude never commands a robot: it writes trajectory files and reads logs. "
+    "etude --version says which one this is."
 )
 
 AnyCommand = (

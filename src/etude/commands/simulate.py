@@ -28,7 +28,6 @@ class Simulate(Common):
     slower."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.rounds import SimulatedRound
         from etude.campaign.simulate import simulate
         from etude.errors import UsageError
 
