@@ -27,13 +27,14 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 
 def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint."""
-    from etude.limits.library import AxisLimit
+    """Position, velocity and acceleration of every joint, and rest at both ends."""
+    from etude.limits.library import AxisLimit, RestLimit
 
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
+        RestLimit(),
     )
 
 
@@ -62,6 +63,6 @@ def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
     room = FeasibleSet.of(limits(spec, {}), drawn, 0.5 * (spec.lower + spec.upper))
     box = spec.lower, spec.upper, spec.velocity, spec.acceleration
     return {
-        "fourier": drawn.trajectory(scaled(rng, drawn, room)),
+        "fourier": drawn.trajectory(scaled(rng, room)[0]),
         "moves": random_moves(rng, *box, count=MOVES),
     }
