@@ -32,7 +32,7 @@ class Renamed:
 RENAMED = (
     Renamed("model.kind", "model.rung"),
     Renamed("model.kernel", "model.sharing", {"shared": "shared", "separate": "separate"}),
-    Renamed("model.hyperparameters", "model.schedule", {"refit": "reinitialise", "first_flight": "first"}),
+    Renamed("model.hyperparameters", "model.schedule", {"refit": "update", "first_flight": "first"}),
     Renamed("model.friction_fraction", "data.friction_fraction"),
     Renamed("model.altitude", "data.altitude"),
     Renamed("model.acceleration", "data.acceleration"),
