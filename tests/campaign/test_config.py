@@ -130,7 +130,7 @@ def test_none_is_a_word_where_it_is_one() -> None:
         ("colour = 3", r"unknown key 'colour'.*Valid keys: kind, preset, seed, trajectory, data"),
         (
             '[trajectory]\nharmonics = "five"',
-            r"harmonics = \"five\" is not possible.*\[trajectory\] harmonics",
+            r"harmonics = 'five' is not possible.*\[trajectory\] harmonics",
         ),
         ("[trajectory]\nharmonics = 2.5", "harmonics = 2.5 is not possible"),
         ("[trajectory]\nharmonics = true", "harmonics = True is not possible"),
