@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from etude.contracts import Limit, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.library import RestLimit
 from etude.trajectories.json_text import from_json
 
 Array = NDArray[np.float64]
@@ -99,7 +98,7 @@ class Certificate:
 def certify(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
     """Prove the limits for all times, piece by piece.
 
-    Rest at the ends of each piece is needed if a `RestLimit` is among the limits.
+    Rest at the ends of each piece is needed if one of the limits says so (`rest`).
     """
     found: dict[tuple[str, str, str], Proof] = {}
     pieces = trajectory.pieces()
@@ -112,7 +111,7 @@ def certify(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(axis for axis, _, _ in found))
     rows = tuple(row for axis in axes for (own, _, _), row in found.items() if own == axis)
-    rest = any(isinstance(limit, RestLimit) for limit in limits)
+    rest = any(getattr(limit, "rest", False) for limit in limits)
     return Certificate(rows, max(_end_speed(piece, limits) for _, _, piece in pieces), rest)
 
 

@@ -54,6 +54,7 @@ class AxisLimit(Convex):
         shift: what is added to each coordinate, gravity for lift.
         margin: (n,) or one number, kept off both sides for the tracking error, or the learned one if larger.
         margins: learned ones, by form of motion.
+        rest: of a velocity, whether motions, and each of their pieces, must start and end without any.
     """
 
     quantity: str
@@ -65,6 +66,7 @@ class AxisLimit(Convex):
     shift: float = 0.0
     margin: Array | float = 0.0
     margins: Margins = field(default_factory=dict)
+    rest: bool = False
 
     @property
     def places(self) -> list[int]:
@@ -135,7 +137,7 @@ class NormLimit(Convex):
         upper: largest size; lower: least, or None. `lower` needs a shift.
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
         axis: whose size it is, as in the certificate.
-        margin, margins: see `AxisLimit`; of several axes, the size of their margins.
+        margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
     """
 
     quantity: str
@@ -147,6 +149,7 @@ class NormLimit(Convex):
     axis: str = "vehicle"
     margin: float = 0.0
     margins: Margins = field(default_factory=dict)
+    rest: bool = False
 
     @property
     def _shift(self) -> Array:
@@ -260,25 +263,6 @@ class TiltLimit(Convex):
         force = motion.orders[self.order][:, list(self.axes)]
         across = np.hypot(force[:, 0], force[:, 1])
         return np.asarray(np.arctan2(across, force[:, 2] + self.gravity)[:, None])
-
-
-@dataclass(frozen=True)
-class RestLimit(Convex):
-    """The motion, and each of its pieces, starts and ends at rest. The certificate measures it; no rows."""
-
-    quantity: str = "rest"
-
-    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
-        """None: families are at rest by their own equalities, or by a ramp."""
-        return ()
-
-    def prove(self, piece: Trajectory) -> Sequence[Proof]:  # noqa: ARG002
-        """No rows: speeds at the ends are exact."""
-        return ()
-
-    def of_motion(self, motion: Motion) -> Array:
-        """(T, 0): no rows, no values."""
-        return np.zeros((len(motion.t), 0))
 
 
 def _form(family: Family) -> str:

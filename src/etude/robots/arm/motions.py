@@ -28,13 +28,12 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
     """Position, velocity and acceleration of every joint, and rest at both ends."""
-    from etude.limits.library import AxisLimit, RestLimit
+    from etude.limits.library import AxisLimit
 
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
-        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins),
+        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
-        RestLimit(),
     )
 
 
