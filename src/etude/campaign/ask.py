@@ -12,6 +12,7 @@ import numpy as np
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.learn import Learner, learn_pending, newest_model
+from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
@@ -140,14 +141,9 @@ def _propose(
 
 
 def _first(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, dict[str, Any]]:
-    """One random candidate of the kind that designs begin with."""
-    from etude.design.candidates import Candidates
-
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    family, sampler = kind.family(spec, config), config.design.sampler
-    source = Candidates(family, tuple(campaign.limits()), kind.home(spec), sampler)
-    status = f"{FIRST[sampler]}: nothing has been learned yet"
-    return source.draw(rng, 1)[0].trajectory, {"status": status, "gain": None}
+    """A random trajectory."""
+    status = f"{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
+    return typical_motions(campaign, rng, 1)[0], {"status": status, "gain": None}
 
 
 def _designed(

@@ -5,50 +5,64 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.folder import Campaign
+from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
-from etude.design.reference import random_motions, reference_states
+from etude.contracts import Array, Candidate
+from etude.design.reference import MOTIONS, reference_states
+from etude.design.view import latents_of
 from etude.models.contracts import HasKernel
-from etude.models.inverse_dynamics import InverseDynamicsModel
+from etude.models.model import LearnedModel
 
-Array = NDArray[np.float64]
 REFERENCE_STREAM = 5
 """The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""
 STATES = 100
 
 
-def outlook(
-    model: InverseDynamicsModel, before: InverseDynamicsModel | None, campaign: Campaign, state: State
+def forecast(
+    model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
 ) -> dict[str, Any]:
-    """Facts for the `trained` event, each list per axis, in command units.
+    """Facts for the `trained` event, each list per command, in its unit.
 
     forecast_deviation: root mean square error expected at the reference states, calibrated;
     latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
-    moved: largest change of a logarithmic length scale since the model of the same kind before, or null.
+    moved: largest change of a logarithmic length scale since the model before, in the same rungs, or null.
     """
     rng = np.random.default_rng([state.seed, REFERENCE_STREAM])
-    motions = random_motions(rng, campaign.spec, campaign.config.trajectory)
-    references = reference_states(model.features, model.stick_velocity, STATES, motions)
-    pairs = zip(model.posteriors, references, strict=True)
-    latent = np.array([np.sqrt(np.mean(posterior.predict(X)[1])) for posterior, X in pairs])
-    forecast = latent * np.sqrt(model.scale)
-    if model.kind == "identified" and model.residual_variance is not None:
-        forecast = np.sqrt(model.residual_variance)
-    noise = np.sqrt([posterior.noise_variance for posterior in model.posteriors])
+    motions = typical_motions(campaign, rng, MOTIONS)
+    latents = latents_of(model)
+    groups = [latent.commands for latent in latents]
+    latent, noise, expected = (np.zeros(len(model.commands)) for _ in range(3))
+    for view, X in zip(latents, reference_states(model.inputs, groups, STATES, motions), strict=True):
+        own = list(view.commands)
+        latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
+        noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
+        expected[own] = [_expected(model, j, X) for j in own]
     return {
-        "forecast_deviation": forecast.tolist(),
+        "forecast_deviation": np.sqrt(expected).tolist(),
         "latent_deviation": latent.tolist(),
         "noise_deviation": noise.tolist(),
         "moved": None if before is None else _moved(model, before),
     }
 
 
-def _moved(model: InverseDynamicsModel, before: InverseDynamicsModel) -> float | None:
-    """Largest |change| of a logarithmic length scale over all outputs; None if kernels differ or lack."""
+def _expected(model: LearnedModel, command: int, X: Array) -> float:
+    """Mean squared error expected of a command at model inputs X (r, D), without the noise of samples."""
+    found = 0.0
+    for candidate in model.candidates:
+        if command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
+            found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
+    return found
+
+
+def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
+    """Largest |change| of a logarithmic length scale over all commands; None if kernels differ or lack."""
     moves = []
-    for now, then in zip(model.posteriors, before.posteriors, strict=True):
+    for command, rung in enumerate(model.chosen):
+        now, then = (_posterior(m.candidates, rung, command) for m in (model, before))
         if not (isinstance(now, HasKernel) and isinstance(then, HasKernel)):
             return None
         if now.theta.shape != then.theta.shape:
@@ -57,3 +71,14 @@ def _moved(model: InverseDynamicsModel, before: InverseDynamicsModel) -> float |
         if lengths.any():
             moves.append(float(np.abs(now.theta - then.theta)[lengths].max()))
     return max(moves, default=None)
+
+
+def _posterior(candidates: tuple[Candidate, ...], rung: str, command: int) -> Any:
+    """The process of a command in that rung, if there is one."""
+    for candidate in candidates:
+        if candidate.rung == rung and command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            for posterior, places in candidate.process.latents():
+                if place in places:
+                    return posterior
+    return None

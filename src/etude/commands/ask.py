@@ -12,7 +12,7 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
-    from etude.trajectories.certificate import Certificate
+    from etude.limits.certificate import Certificate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,7 @@ class Ask(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ask import ask
+        from etude.limits.certificate import spare, use
 
         campaign = opened(self.folder, say)
         found = ask(campaign, new=self.new, go_on=self.go_on, speed=self.speed, tasks=self.tasks, say=say)
@@ -44,9 +45,9 @@ class Ask(Common):
                 row.quantity,
                 f"{row.proved_lower:.4g}",
                 f"{row.proved_upper:.4g}",
-                f"{100 * row.use:.1f} %",
+                f"{100 * use(row):.1f} %",
             ]
-            for row in found.certificate.rows
+            for row in found.certificate.seen
         ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
@@ -63,7 +64,7 @@ class Ask(Common):
             "speed": self.speed,
             "files": files,
             "certified": found.certificate.ok,
-            "margins": {f"{r.axis} {r.quantity}": r.margin for r in found.certificate.rows},
+            "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
         }
         return Outcome("\n".join(lines), data)
 

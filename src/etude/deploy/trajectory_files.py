@@ -33,6 +33,8 @@ SHORT = {
     "thrust": "thrust",
 }
 """Columns of motions in space, as autopilots name them: x, vx, ax, roll, wx; others are CHANNEL_PART."""
+LOOKED_AT = 4
+"""Orders of motion that limits look at: up to jerk."""
 ROUNDING = 1e-9
 """Part of a limit by which the table may exceed it: its numbers are exact at its times, times are rounded."""
 
@@ -124,7 +126,7 @@ def at_speed(trajectory: Trajectory, per_cent: float) -> Trajectory:
     """
     if not 0 < per_cent <= 100:
         raise UsageError(f"the speed must be above 0 and at most 100 per cent, not {per_cent}")
-    return trajectory.slowed(per_cent / 100)
+    return trajectory.slowed(100 / per_cent)
 
 
 def _check_table(
@@ -136,7 +138,7 @@ def _check_table(
     """
     names, rows = read_table(table)
     place = {name: j for j, name in enumerate(names)}
-    motion = written.motion(rows[:, 0], 5)
+    motion = written.motion(rows[:, 0], max(inputs.orders, LOOKED_AT))
     orders = motion.orders.copy()
     for i, channel in enumerate(_path_orders(kind.path, inputs.states(motion_of_one(written, inputs)))):
         orders[i] = rows[:, [place[name] for name in column_names(channel)]]
