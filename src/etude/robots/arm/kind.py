@@ -13,6 +13,7 @@ from etude.contracts import (
     Channel,
     Controller,
     Described,
+    Expected,
     Family,
     Finding,
     Index,
@@ -104,6 +105,16 @@ class ArmKind:
 
     def channels(self, spec: ArmSpec) -> Sequence[Channel]:
         return spec.channels()
+
+    def expected(self, spec: ArmSpec) -> Expected:
+        """Positions, velocities and commands within the limits; rest before and after is kept."""
+        limits = {
+            "q": (spec.lower, spec.upper),
+            "qd": (-spec.velocity, spec.velocity),
+            "qdd": (-spec.acceleration, spec.acceleration),
+            "command": (-spec.command, spec.command),
+        }
+        return Expected(spec.rate, spec.upper - spec.lower, limits)
 
     def family(self, spec: ArmSpec, config: Any) -> Family:
         """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
