@@ -24,7 +24,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
         "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
         "starts": "of the training; the best end wins",
-        "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first" (thesis)',
+        "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
         "prior": '"weak" priors on the hyperparameters, or "none"',
         "noise_floor": 'least noise, a part of what floor_of says; or "auto"',
         "floor_of": '"limit" of the command, or "deviation" of what a process learns',
@@ -34,7 +34,7 @@ COMMENTS: dict[str, dict[str, str]] = {
     },
     "design": {
         "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
-        "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and on its edge',
+        "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and its edge',
         "candidates": "certified random candidates that are scored",
         "refine": "how many of the best are refined",
         "steps": "iterations of each refinement",

@@ -18,7 +18,7 @@ class Init(Common):
 
     folder: Folder
     robot: str
-    """A built-in robot's name, or the file that describes yours (TOML, URDF, MJCF); copied into the folder."""
+    """A built-in robot's name, or the file that describes it (TOML, URDF, MJCF); copied into the folder."""
     preset: str = "default"
     """The configuration to start from, "default" or "thesis"; written out in full in campaign.toml."""
     seed: int = 0
