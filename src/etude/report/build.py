@@ -5,13 +5,13 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from etude.report.flights.layout import FLIGHT_CONTENTS, FLIGHT_SECTIONS
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.calibration import calibration
 from etude.report.sections.headline import headline
 from etude.report.sections.ladder import ladder
 from etude.report.sections.learning import learning
+from etude.report.sections.paths import paths
 from etude.report.sections.prediction import prediction
 from etude.report.sections.provenance import provenance, repairs
 from etude.report.sections.rounds import rounds
@@ -23,6 +23,7 @@ from etude.storage import write_atomic
 SECTIONS = (
     learning,
     rounds,
+    paths,
     tracking,
     prediction,
     uncertainty,
@@ -32,13 +33,13 @@ SECTIONS = (
     repairs,
     provenance,
 )
-"""Every part of a page, in the order of reading. A new part is one function and one place in this row.
-
-A flying vehicle's are in `flights.layout`: some are the same, some its own."""
+"""Every part of a page, in the order of reading; one that has nothing to say of a robot is empty. A new part
+is one function and one place in this row."""
 
 CONTENTS = {
     "learning": "learning curve",
     "rounds": "cost of each round",
+    "paths": "paths in space",
     "tracking": "desired against actual",
     "prediction": "predicted against measured",
     "uncertainty": "uncertainty",
@@ -68,14 +69,14 @@ def build_report(folder: Path) -> Path:
 
 def render(record: Record) -> Html:
     """The whole page."""
-    robot = record.spec.name if record.spec else record.folder.resolve().name
-    title = f"Étude report: {robot}"
-    sections, names = (FLIGHT_SECTIONS, FLIGHT_CONTENTS) if record.flying else (SECTIONS, CONTENTS)
-    contents = element("nav", *(element("a", name, href=f"#{key}") for key, name in names.items()))
+    title = f"Étude report: {record.robot}"
+    drawn = {draw.__name__: draw(record) for draw in SECTIONS}
+    links = (element("a", CONTENTS[key], href=f"#{key}") for key, part in drawn.items() if part)
+    contents = element("nav", *links)
     date = record.events[-1].time[:10] if record.events else ""
     subtitle = f"Campaign “{record.folder.resolve().name}”" + (f", last event {date}" if date else "")
     parts = [element("h1", title), paragraph(subtitle, class_="soft"), headline(record), contents]
-    parts += [draw(record) for draw in sections]
+    parts += [part for part in drawn.values() if part]
     return _page(title, join(parts))
 
 

@@ -14,23 +14,22 @@ from etude.report.record import Facts, Record
 
 Array = NDArray[np.float64]
 
-UNITS = ("deg", "m")
-"""Tracking errors of joints are in degrees, those of a vehicle's position in metres."""
-KINDS = {
+ERROR = "tracking_error_"
+RUNGS = {
     "gp": "GP",
-    "identified": "identified rigid body",
-    "identified+gp": "rigid body + GP",
+    "identified": "identified physics",
+    "identified+gp": "identified physics + GP",
     "nominal": "nominal model",
     "nominal+gp": "nominal model + GP",
     "linear": "linear regression",
+    "linear+gp": "linear regression + GP",
 }
-FLIGHT_KINDS = {"identified": "identified physics", "identified+gp": "identified physics + GP"}
-"""Of a vehicle, where the word differs."""
 
 
-def kind_name(record: Record, kind: object) -> str:
-    own = FLIGHT_KINDS if record.flying else {}
-    return own.get(str(kind), KINDS.get(str(kind), str(kind)))
+def rung_name(rung: object) -> str:
+    """A rung of the ladder in words; several, as "gp, identified", one for each command, likewise."""
+    parts = [part.strip() for part in str(rung).split(",")]
+    return ", ".join(RUNGS.get(part, part) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,8 @@ class Evaluation:
     Attributes:
         number: the round whose model was tested; 0 for controllers that need no data.
         seconds: robot time spent so far, s.
-        error: (dof,) mean tracking error of each joint, degrees; or along x, y, z and in all, m.
-        unit: "deg" or "m".
+        error: mean tracking error of each coordinate, and of the whole, last, where it was measured too.
+        unit: of the error.
     """
 
     number: int
@@ -51,13 +50,13 @@ class Evaluation:
 
     @property
     def mean(self) -> float:
-        """The figure that stands for it: the mean over joints, or the distance in space."""
+        """The figure that stands for it: the mean over coordinates, or the distance in space."""
         return summary(self.error.tolist(), self.unit)
 
     @property
     def parts(self) -> Array:
-        """Of each joint, or along x, y, z."""
-        return self.error[:-1] if self.unit == "m" else self.error
+        """Of each coordinate."""
+        return self.error[:-1] if self.unit == "m" and len(self.error) == 4 else self.error
 
     @property
     def text(self) -> str:
@@ -73,7 +72,7 @@ class Test:
     baselines: dict[str, tuple[Evaluation, ...]]
 
     def baseline(self, name: str) -> Evaluation | None:
-        """The newest evaluation of a baseline: the rigid body's is identified from all data so far."""
+        """The newest evaluation of a baseline: an identified one knows all data so far."""
         found = self.baselines.get(name, ())
         return found[-1] if found else None
 
@@ -81,7 +80,7 @@ class Test:
     def unit(self) -> str:
         """Of all its errors."""
         found = [*self.learned, *(e for series in self.baselines.values() for e in series)]
-        return found[0].unit if found else UNITS[0]
+        return found[0].unit if found else "deg"
 
 
 def tests(record: Record) -> tuple[Test, ...]:
@@ -93,9 +92,9 @@ def tests(record: Record) -> tuple[Test, ...]:
 
 def _test(name: str, events: list[Facts]) -> Test:
     learned = _series(e for e in events if not e.get("baseline"))
-    kinds = dict.fromkeys(str(e["baseline"]) for e in events if e.get("baseline"))
+    others = dict.fromkeys(str(e["baseline"]) for e in events if e.get("baseline"))
     return Test(
-        name, learned, {kind: _series(e for e in events if e.get("baseline") == kind) for kind in kinds}
+        name, learned, {other: _series(e for e in events if e.get("baseline") == other) for other in others}
     )
 
 
@@ -105,7 +104,7 @@ def _series(events: Iterable[Facts]) -> tuple[Evaluation, ...]:
         Evaluation(
             number,
             float(latest[number].get("robot_seconds", 0.0)),
-            np.atleast_1d(np.asarray(latest[number][f"tracking_error_{_unit(latest[number])}"], dtype=float)),
+            np.atleast_1d(np.asarray(latest[number][ERROR + _unit(latest[number])], dtype=float)),
             _unit(latest[number]),
         )
         for number in sorted(latest)
@@ -114,7 +113,7 @@ def _series(events: Iterable[Facts]) -> tuple[Evaluation, ...]:
 
 def _unit(facts: Facts) -> str:
     """Of an evaluation's tracking error; empty if it has none."""
-    return next((unit for unit in UNITS if f"tracking_error_{unit}" in facts), "")
+    return next((key.removeprefix(ERROR) for key in facts if key.startswith(ERROR)), "")
 
 
 def robot_seconds(record: Record) -> float:
@@ -123,15 +122,15 @@ def robot_seconds(record: Record) -> float:
     return max(spent, default=0.0)
 
 
-def chosen_kind(event: Facts | None) -> str | None:
-    """The rung of the ladder that was in use after this `trained` event."""
+def chosen_rung(event: Facts | None) -> str | None:
+    """The rung that was in use after this `trained` event; several, joined, where commands differ."""
     return str(event["chosen"]) if event and event.get("chosen") else None
 
 
-def score(event: Facts | None, kind: str | None, quantity: str) -> Array | None:
-    """(dof,) prequential score of one kind in one `trained` event; None if no joint has one."""
+def score(event: Facts | None, rung: str | None, quantity: str) -> Array | None:
+    """(J,) prequential score of one rung in one `trained` event; None if no command has one."""
     models = (event or {}).get("models") or {}
-    values = (models.get(kind) or {}).get(quantity)
+    values = (models.get(rung) or {}).get(quantity)
     if values is None:
         return None
     table = _numbers(values)
@@ -139,18 +138,18 @@ def score(event: Facts | None, kind: str | None, quantity: str) -> Array | None:
 
 
 def held_out(event: Facts | None) -> dict[str, Array]:
-    """(dof,) nMSE on held-out blocks of one log for each model that was scored so; empty if none was."""
+    """(J,) nMSE on held-out blocks of one log for each rung that was scored so; empty if none was."""
     blocks = ((event or {}).get("held_out") or {}).get("nmse") or {}
-    scores = {str(kind): _numbers(values) for kind, values in blocks.items()}
-    return {kind: values for kind, values in scores.items() if np.isfinite(values).any()}
+    scores = {str(rung): _numbers(values) for rung, values in blocks.items()}
+    return {rung: values for rung, values in scores.items() if np.isfinite(values).any()}
 
 
 def _numbers(values: object) -> Array:
     return np.array([np.nan if v is None else float(v) for v in np.atleast_1d(np.asarray(values, object))])
 
 
-def scored_kinds(record: Record) -> tuple[str, ...]:
-    """Every kind of model with scores anywhere in the journal."""
+def scored_rungs(record: Record) -> tuple[str, ...]:
+    """Every rung with scores anywhere in the journal."""
     return tuple(
-        dict.fromkeys(kind for r in record.state.trained for kind in ((r.trained or {}).get("models") or {}))
+        dict.fromkeys(rung for r in record.state.trained for rung in ((r.trained or {}).get("models") or {}))
     )

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from etude.campaign.journal import JOURNAL, Event, read_events
 from etude.campaign.state import State, replay
 from etude.errors import EtudeError, UsageError
-from etude.report.words import FLIGHT_WORDS, JOINT_WORDS, Words
 
 if TYPE_CHECKING:
-    from etude.logs.log import RobotLog
-    from etude.models.inverse_dynamics import InverseDynamicsModel
-    from etude.robots.spec import RobotSpec
-    from etude.trajectories.samples import Trajectory
+    from etude.campaign.folder import Campaign
+    from etude.contracts import Channel, Limit, Log, Model, Trajectory
 
 T = TypeVar("T")
 Facts = dict[str, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Record:
     """A campaign as its files tell it.
 
@@ -31,36 +29,59 @@ class Record:
         folder: the campaign's folder.
         events: the journal, oldest first.
         state: what the events add up to.
-        spec: the robot, or None if robot.toml cannot be read.
+        campaign: its robot and configuration, or None if robot.toml or campaign.toml cannot be read.
         notes: one sentence for each thing that could not be read.
     """
 
     folder: Path
     events: tuple[Event, ...]
     state: State
-    spec: RobotSpec | None
+    campaign: Campaign | None
     notes: list[str]
 
     @property
+    def robot(self) -> str:
+        """Its name; the folder's if robot.toml cannot be read."""
+        return self.campaign.spec.name if self.campaign else self.folder.resolve().name
+
+    @cached_property
+    def channels(self) -> dict[str, Channel]:
+        """By name; empty without a robot."""
+        if self.campaign is None:
+            return {}
+        return {channel.name: channel for channel in self.campaign.kind.channels(self.campaign.spec)}
+
+    @property
+    def path(self) -> Channel | None:
+        """The channel that follows the trajectory."""
+        return self.channels.get(self.campaign.kind.path) if self.campaign else None
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Joint names; empty without a robot."""
-        return self.spec.names if self.spec else ()
+        """Names of the coordinates of the path: joints, or x, y, z; empty without a robot."""
+        return self.path.parts if self.path else ()
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the learned outputs, the joints' or a vehicle's commands; empty without a robot."""
-        return self.spec.outputs if self.spec else ()
+        """Names of the learned commands; empty without a robot."""
+        return self.channels["command"].parts if self.channels else ()
 
     @property
-    def flying(self) -> bool:
-        """Whether it is a vehicle's; the journal tells where robot.toml cannot be read."""
-        if self.spec is not None:
-            return self.spec.flight is not None
-        return any("tracking_error_m" in facts for facts in self.state.evaluated)
+    def units(self) -> tuple[str, ...]:
+        """Units of the learned commands; empty without a robot."""
+        return self.channels["command"].units if self.channels else ()
 
     @property
-    def words(self) -> Words:
-        return FLIGHT_WORDS if self.flying else JOINT_WORDS
+    def unit(self) -> str:
+        """Of the commands where all share one; else nothing."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
+
+    @cached_property
+    def limits(self) -> Sequence[Limit]:
+        """Limits of a plan, as the file of the robot states them."""
+        if self.campaign is None:
+            return ()
+        return tuple(self.campaign.kind.limits(self.campaign.spec, self.campaign.config, None, {}))
 
     def trajectory(self, number: int) -> Trajectory | None:
         return self.read(f"proposals/{number:04d}/trajectory.json", _trajectory)
@@ -68,16 +89,10 @@ class Record:
     def certificate(self, number: int) -> Facts | None:
         return self.read(f"proposals/{number:04d}/certificate.json", _object)
 
-    def log(self, number: int) -> RobotLog | None:
+    def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
 
-    def test_log(self, baseline: str | None) -> tuple[Event, RobotLog] | None:
-        """The last recorded run of the first test: a baseline's, or the learned controller's (None)."""
-        return self.test_run(baseline, _log)
-
-    def test_run(
-        self, baseline: str | None, reader: Callable[[Path], T], test: str | None = None
-    ) -> tuple[Event, T] | None:
+    def test_run(self, baseline: str | None, test: str | None = None) -> tuple[Event, Log] | None:
         """The last readable run of a test (None: the first); baseline None is the learned controller."""
         tests = [e for e in self.events if e.event == "evaluated"]
         if not tests:
@@ -86,13 +101,19 @@ class Record:
         for event in reversed(tests):
             if all(event.facts.get(name) == value for name, value in wanted.items()):
                 for name in event.files:
-                    log = self.read(name, reader) if name.endswith(".parquet") else None
+                    log = self.read(name, _log) if name.endswith(".parquet") else None
                     if log is not None:
                         return event, log
         return None
 
-    def model(self, number: int) -> InverseDynamicsModel | None:
-        return self.read(f"models/{number:04d}", _model)
+    def model(self, number: int) -> Model | None:
+        """The model in use after round `number`."""
+        if self.campaign is None:
+            return None
+        from etude.campaign.learn import load_model_of
+
+        campaign = self.campaign
+        return self.read(f"models/{number:04d}/model.npz", lambda path: load_model_of(campaign, path))
 
     def read(self, name: str, reader: Callable[[Path], T]) -> T | None:
         """`reader(path)`; None if the file is absent, with a note if it is damaged: the rest still counts."""
@@ -114,7 +135,7 @@ def read_record(folder: Path) -> Record:
     Raises:
         UsageError: the folder is not a campaign's, or its journal was edited.
     """
-    from etude.robots.toml_file import load_robot
+    from etude.campaign.folder import open_campaign
 
     if not (folder / "campaign.toml").is_file() and not (folder / JOURNAL).is_file():
         raise UsageError(
@@ -124,16 +145,16 @@ def read_record(folder: Path) -> Record:
         )
     notes: list[str] = []
     events = read_events(folder)
+    campaign = None
     try:
-        spec = load_robot(folder / "robot.toml")
+        campaign = open_campaign(folder)
     except EtudeError as error:
-        spec = None
-        notes.append(f"robot.toml could not be read: {error}")
-    return Record(folder, tuple(events), replay(events), spec, notes)
+        notes.append(f"the campaign could not be opened: {error}")
+    return Record(folder, tuple(events), replay(events), campaign, notes)
 
 
 def _trajectory(path: Path) -> Trajectory:
-    from etude.trajectories.trajectory_file import from_json
+    from etude.trajectories.json_text import from_json
 
     return from_json(path.read_bytes())
 
@@ -145,13 +166,7 @@ def _object(path: Path) -> Facts:
     return value
 
 
-def _log(path: Path) -> RobotLog:
-    from etude.logs.parquet import read_parquet
+def _log(path: Path) -> Log:
+    from etude.logs.log_file import read_log_file
 
-    return read_parquet(path)
-
-
-def _model(path: Path) -> InverseDynamicsModel:
-    from etude.models.model_file import load_model
-
-    return load_model(path)
+    return read_log_file(path)

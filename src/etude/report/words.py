@@ -1,30 +1,8 @@
-"""What the page calls things: robots of joints and flying vehicles share sections, in other words."""
+"""What the page calls things. Names that it does not know stand for themselves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Words:
-    """Nouns of one kind of robot.
-
-    Attributes:
-        robot: what moves.
-        motion, motions: what is asked for.
-        output: one learned command.
-        feedback: the robot's own controller.
-    """
-
-    robot: str
-    motion: str
-    motions: str
-    output: str
-    feedback: str
-
-
-JOINT_WORDS = Words("robot", "trajectory", "trajectories", "joint", "PD")
-FLIGHT_WORDS = Words("vehicle", "flight", "flights", "command", "PID")
 
 
 @dataclass(frozen=True)
@@ -46,11 +24,18 @@ class Baseline:
 
 BASELINES = {
     "pd": Baseline("PD alone", "c2", "with PD alone", "PD control alone has {error} ({relation})."),
+    "pid": Baseline("PID alone", "c2", "with PID alone", "PID control alone has {error} ({relation})."),
     "rigid_body": Baseline(
         "rigid body",
         "c5",
         "with an identified rigid body",
-        "PD with an identified rigid-body model has {error} ({relation}).",
+        "With an identified rigid-body model it is {error} ({relation}).",
+    ),
+    "identified": Baseline(
+        "identified physics",
+        "c5",
+        "with identified physics",
+        "With identified physics alone it is {error} ({relation}).",
     ),
     "perfect": Baseline(
         "perfect model",
@@ -58,7 +43,6 @@ BASELINES = {
         "with a perfect model",
         "A perfect model of this robot has {error}, about the floor.",
     ),
-    "pid": Baseline("PID alone", "c2", "with PID alone", "PID control alone has {error} ({relation})."),
     "analytic": Baseline(
         "analytic, no drag",
         "c5",
@@ -72,7 +56,9 @@ BASELINES = {
         "and with the exact linear drag as well {error} ({relation}).",
     ),
 }
-"""In the order in which they are told of; a campaign has those of its kind."""
+"""In the order in which they are told of."""
+FEEDBACK = ("pd", "pid")
+"""Baselines without any feedforward: where the first round starts from."""
 
 TESTS = {
     "fourier": "a smooth Fourier test motion",
@@ -84,15 +70,24 @@ TESTS = {
 TITLES = {"fourier": "smooth Fourier test motion"}
 """Where a title has another word than a sentence."""
 
-ERROR_AXES = {"deg": "tracking error (degrees)", "m": "position error (m)"}
+QUANTITIES = {"deg": "tracking error (degrees)", "m": "position error (m)"}
 
 
-def baseline_name(name: str) -> str:
-    return BASELINES[name].name if name in BASELINES else name
+def baseline(name: str) -> Baseline:
+    """What is known of a baseline; one from elsewhere is told of by its name."""
+    plain = name.replace("_", " ")
+    words = Baseline(plain, "c7", f"with {plain}", f"With {plain} it is {{error}} ({{relation}}).")
+    return BASELINES.get(name, words)
 
 
-def baseline_style(name: str) -> str:
-    return BASELINES[name].style if name in BASELINES else "c7"
+def in_telling_order(names: list[str]) -> list[str]:
+    """Known baselines first, in their order; then the others."""
+    return [n for n in BASELINES if n in names] + [n for n in names if n not in BASELINES]
+
+
+def error_axis(unit: str) -> str:
+    """Title of an axis of tracking errors in that unit."""
+    return QUANTITIES.get(unit, f"tracking error ({unit})")
 
 
 def test_name(name: str) -> str:
@@ -103,3 +98,8 @@ def test_name(name: str) -> str:
 def test_title(name: str) -> str:
     """A test motion in a title."""
     return TITLES.get(name, TESTS.get(name, name))
+
+
+def unit_sign(unit: str) -> str:
+    """A unit as it is written on the page."""
+    return {"deg": "°", "1": ""}.get(unit, unit.replace("^2", "²").replace("^3", "³"))

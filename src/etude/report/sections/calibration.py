@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.flight.config import LEAST_FLIGHTS
 from etude.report.curves import score
 from etude.report.markup import Html, element, grid, missing, paragraph, section
 from etude.report.record import Facts, Record
@@ -19,20 +17,13 @@ from etude.report.svg import Band, Level, Line, Mark, panel
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Target:
-    """What is good enough: a band of z², and the least coverage."""
-
-    z2: tuple[float, float] = (0.5, 2.5)
-    coverage: float = 0.85
-
-
-JOINTS, FLIGHTS = Target(), Target((0.5, 2.0), 0.9)
-
-
+Z2 = (0.5, 2.5)
+"""Band of z² that is good enough."""
+COVERAGE = 0.85
+"""Least coverage that is good enough."""
 UNCALIBRATED = (
-    "the model in use is trusted by distance (only where inputs are near those it learned) and by clipping "
-    "(never far from the analytic voltages), not by its deviations."
+    "too few logs have been held out to say how wrong a new one will be, so the model in use is trusted by "
+    "distance (only where inputs are near those it learned), not by its deviations."
 )
 
 
@@ -53,26 +44,20 @@ def calibration(record: Record) -> Html:
     return section("calibration", title, *sentences, grid(_panels(record)))
 
 
-def _target(record: Record) -> Target:
-    return FLIGHTS if record.flying else JOINTS
-
-
 def _uncalibrated(record: Record) -> list[Html]:
     """A model that says itself that too few logs were held out."""
     if (record.state.trained[-1].trained or {}).get("calibrated", True):
         return []
-    few = f" below {LEAST_FLIGHTS} flights" if len(record.state.trained) < LEAST_FLIGHTS else ""
-    return [paragraph(element("b", f"Uncalibrated{few}:"), f" {UNCALIBRATED}", class_="missing")]
+    return [paragraph(element("b", "Uncalibrated:"), f" {UNCALIBRATED}", class_="missing")]
 
 
 def _panels(record: Record) -> list[Html]:
     z2, cover = (_lines(record, quantity) for quantity in ("z2", "coverage"))
-    good_enough = _target(record)
     highest = 1.5 * np.nanmax([10.0 / 1.5, *(value for line in z2 for value in line.y)])
     lowest = np.nanmin([0.5, *(value for line in cover for value in line.y)])
     rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5), whole=True)
-    target: Mark = Band(*good_enough.z2, "target")
-    good: Mark = Band(good_enough.coverage, 1.0, "target")
+    target: Mark = Band(*Z2, "target")
+    good: Mark = Band(COVERAGE, 1.0, "target")
     z2_axis = Axis("z² (1)", log=True, limits=(0.1, float(highest)))
     cover_axis = Axis("coverage (1)", limits=(float(lowest), 1.0))
     ideal, nominal = Level(1.0, "honest", style="limit"), Level(0.95, "nominal", style="limit")
@@ -93,10 +78,10 @@ def _early(record: Record) -> list[Html]:
 
 
 def in_use(trained: Facts | None, quantity: str) -> Array | None:
-    """The score of the model in use when the log came, or of the nearest kind that has one."""
+    """The score of the model in use when the log came, or of the nearest rung that has one."""
     facts = trained or {}
-    kinds = [*(facts.get("models") or {}), facts.get("chosen"), facts.get("predicted_by")]
-    scores = (score(trained, kind, quantity) for kind in reversed(kinds) if kind)
+    rungs = [*(facts.get("models") or {}), facts.get("chosen"), facts.get("predicted_by")]
+    scores = (score(trained, rung, quantity) for rung in reversed(rungs) if rung)
     return next((found for found in scores if found is not None), None)
 
 
@@ -116,7 +101,7 @@ def _lines(record: Record, quantity: str) -> list[Line]:
 
 def _names(record: Record, count: int) -> tuple[str, ...]:
     named = record.outputs
-    return named if len(named) == count else tuple(f"{record.words.output} {j + 1}" for j in range(count))
+    return named if len(named) == count else tuple(f"command {j + 1}" for j in range(count))
 
 
 def _verdict(record: Record) -> str:
@@ -124,16 +109,15 @@ def _verdict(record: Record) -> str:
     z2, cover = in_use(last, "z2"), in_use(last, "coverage")
     if z2 is None or cover is None:
         return "The newest model has no held-out score."
-    names, target, (least, most) = _names(record, len(z2)), _target(record), _target(record).z2
+    names, (least, most) = _names(record, len(z2)), Z2
     outside = [
         name
         for name, v, c in zip(names, z2, cover, strict=False)
-        if not (least <= v <= most and c >= target.coverage)
+        if not (least <= v <= most and c >= COVERAGE)
     ]
     if not outside:
         return (
-            f"On the newest held-out data every {record.words.output} is inside both bands: the deviations "
-            "can be relied on."
+            "On the newest held-out data every command is inside both bands: the deviations can be relied on."
         )
     listed = ", ".join(outside)
     return f"On the newest held-out data outside a band: {listed}. Take the deviations there with care."

@@ -8,16 +8,16 @@ from etude.report.curves import (
     Array,
     Evaluation,
     Test,
-    chosen_kind,
+    chosen_rung,
     held_out,
-    kind_name,
     robot_seconds,
+    rung_name,
     score,
     tests,
 )
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
-from etude.report.words import BASELINES, test_name
+from etude.report.words import Baseline, baseline, in_telling_order, test_name
 
 SAME = 0.02
 """Errors that differ by no more than this part are told as the same."""
@@ -36,24 +36,22 @@ def headline(record: Record) -> Html:
 
 def tracking_sentence(record: Record, test: Test) -> str:
     """What the learned controller reaches on one test, beside what there was before and what is possible."""
-    now, words = test.learned[-1], record.words
+    now = test.learned[-1]
     count = sum(1 for r in record.state.told if r.number <= now.number) or now.number
     start = (
-        f"After {_count(record, count)} ({duration(now.seconds)} of robot time) the {words.robot} follows "
+        f"After {_count(count)} ({duration(now.seconds)} of robot time) the robot follows "
         f"{test_name(test.name)} that it was never trained on with a mean error of {now.text}."
     )
     return " ".join([start, *_comparisons(test, now)])
 
 
-def _count(record: Record, count: int) -> str:
-    return f"{count} {record.words.motion if count == 1 else record.words.motions}"
+def _count(count: int) -> str:
+    return f"{count} {'trajectory' if count == 1 else 'trajectories'}"
 
 
 def _other_test(test: Test) -> Html:
     """One short sentence on a further test motion."""
-    parts = [
-        f"{told.name} {found.text}" for name, told in BASELINES.items() if (found := test.baseline(name))
-    ]
+    parts = [f"{told.name} {found.text}" for told, found in _baselines(test)]
     beside = f"; {', '.join(parts)}" if parts else ""
     return paragraph(f"On {test_name(test.name)}: {test.learned[-1].text}{beside}.")
 
@@ -61,9 +59,14 @@ def _other_test(test: Test) -> Html:
 def _comparisons(test: Test, now: Evaluation) -> list[str]:
     return [
         told.sentence.format(error=found.text, relation=_relation(found, now))
-        for name, told in BASELINES.items()
-        if (found := test.baseline(name))
+        for told, found in _baselines(test)
     ]
+
+
+def _baselines(test: Test) -> list[tuple[Baseline, Evaluation]]:
+    """What is known of each baseline, and its newest evaluation, in the order of telling."""
+    names = in_telling_order(list(test.baselines))
+    return [(baseline(name), found) for name in names if (found := test.baseline(name))]
 
 
 def _relation(other: Evaluation, now: Evaluation) -> str:
@@ -78,13 +81,9 @@ def _cards(record: Record, test: Test) -> Html:
     now = test.learned[-1]
     cards = [
         _card("", duration(robot_seconds(record)), "of robot time in all"),
-        _card("c1", now.text, f"mean {'position' if now.unit == 'm' else 'tracking'} error now"),
+        _card("c1", now.text, "mean tracking error now"),
     ]
-    cards += [
-        _card(told.style, found.text, told.card)
-        for name, told in BASELINES.items()
-        if (found := test.baseline(name))
-    ]
+    cards += [_card(told.style, found.text, told.card) for told, found in _baselines(test)]
     return element("div", *cards, class_="cards")
 
 
@@ -93,33 +92,33 @@ def _card(style: str, value: str, label: str) -> Html:
 
 
 def _untrained(record: Record) -> Html:
-    asked, words = [r for r in record.state.rounds.values() if r.asked], record.words
+    asked = [r for r in record.state.rounds.values() if r.asked]
     have = "has" if len(asked) == 1 else "have"
     if record.state.told:
         return missing("Logs have been told, and no model has been trained from them yet.")
     if asked:
         return missing(
-            f"{_count(record, len(asked))} {have} been proposed, and no log has "
-            f"come back yet. Run the {words.motion} on the {words.robot}, then `etude tell` with its log."
+            f"{_count(len(asked))} {have} been proposed, and no log has "
+            "come back yet. Run the trajectory on the robot, then `etude tell` with its log."
         )
-    return missing(f"Nothing has been asked yet. `etude ask` writes the first {words.motion}.")
+    return missing("Nothing has been asked yet. `etude ask` writes the first trajectory.")
 
 
-def _held_out(record: Record, kind: str | None) -> tuple[Array | None, Array | None]:
+def _held_out(record: Record, rung: str | None) -> tuple[Array | None, Array | None]:
     """(dof,) nMSE of the model in use and of linear regression: on a new log, else on held-out blocks."""
     last = record.state.trained[-1].trained
-    error, linear = score(last, kind, "nmse"), score(last, "linear", "nmse")
+    error, linear = score(last, rung, "nmse"), score(last, "linear", "nmse")
     if error is not None:
         return error, linear
     newest = next((b for r in reversed(record.state.trained) if (b := held_out(r.trained))), {})
-    return newest.get(str(kind)), newest.get("linear regression")
+    return newest.get(str(rung)), newest.get("linear regression")
 
 
 def _prequential(record: Record) -> Html:
     last = record.state.trained[-1].trained
-    kind = chosen_kind(last)
-    name, outputs = kind_name(record, kind), f"mean over {record.words.output}s"
-    error, linear = _held_out(record, kind)
+    rung = chosen_rung(last)
+    name, outputs = rung_name(rung), "mean over commands"
+    error, linear = _held_out(record, rung)
     seconds = robot_seconds(record)
     count = len(record.state.told) or len(record.state.trained)
     logs = f"{count} {'log' if count == 1 else 'logs'} ({duration(seconds)} of robot time)"

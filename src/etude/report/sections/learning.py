@@ -7,32 +7,28 @@ import numpy as np
 from etude.report.curves import (
     Evaluation,
     Test,
-    chosen_kind,
+    chosen_rung,
     held_out,
-    kind_name,
+    rung_name,
     score,
-    scored_kinds,
+    scored_rungs,
     tests,
 )
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.svg import Level, Line, Mark, panel
-from etude.report.words import ERROR_AXES, baseline_name, baseline_style, test_title
+from etude.report.words import baseline, error_axis, test_title, unit_sign
 
 JOINT_STYLES = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
 
 
-JOINT_TEXT = (
-    "Mean tracking error over joints on a motion that is never trained on, after each trajectory. "
-    "“Rigid body” is PD with a feedforward from an identified rigid-body model; “perfect model” has the "
-    "exact inverse dynamics: what it leaves is set by noise, delay and stiction."
-)
-FLIGHT_TEXT = (
-    "Mean distance from the desired position on flights that are never trained on, after each flight and "
-    "without the transient of the start. “PID alone” has no feedforward. “Analytic” plans acceleration and "
-    "voltages with the owner's model of the vehicle, without drag or with the exact linear drag, which "
-    "nobody has outside a simulation."
+TEXT = (
+    "Mean tracking error on motions that are never trained on, after each trajectory, beside what there is "
+    "without learning. “PD alone” and “PID alone” have no feedforward. “Rigid body” and “identified physics” "
+    "feed forward an identified model; a “perfect model” has the exact inverse dynamics: what it leaves is "
+    "set by noise, delay and stiction. “Analytic” plans with the owner's model of a vehicle, without drag or "
+    "with the exact linear drag, which nobody has outside a simulation."
 )
 
 
@@ -47,9 +43,9 @@ def learning(record: Record) -> Html:
     found = [test for test in tests(record) if test.learned or test.baselines]
     if found:
         return section("learning", title, *_simulated(found, record.names))
-    kinds = scored_kinds(record)
+    rungs = scored_rungs(record)
     parts = _blocks(record)
-    if any(score(r.trained, kind, "nmse") is not None for r in record.state.trained for kind in kinds):
+    if any(score(r.trained, rung, "nmse") is not None for r in record.state.trained for rung in rungs):
         parts = _prequential(record, record.outputs) + parts
     nothing = missing("No evaluation yet: there is neither a simulated test nor a held-out score.")
     return section("learning", title, *(parts or [nothing]))
@@ -58,7 +54,7 @@ def learning(record: Record) -> Html:
 def _simulated(found: list[Test], names: tuple[str, ...]) -> list[Html]:
     learned = [test for test in found if test.learned]
     panels = [*map(learning_panel, found), *(_joints_of(test, names) for test in learned)]
-    text = paragraph(FLIGHT_TEXT if found[0].unit == "m" else JOINT_TEXT)
+    text = paragraph(TEXT)
     return [text, grid(panels), *(_table_of(test, names) for test in learned)]
 
 
@@ -66,7 +62,7 @@ def curve_marks(test: Test) -> list[Mark]:
     """The learned controller's curve and one line or level per baseline."""
     marks: list[Mark] = []
     for name, series in test.baselines.items():
-        label, style = baseline_name(name), baseline_style(name)
+        label, style = baseline(name).name, baseline(name).style
         if len(series) > 1:
             marks.append(_line(series, label, style + " dash"))
         else:
@@ -83,16 +79,15 @@ def _line(series: tuple[Evaluation, ...], label: str, style: str) -> Line:
 
 def learning_panel(test: Test) -> Html:
     """The mean error over robot time on one test motion, names at the ends of the lines."""
-    what = "position" if test.unit == "m" else "tracking"
-    title = f"Mean {what} error on {test_title(test.name)}"
-    axes = Axis("robot time (s)", floor=0.0), Axis(ERROR_AXES[test.unit], log=True)
+    title = f"Mean tracking error on {test_title(test.name)}"
+    axes = Axis("robot time (s)", floor=0.0), Axis(error_axis(test.unit), log=True)
     return panel(title, *axes, curve_marks(test), end_labels=True)
 
 
 def _labels(test: Test, names: tuple[str, ...]) -> tuple[str, ...]:
     """Names of an error's parts: the joints', or a vehicle's axes."""
     count = len(test.learned[-1].parts)
-    return names if len(names) == count else tuple(f"joint {j + 1}" for j in range(count))
+    return names if len(names) == count else tuple(f"axis {j + 1}" for j in range(count))
 
 
 def _joints_of(test: Test, names: tuple[str, ...]) -> Html:
@@ -102,18 +97,18 @@ def _joints_of(test: Test, names: tuple[str, ...]) -> Html:
         Line(seconds, error, label, joint_style(j), markers=True)
         for j, (error, label) in enumerate(zip(errors, _labels(test, names), strict=True))
     ]
-    part = "along each axis" if test.unit == "m" else "per joint"
-    axes = Axis("robot time (s)", floor=0.0), Axis(ERROR_AXES[test.unit], log=True)
-    return panel(f"The same {part}, {test_title(test.name)}", *axes, marks)
+    axes = Axis("robot time (s)", floor=0.0), Axis(error_axis(test.unit), log=True)
+    return panel(f"The same for each coordinate, {test_title(test.name)}", *axes, marks)
 
 
 def _table_of(test: Test, names: tuple[str, ...]) -> Html:
     rows = [
-        [baseline_name(name), series[-1].mean, *map(float, series[-1].parts)]
+        [baseline(name).name, series[-1].mean, *map(float, series[-1].parts)]
         for name, series in test.baselines.items()
     ]
     rows += [[f"learned, after round {e.number}", e.mean, *map(float, e.parts)] for e in test.learned]
-    unit, first = ("m", "distance") if test.unit == "m" else ("°", "mean")
+    whole = len(test.learned[-1].parts) < len(test.learned[-1].error)
+    unit, first = unit_sign(test.unit), "distance" if whole else "mean"
     header = ["controller", *(f"{name} ({unit})" for name in (first, *_labels(test, names)))]
     title = f"All numbers on {test_title(test.name)}"
     return element("details", element("summary", title), table(header, rows, highlight=len(rows) - 1))
@@ -131,23 +126,23 @@ def _blocks(record: Record) -> list[Html]:
         "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
         "the command's variance: 0 is perfect, 1 is no better than the mean."
     )
-    rows = [[kind_name(record, kind), float(np.nanmean(v)), *map(float, v)] for kind, v in scores.items()]
+    rows = [[rung_name(rung), float(np.nanmean(v)), *map(float, v)] for rung, v in scores.items()]
     chosen = list(scores).index(facts["chosen"]) if facts.get("chosen") in scores else None
     return [text, table(["model", "mean", *record.outputs], rows, highlight=chosen)]
 
 
 def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
     text = paragraph(
-        f"There is no simulated test of this {record.words.robot}, so each model is scored on each new log "
+        "There is no simulated test of this robot, so each model is scored on each new log "
         "before it learns from it (nMSE: mean squared error over the command's variance; 1 is no better than "
         "the mean). GP is the Gaussian process."
     )
     panels = [_joint_scores(record, j, name) for j, name in enumerate(names)]
     last = record.state.trained[-1].trained
-    kinds = [k for k in scored_kinds(record) if score(last, k, "nmse") is not None]
-    rows = [[kind_name(record, k), *map(float, score(last, k, "nmse"))] for k in kinds]  # type: ignore[arg-type]
-    chosen = chosen_kind(last)
-    marked = kinds.index(chosen) if chosen in kinds else None
+    rungs = [k for k in scored_rungs(record) if score(last, k, "nmse") is not None]
+    rows = [[rung_name(k), *map(float, score(last, k, "nmse"))] for k in rungs]  # type: ignore[arg-type]
+    chosen = chosen_rung(last)
+    marked = rungs.index(chosen) if chosen in rungs else None
     return [
         text,
         grid(panels),
@@ -158,16 +153,16 @@ def _prequential(record: Record, names: tuple[str, ...]) -> list[Html]:
 
 def _joint_scores(record: Record, joint: int, name: str) -> Html:
     marks: list[Mark] = []
-    for index, kind in enumerate(scored_kinds(record)):
+    for index, rung in enumerate(scored_rungs(record)):
         points = [
             (r.number, s[joint])
             for r in record.state.trained
-            if (s := score(r.trained, kind, "nmse")) is not None
+            if (s := score(r.trained, rung, "nmse")) is not None
         ]
         if points:
             x, y = np.array(points, dtype=float).T
-            style = "c5 dash" if kind == "linear" else joint_style((0, 2, 3, 5)[index % 4])
-            marks.append(Line(x, y, kind_name(record, kind), style, markers=True))
+            style = "c5 dash" if rung == "linear" else joint_style((0, 2, 3, 5)[index % 4])
+            marks.append(Line(x, y, rung_name(rung), style, markers=True))
     last = float(record.state.trained[-1].number)
     axes = Axis("round", limits=(0.5, last + 0.5), whole=True), Axis("held-out nMSE (1)", log=True)
     return panel(name, *axes, marks, size=(560, 300))

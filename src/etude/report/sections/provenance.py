@@ -43,7 +43,7 @@ def provenance(record: Record) -> Html:
 def _facts(record: Record) -> list[list[object]]:
     created = next((e for e in record.events if e.event == "created"), None)
     last = record.events[-1] if record.events else None
-    rows: list[list[object]] = [["robot", record.spec.name if record.spec else "unknown"]]
+    rows: list[list[object]] = [["robot", record.robot if record.campaign else "unknown"]]
     if created:
         rows += [["created", created.time], ["seed", _code(created.facts.get("seed", "–"))]]
         rows += [

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from etude.campaign.state import Round
-from etude.report.curves import Evaluation, Test, chosen_kind, kind_name, tests
+from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
 from etude.report.markup import Html, duration, missing, number, paragraph, section, table, with_unit
 from etude.report.record import Record
+from etude.report.words import FEEDBACK
 
 COSTS = ("round", "robot time", "robot time so far")
 GAINS = ("error before", "error after", "change", "gained per robot minute")
@@ -20,18 +21,17 @@ def rounds(record: Record) -> Html:
     rows = _rows(record, test)
     header = [*COSTS, *(GAINS if test else ()), "model in use"]
     text = paragraph(
-        "Error is the mean tracking error on the first test above; the first round starts from "
-        f"{record.words.feedback} alone."
+        "Error is the mean tracking error on the first test above; the first round starts from the robot's "
+        "own feedback alone."
         if test
-        else f"This {record.words.robot} has no simulated test; the learning curve above shows "
-        "what each log was worth."
+        else "This robot has no simulated test; the learning curve above shows what each log was worth."
     )
     return section("rounds", title, text, table(header, rows))
 
 
 def _rows(record: Record, test: Test | None) -> list[list[str]]:
     errors = {e.number: e for e in test.learned} if test else {}
-    before = errors.get(0) or (test.baseline(record.words.feedback.lower()) if test else None)
+    before = errors.get(0) or _feedback(test)
     rows, spent = [], 0.0
     for entry in _in_order(record):
         cost = _seconds(entry, spent)
@@ -39,10 +39,16 @@ def _rows(record: Record, test: Test | None) -> list[list[str]]:
         after = errors.get(entry.number)
         costs = [f"{entry.number}", duration(cost) if entry.told else "–", duration(spent)]
         gains = _gains(before, after, cost) if test else []
-        kind = chosen_kind(entry.trained)
-        rows.append([*costs, *gains, kind_name(record, kind) if kind else _state(entry)])
+        rung = chosen_rung(entry.trained)
+        rows.append([*costs, *gains, rung_name(rung) if rung else _state(entry)])
         before = after or before
     return rows
+
+
+def _feedback(test: Test | None) -> Evaluation | None:
+    """What the robot's own feedback does alone."""
+    found = (test.baseline(name) for name in FEEDBACK) if test else iter(())
+    return next((evaluation for evaluation in found if evaluation), None)
 
 
 def _in_order(record: Record) -> list[Round]:

@@ -1,117 +1,136 @@
-"""The last run, joint by joint: desired against actual, and the feedforward against the command applied."""
+"""The last run, coordinate by coordinate: desired against actual, and the feedforward against the command."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.logs.log import RobotLog
+from etude.contracts import Log
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.record import Record
 from etude.report.scales import Axis
+from etude.report.sections.views import views
 from etude.report.svg import Level, Line, Mark, panel, thinned
+from etude.report.words import FEEDBACK, unit_sign
 
 Array = NDArray[np.float64]
 
 SIZE = (380, 260)
+TITLE = "Desired against actual, feedforward against command"
 TESTED = (
-    "The last test run, after round {number}: a motion that was never trained on, under PD with the learned "
-    "feedforward."
+    "The last test run, after round {number}: a motion that was never trained on, under the robot's own "
+    "feedback with the learned feedforward."
 )
 
 
 def tracking(record: Record) -> Html:
-    """Three panels per joint: of the last test run of the learned controller, else of the newest log."""
-    title = "Desired against actual, feedforward against command"
-    tested = record.test_log(None)
+    """Panels per coordinate and command: of the last test run of what was learned, else of the newest log."""
+    tested = record.test_run(None)
     if tested is not None:
-        text, log, before = TESTED.format(number=tested[0].number), tested[1], record.test_log("pd")
+        text, log = TESTED.format(number=tested[0].number), tested[1]
+        runs = (record.test_run(name) for name in FEEDBACK)
+        alone = next((run[1] for run in runs if run is not None), None)
     else:
         told = [n for n, r in sorted(record.state.rounds.items()) if r.told is not None]
         readable = ((n, found) for n in reversed(told) if (found := record.log(n)) is not None)
         newest, told_log = next(readable, (0, None))
         if told_log is None:
-            return section("tracking", title, missing("No log that can be read has come back yet."))
-        text, log, before = f"The newest log, number {newest}.", told_log, None
-    alone = before[1] if before is not None else None
-    columns = 3 if log.q_des is not None else 2
-    panels = [p for joint in range(log.dof) for p in joint_panels(log, joint, alone)]
+            return section("tracking", TITLE, missing("No log that can be read has come back yet."))
+        text, log, alone = f"The newest log, number {newest}.", told_log, None
+    run = Run(record, log, alone)
+    coordinates = [p for j in range(len(run.names)) for p in run.panels(j)]
+    commands = [run.command(j) for j in range(log["command"].shape[1])]
+    columns = 2 if run.wanted is not None else 1
     return section(
-        "tracking", title, paragraph(f"{text} {_reading(log)}"), *_absent(log), grid(panels, columns)
+        "tracking",
+        TITLE,
+        paragraph(f"{text} {run.reading()}"),
+        *run.absent(),
+        grid(coordinates, columns),
+        *views(record, log, alone),
+        grid(commands, 3),
     )
 
 
-def _reading(log: RobotLog) -> str:
-    if log.q_des is None:
-        return ""
-    position = "noise-free position" if log.q_true is not None else "measured position"
-    sentence = f"Error is the desired position minus the {position}."
-    if log.tau_ff is None or not log.tau_ff.any():
-        return sentence
-    return (
-        f"{sentence} Where the feedforward lies on the applied command, the model already knows what "
-        "the motion needs; what is left between them is the feedback's work."
-    )
+class Run:
+    """One log to draw, and the same motion under feedback alone, if there is one, behind its error."""
 
+    def __init__(self, record: Record, log: Log, alone: Log | None) -> None:
+        assert record.path is not None  # a log was read, so the robot could be
+        self.log, self.alone, self.channel = log, alone, record.path
+        self.names, self.units = record.path.parts, record.path.units
+        self.outputs, self.command_units = record.outputs, record.units
+        self.wanted = log.get(f"{self.channel.name}_des")
+        self.true = f"{self.channel.name}_true"
+        self.ahead = log.get("command_ff")
 
-def _absent(log: RobotLog) -> list[Html]:
-    sentences = []
-    if log.q_des is None:
-        sentences.append("This log has no desired position, so there is no tracking error to show.")
-    if log.tau_ff is None:
-        sentences.append("This log has no separate feedforward; only the applied command is drawn.")
-    elif not log.tau_ff.any():
-        sentences.append(
-            "This log was run without a feedforward, as training motions are; the next part shows "
-            "what the model would have given."
+    def reading(self) -> str:
+        if self.wanted is None:
+            return ""
+        position = "noise-free position" if self.true in self.log else "measured position"
+        sentence = f"Error is the desired position minus the {position}."
+        if self.ahead is None or not self.ahead.any():
+            return sentence
+        return (
+            f"{sentence} Where the feedforward lies on the applied command, the model already knows what "
+            "the motion needs; what is left between them is the feedback's work."
         )
-    return [missing(sentence) for sentence in sentences]
+
+    def absent(self) -> list[Html]:
+        sentences = []
+        if self.wanted is None:
+            sentences.append("This log has no desired position, so there is no tracking error to show.")
+        if self.ahead is None:
+            sentences.append("This log has no separate feedforward; only the applied command is drawn.")
+        elif not self.ahead.any():
+            sentences.append(
+                "This log was run without a feedforward, as training motions are; the next part shows "
+                "what the model would have given."
+            )
+        return [missing(sentence) for sentence in sentences]
+
+    def panels(self, j: int) -> list[Html]:
+        """Position and error of one coordinate; the error only if the desired position is known."""
+        positions = self._positions(j)
+        return [positions] if self.wanted is None else [positions, self._error(j)]
+
+    def _positions(self, j: int) -> Html:
+        places = self.log.get(self.channel.name)
+        marks: list[Mark] = []
+        if places is not None:
+            marks.append(_curve(self.log.t, places[:, j], "measured", "c1"))
+        if self.wanted is not None:
+            marks.append(_curve(self.log.t, self.wanted[:, j], "desired", "c2 dash"))
+        title = f"{self.names[j]}: position"
+        return panel(title, _time(self.log), Axis(f"position ({self.units[j]})"), marks, size=SIZE)
+
+    def _error(self, j: int) -> Html:
+        unit, factor = ("degrees", 180.0 / np.pi) if self.units[j] == "rad" else (self.units[j], 1.0)
+        error = factor * deviation(self.log, self.channel.name)[:, j]
+        marks: list[Mark] = [Level(0.0, style="axis-line")]
+        if self.alone is not None and f"{self.channel.name}_des" in self.alone:
+            behind = factor * deviation(self.alone, self.channel.name)[:, j]
+            marks.append(_curve(self.alone.t, behind, "feedback alone", "c2 thin"))
+        marks.append(_curve(self.log.t, error, "with feedforward" if len(marks) > 1 else "", "c1"))
+        moving = self.log.t >= 0.0
+        mean = float(np.nanmean(np.abs(error[moving]))) if moving.any() else float("nan")
+        sign = "°" if unit == "degrees" else f" {unit_sign(unit)}"
+        title = f"{self.names[j]}: tracking error, mean {mean:.3g}{sign}"
+        return panel(title, _time(self.log), Axis(f"error ({unit})"), marks, size=SIZE)
+
+    def command(self, j: int) -> Html:
+        """Applied command and feedforward of one output."""
+        marks: list[Mark] = [_curve(self.log.t, self.log["command"][:, j], "applied", "c6 thin")]
+        if self.ahead is not None and self.ahead.any():
+            marks.append(_curve(self.log.t, self.ahead[:, j], "feedforward", "c2"))
+        title = f"{self.outputs[j]}: command"
+        return panel(title, _time(self.log), Axis(f"command ({self.command_units[j]})"), marks, size=SIZE)
 
 
-def joint_panels(log: RobotLog, joint: int, alone: RobotLog | None = None) -> list[Html]:
-    """Position, error and command of one joint; the error only if the desired position is known.
-
-    `alone` is the same motion under PD alone, drawn behind the error.
-    """
-    name = log.names[joint]
-    panels = [_positions(log, joint, name)]
-    if log.q_des is not None:
-        panels.append(_error(log, joint, name, alone))
-    panels.append(_commands(log, joint, name))
-    return panels
-
-
-def _positions(log: RobotLog, joint: int, name: str) -> Html:
-    marks: list[Mark] = [_curve(log.t, log.q[:, joint], "measured", "c1")]
-    if log.q_des is not None:
-        marks.append(_curve(log.t, log.q_des[:, joint], "desired", "c2 dash"))
-    return panel(f"{name}: position", _time(log), Axis("position (rad)"), marks, size=SIZE)
-
-
-def _error(log: RobotLog, joint: int, name: str, alone: RobotLog | None) -> Html:
-    error = _deviation(log, joint)
-    marks: list[Mark] = [Level(0.0, style="axis-line")]
-    if alone is not None and alone.q_des is not None:
-        marks.append(_curve(alone.t, _deviation(alone, joint), "PD alone", "c2 thin"))
-    marks.append(_curve(log.t, error, "with feedforward" if len(marks) > 1 else "", "c1"))
-    moving = log.t >= 0.0
-    mean = float(np.mean(np.abs(error[moving]))) if moving.any() else float("nan")
-    title = f"{name}: tracking error, mean {mean:.3g}°"
-    return panel(title, _time(log), Axis("error (degrees)"), marks, size=SIZE)
-
-
-def _deviation(log: RobotLog, joint: int) -> Array:
-    """Tracking error in degrees, of the true position where it is known."""
-    assert log.q_des is not None
-    actual = log.q if log.q_true is None else log.q_true
-    return np.asarray(np.degrees(log.q_des[:, joint] - actual[:, joint]))
-
-
-def _commands(log: RobotLog, joint: int, name: str) -> Html:
-    marks: list[Mark] = [_curve(log.t, log.tau[:, joint], "applied", "c6 thin")]
-    if log.tau_ff is not None and log.tau_ff.any():
-        marks.append(_curve(log.t, log.tau_ff[:, joint], "feedforward", "c2"))
-    return panel(f"{name}: command", _time(log), Axis(f"command ({log.command_unit})"), marks, size=SIZE)
+def deviation(log: Log, path: str) -> Array:
+    """(T, k) desired less actual path, of the true one where it is known."""
+    true = log.get(f"{path}_true")
+    return np.asarray(log[f"{path}_des"] - (log[path] if true is None else true))
 
 
 def _curve(t: Array, values: Array, label: str, style: str) -> Line:
@@ -119,5 +138,5 @@ def _curve(t: Array, values: Array, label: str, style: str) -> Line:
     return Line(x, y, label, style)
 
 
-def _time(log: RobotLog) -> Axis:
+def _time(log: Log) -> Axis:
     return Axis("time (s)", limits=(float(log.t[0]), float(log.t[-1])))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Limit, Trajectory
 from etude.report.markup import (
     Html,
     duration,
@@ -21,55 +20,51 @@ from etude.report.markup import (
 )
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
+from etude.report.scene import Path, room_of, scene
 from etude.report.sections.learning import joint_style
+from etude.report.sections.views import through_space
 from etude.report.svg import Level, Line, Mark, panel
-from etude.robots.spec import RobotSpec
-from etude.trajectories.samples import Trajectory
+from etude.report.words import unit_sign
 
 Array = NDArray[np.float64]
 
-UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "box": "rad"}
-
-Panels = Callable[[Trajectory, RobotSpec], list[Html]]
-Proofs = Callable[[Facts], Html]
+SAMPLES = 301
+RATES = ("", "/s", "/s²", "/s³")
+ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acceleration": 2, "jerk": 3}
+FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
+TEXT = (
+    "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
+    "what is proved of the file as written, for every instant and not only at samples."
+)
 
 
 def trajectories(record: Record) -> Html:
     """One folded part per proposed trajectory, the newest open."""
-    text = "Curves are drawn as a fraction of each joint's own limit: the dotted lines at ±1 are the limits."
-    return proposals(record, text, limit_panels, _proofs)
-
-
-def proposals(record: Record, text: str, panels: Panels, proofs: Proofs) -> Html:
-    """Every proposal with what `panels` draws of it and `proofs` says of its certificate."""
-    motion, motions = record.words.motion, record.words.motions
-    title = f"{motions.capitalize()}, their limits and proved margins"
+    title = "Trajectories, their limits and proved margins"
     numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
     if not numbers:
-        return section("trajectories", title, missing(f"No {motion} has been proposed yet."))
-    proved = (
-        "The table gives what is proved of the file as written, for every instant and not only at samples."
-    )
-    parts = [_proposal(record, n, panels, proofs, unfolded=n == numbers[-1]) for n in reversed(numbers)]
-    return section("trajectories", title, paragraph(f"{text} {proved}"), *parts)
+        return section("trajectories", title, missing("No trajectory has been proposed yet."))
+    parts = [_proposal(record, n, unfolded=n == numbers[-1]) for n in reversed(numbers)]
+    return section("trajectories", title, paragraph(TEXT), *parts)
 
 
-def _proposal(record: Record, n: int, panels: Panels, proofs: Proofs, *, unfolded: bool) -> Html:
+def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     trajectory, certificate = record.trajectory(n), record.certificate(n)
     parts = _how(record, n)
     if trajectory is None:
-        parts.append(missing(f"The {record.words.motion}'s file is missing or unreadable."))
-    elif record.spec is None or record.spec.dof != trajectory.dof:
-        robot, motion = record.words.robot, record.words.motion
-        parts.append(missing(f"The {robot}'s file does not fit this {motion}, so it cannot be drawn."))
+        parts.append(missing("The trajectory's file is missing or unreadable."))
+    elif len(record.names) != _dimensions(trajectory):
+        parts.append(missing("The robot's file does not fit this trajectory, so it cannot be drawn."))
     else:
-        parts.append(grid(panels(trajectory, record.spec), 3))
-    parts.append(proofs(certificate) if certificate else missing("There is no certificate for it."))
+        parts.append(grid(_panels(record, trajectory), 3))
+    parts.append(_proofs(record, certificate) if certificate else missing("There is no certificate for it."))
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
-    summary = element(
-        "summary", f"{record.words.motion.capitalize()} {n}", element("small", length + _verdict(certificate))
-    )
+    summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
+
+
+def _dimensions(trajectory: Trajectory) -> int:
+    return int(trajectory.motion(np.zeros(1), 1).orders.shape[2])
 
 
 def _how(record: Record, n: int) -> list[Html]:
@@ -77,16 +72,29 @@ def _how(record: Record, n: int) -> list[Html]:
     return [paragraph(f"How it was chosen: {status}.".replace("..", "."), class_="soft")] if status else []
 
 
-def limit_panels(trajectory: Trajectory, spec: RobotSpec) -> list[Html]:
-    """Position, velocity and acceleration of every joint over time, each as a fraction of its limit."""
-    samples = trajectory.sample(np.linspace(0.0, trajectory.duration, 301))
-    middle, half = 0.5 * (spec.upper + spec.lower), 0.5 * (spec.upper - spec.lower)
-    shown = {
-        "Position within its range": (samples.q - middle) / half,
-        "Velocity / limit": samples.qd / spec.velocity,
-        "Acceleration / limit": samples.qdd / spec.acceleration,
-    }
-    return [fractions(title, samples.t, values, spec.names) for title, values in shown.items()]
+def _panels(record: Record, trajectory: Trajectory) -> list[Html]:
+    """The path in its room, where it goes through space; what each limit measures, as parts of that limit."""
+    t = np.linspace(0.0, trajectory.duration, SAMPLES)
+    panels = [p for limit in record.limits if (p := limit_panel(limit, trajectory, t)) is not None]
+    if through_space(record) and len(record.names) == 3:
+        path = Path(t, trajectory.motion(t, 1).orders[0])
+        panels.insert(0, scene("The plan in its room", room_of(record.limits, [path]), [path]))
+    return panels
+
+
+def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:
+    """What one limit measures along a motion, over time, each row as a fraction of its limit."""
+    rows = [row for row in limit.prove(trajectory) if row.status != "not looked at"]
+    measured = limit.of_motion(trajectory.motion(t, 4))
+    if not rows or measured.shape[1] != len(rows):
+        return None
+    low, high = (np.array([getattr(row, end) for row in rows]) for end in ("lower", "upper"))
+    # a size has no lower end that could be met: it is drawn from zero
+    signed = not bool(np.all(measured >= 0.0) and np.all((low <= 0.0) | ~np.isfinite(low)))
+    middle, half = (0.5 * (high + low), 0.5 * (high - low)) if signed else (0.0 * high, high)
+    names = tuple(row.axis if len(rows) > 1 else row.quantity for row in rows)
+    title = f"{rows[0].quantity.capitalize()} / limit"
+    return fractions(title, t, (measured - middle) / half, names, signed=signed)
 
 
 def fractions(title: str, t: Array, values: Array, names: tuple[str, ...], *, signed: bool = True) -> Html:
@@ -115,15 +123,29 @@ def _use(row: Facts) -> float:
     return 1.0 - row["margin"] / half if half > 0 else float("inf")
 
 
-def _proofs(certificate: Facts) -> Html:
-    """One row per joint, one column per quantity; how it was proved stands below, once."""
+def _proofs(record: Record, certificate: Facts) -> Html:
+    """One row per axis, one column per quantity; how it was proved stands below, once, and what was not."""
     rows = certificate.get("rows", ())
-    joints, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
+    axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
     proofs = {(row["axis"], row["quantity"]): _proof(row) for row in rows}
-    body = [[joint, *(proofs.get((joint, quantity), "–") for quantity in quantities)] for joint in joints]
+    body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in rows))
-    header = ["joint", *(f"proved {quantity} ({UNITS.get(quantity, '1')})" for quantity in quantities)]
-    return join([table(header, body), paragraph(f"Method: {methods}.", class_="soft")])
+    header = ["", *(f"proved {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
+    parts = [table(header, body), paragraph(f"Method: {methods}.", class_="soft")]
+    unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
+    if unseen:
+        parts.append(missing(f"Not looked at by anyone: {'; '.join(unseen)}."))
+    return join(parts)
+
+
+def _unit(record: Record, quantity: str) -> str:
+    """Of a proved quantity, from the unit of the path."""
+    if quantity in FORCES:
+        return FORCES[quantity]
+    units = set(record.path.units) if record.path else set()
+    if quantity not in ORDERS or len(units) != 1:
+        return "1" if not units else "unit of the axis"
+    return unit_sign(units.pop()) + RATES[ORDERS[quantity]]
 
 
 def _proof(row: Facts) -> Html:

@@ -1,4 +1,4 @@
-"""A flight in its room: an orthographic drawing of a box, with paths in it and their shadows on the floor.
+"""A path in its room: an orthographic drawing of a box, with paths in it and their shadows on the floor.
 
 Lengths along x, y and z have the same scale, so shapes and climbs look as they were flown.
 """
@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text
 from etude.report.svg import polyline
-from etude.robots.flight_spec import FlightSpec
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,33 @@ class Path:
 
 
 @dataclass(frozen=True)
+class Room:
+    """The box in which paths are drawn, m, and the radius of a cylinder about z inside it, if there is one."""
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    radius: float | None = None
+
+
+def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> Room:
+    """The room that position limits state, widened to hold the paths."""
+    points = np.concatenate([path.position for path in paths]) if paths else np.zeros((1, 3))
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    radius = None
+    for limit in limits:
+        stated_low, stated_high = getattr(limit, "lower", None), getattr(limit, "upper", None)
+        if getattr(limit, "order", None) != 0 or stated_high is None:
+            continue
+        if np.shape(stated_high) == (3,):
+            low, high = np.minimum(low, stated_low), np.maximum(high, stated_high)
+        elif np.ndim(stated_high) == 0:
+            radius = float(stated_high)
+    spare = 0.05 * np.maximum(high - low, 1e-3) if not limits else 0.0
+    (x0, y0, z0), (x1, y1, z1) = (low - spare).tolist(), (high + spare).tolist()
+    return Room((x0, y0, z0), (x1, y1, z1), radius)
+
+
+@dataclass(frozen=True)
 class Camera:
     """From the world in m to a drawing in px: `scale` px per m, the origin at `place`."""
 
@@ -65,26 +92,26 @@ def project(points: Array) -> Array:
     return np.asarray(points @ np.stack([right, up], axis=1))
 
 
-def scene(title: str, spec: FlightSpec, paths: Sequence[Path], *, note: str = "") -> Html:
-    """One drawing: the vehicle's room with ticks in m, paths, their shadows and where they start."""
-    camera, height = _camera(spec)
-    drawn = "".join(_path(camera, path, spec.lower[2]) for path in paths)
+def scene(title: str, room: Room, paths: Sequence[Path], *, note: str = "") -> Html:
+    """One drawing: the robot's room with ticks in m, paths, their shadows and where they start."""
+    camera, height = _camera(room)
+    drawn = "".join(_path(camera, path, room.lower[2]) for path in paths)
     words = f'<text class="title" x="12" y="18">{text(title)}</text>'
     words += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}">'
-        f"{words}{_room(camera, spec)}{drawn}</svg>"
+        f"{words}{_room(camera, room)}{drawn}</svg>"
     )
 
 
-def _corners(spec: FlightSpec) -> Array:
-    grid = np.meshgrid(*zip(spec.lower, spec.upper, strict=True), indexing="ij")
+def _corners(room: Room) -> Array:
+    grid = np.meshgrid(*zip(room.lower, room.upper, strict=True), indexing="ij")
     return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
-def _camera(spec: FlightSpec) -> tuple[Camera, float]:
+def _camera(room: Room) -> tuple[Camera, float]:
     """The camera that fills the drawing's width, or its height where the room is tall; and the height."""
-    image = project(_corners(spec))
+    image = project(_corners(room))
     low, span = image.min(axis=0), np.ptp(image, axis=0)
     free = (SIZE[0] - SIDES["left"] - SIDES["right"], SIZE[1] - SIDES["top"] - SIDES["bottom"])
     scale = min(free[0] / span[0], free[1] / span[1])
@@ -94,11 +121,11 @@ def _camera(spec: FlightSpec) -> tuple[Camera, float]:
     return Camera(float(scale), (float(place[0]), float(place[1]))), float(height)
 
 
-def _room(camera: Camera, spec: FlightSpec) -> str:
-    (x0, y0, z0), (x1, y1, z1) = spec.lower, spec.upper
+def _room(camera: Camera, room: Room) -> str:
+    (x0, y0, z0), (x1, y1, z1) = room.lower, room.upper
     ticks = [
         linear_ticks(low, high, wanted)
-        for low, high, wanted in zip(spec.lower, spec.upper, (4, 4, 2), strict=True)
+        for low, high, wanted in zip(room.lower, room.upper, (4, 4, 2), strict=True)
     ]
     lines = [_line(camera, [(x, y0, z0), (x, y1, z0)], "grid-line") for x in ticks[0]]
     lines += [_line(camera, [(x0, y, z0), (x1, y, z0)], "grid-line") for y in ticks[1]]
@@ -107,8 +134,8 @@ def _room(camera: Camera, spec: FlightSpec) -> str:
     floor = [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0), (x0, y0, z0)]
     roof = [(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x1, y1, z1), (x1, y1, z0)]
     lines += [_line(camera, floor, "axis-line"), _line(camera, roof, "axis-line")]
-    if spec.radius is not None:
-        lines += [_line(camera, _ring(spec.radius, z), "limit") for z in (z0, z1)]
+    if room.radius is not None:
+        lines += [_line(camera, _ring(room.radius, z), "limit") for z in (z0, z1)]
     marks = [_tick(camera, (x, y0, z0), x, (0.0, 15.0), "middle") for x in ticks[0][1:]]
     marks += [_tick(camera, (x1, y, z0), y, (7.0, 8.0), "start") for y in ticks[1][1:]]
     marks += [_tick(camera, (x0, y0, z), z, (-7.0, 4.0), "end") for z in ticks[2]]

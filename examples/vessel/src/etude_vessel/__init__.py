@@ -1,0 +1,330 @@
+"""A small surface vessel as a kind of robot: thrust along x and y against inertia, drag and a current.
+
+World frame, heading held at zero. The path is its position; what is learned is the thrust that a motion needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import (
+    Channel,
+    Column,
+    Controller,
+    Described,
+    Expected,
+    Finding,
+    Index,
+    Limit,
+    Log,
+    Model,
+    Motion,
+    Planned,
+    Row,
+    Samples,
+    Trajectory,
+    joined_samples,
+)
+from etude.limits.library import AxisLimit
+from etude.logs.steps import smooth
+from etude.robots.toml import decoded, from_table, read_text
+from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.moves import random_moves
+
+Array = NDArray[np.float64]
+AXES, STATES = ("x", "y"), ("position", "velocity", "acceleration")
+
+
+def channel(name: str, unit: str, role: Any = "state", **more: Any) -> Channel:
+    return Channel(name, AXES, (unit, unit), role, **more)
+
+
+CHANNELS = {
+    c.name: c
+    for c in (
+        channel("position", "m", required=True),
+        channel("velocity", "m/s", derivative_of="position"),
+        channel("acceleration", "m/s^2", derivative_of="velocity"),
+        channel("position_des", "m", "plan"),
+        channel("command", "N", "command", required=True, acts_on="position"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class VesselSpec:
+    """A vessel as its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N), mass (kg)."""
+
+    name: str
+    rate: float
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    speed: float
+    acceleration: float
+    thrust: tuple[float, float]
+    mass: float
+    kind: str = "vessel"
+    simulated: bool = False
+
+
+@dataclass(frozen=True)
+class VesselData:
+    """cutoff_hz of the zero-phase filter; one sample in `every` is learned."""
+
+    cutoff_hz: float = 1.0
+    every: int = 5
+
+
+@dataclass(frozen=True)
+class VesselInputs:
+    """x = [position, velocity, acceleration, v|v|]: the last is what quadratic drag is linear in."""
+
+    orders: int = 3
+    rate: float = 0.0
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        plain = [(name, a, CHANNELS[name].units[0], "") for name in STATES for a in AXES]
+        return [*plain, *(("velocity", a, "m^2/s^2", "square") for a in AXES)]
+
+    def states(self, motion: Motion) -> Log:
+        named = dict(zip(STATES, motion.orders, strict=False))
+        named["position_des"] = motion.orders[0]
+        return Log(motion.t, {name: CHANNELS[name] for name in named}, named)
+
+    def of_log(self, log: Log) -> Array:
+        v = log["velocity"]
+        return np.concatenate([log["position"], v, log["acceleration"], v * np.abs(v)], axis=1)
+
+    def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
+        kept = slice(None) if keep is None else keep
+        X, v = self.of_log(self.states(motion)), motion.orders[1]
+
+        def pull(in_X: Array, in_gains: Array) -> Array:
+            out = np.zeros_like(motion.orders)
+            for order in range(3):
+                out[order, kept] = in_X[:, 2 * order : 2 * order + 2]
+            out[1, kept] += 2.0 * np.abs(v[kept]) * in_X[:, 6:8]
+            return out
+
+        return Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
+
+    def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
+        v = row["velocity"]
+        x = np.concatenate([row["position"], v, row["acceleration"], v * np.abs(v)])
+        return x, np.zeros(0) if memory is None else memory
+
+    def rates(self, motion: Motion) -> None:
+        return None
+
+    def tuned(self, samples: Samples) -> VesselInputs:
+        return self
+
+    def arrays(self) -> Mapping[str, Array]:
+        return {}
+
+    def restore(self, arrays: Mapping[str, Array]) -> VesselInputs:
+        return self
+
+    def c(self, name: str) -> None:
+        return None
+
+
+@dataclass(frozen=True)
+class VesselMean:
+    """thrust = mass a + drag v + constant, for each axis: weights (3, 2)."""
+
+    weights: Array
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        names = ("mass", "drag", "constant")
+        return {
+            f"{n}_{a}": (float(self.weights[i, j]), 0.0)
+            for i, n in enumerate(names)
+            for j, a in enumerate(AXES)
+        }
+
+    def predict(self, log: Log) -> Array:
+        mass, drag, constant = self.weights
+        return np.asarray(mass * log["acceleration"] + drag * log["velocity"] + constant)
+
+    def static(self, log: Log) -> Array:
+        return np.tile(self.weights[2], (len(log), 1))
+
+    def arrays(self) -> Mapping[str, Array]:
+        return {"weights": self.weights}
+
+    def c(self, name: str) -> None:
+        return None
+
+
+class Identified:
+    """Mass, linear drag and a constant by least squares."""
+
+    def __call__(self, samples: Samples | None) -> VesselMean:
+        assert samples is not None  # only a nominal rung is asked without
+        log, weights = samples.log, np.zeros((3, 2))
+        for j in range(2):
+            A = np.column_stack([log["acceleration"][:, j], log["velocity"][:, j], np.ones(len(log))])
+            weights[:, j] = np.linalg.lstsq(A, samples.command[:, j], rcond=None)[0]
+        return VesselMean(weights)
+
+    def restore(self, arrays: Mapping[str, Array]) -> VesselMean:
+        return VesselMean(np.asarray(arrays["weights"]))
+
+
+@dataclass(frozen=True)
+class Feedforward:
+    """A learned model beside the position controller: its mean, never beyond the thrusters."""
+
+    model: Model
+    thrust: Array
+
+    def planned(self, motion: Motion) -> Array:
+        mean, _ = self.model.predict(self.model.inputs.states(motion))
+        return np.clip(mean, -self.thrust, self.thrust)
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:
+        log = Log(np.array([t]), CHANNELS, {name: np.atleast_2d(values) for name, values in row.items()})
+        mean, variance = self.model.predict(log)
+        return np.clip(mean[0], -self.thrust, self.thrust), np.sqrt(variance[0])
+
+    def observe(self, t: float, row: Row) -> None:
+        """A frozen model learns nothing."""
+
+
+@dataclass(frozen=True)
+class SimulatedVessel:
+    """Added mass, linear and quadratic drag and an eddy that no data sheet knows; PD control at the log's rate."""
+
+    spec: VesselSpec
+    payload: float = 0.0
+    mass: tuple[float, float] = (46.0, 62.0)
+    drag: tuple[float, float] = (9.0, 16.0)
+    square: tuple[float, float] = (14.0, 30.0)
+
+    def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        dt, fine = 1.0 / self.spec.rate, 10
+        t = np.arange(int(trajectory.duration * self.spec.rate + 1e-9)) * dt
+        motion = trajectory.motion(t, 3)
+        ahead = controller.planned(motion) if controller else None
+        p, v, limit = motion.orders[0, 0].copy(), motion.orders[1, 0].copy(), np.array(self.spec.thrust)
+        mass = np.array(self.mass) + self.payload
+        rows = []
+        for i in range(len(t)):
+            error, rate = motion.orders[0, i] - p, motion.orders[1, i] - v
+            u = 30.0 * error + 40.0 * rate + (0.0 if ahead is None else ahead[i])
+            u = np.clip(u, -limit, limit)
+            rows.append((p + 0.002 * rng.standard_normal(2), u))
+            for _ in range(fine):
+                a = (u - self.resistance(p, v)) / mass
+                p, v = p + dt / fine * v, v + dt / fine * a
+        values = {"position": np.array([r[0] for r in rows]), "command": np.array([r[1] for r in rows])}
+        values["position_des"] = motion.orders[0]
+        return Log(t, {name: CHANNELS[name] for name in values}, values, source=f"simulated {self.spec.name}")
+
+    def resistance(self, p: Array, v: Array) -> Array:
+        """(2,) N: drag through water that turns slowly about the middle of the basin."""
+        through = v - 0.05 * np.array([-np.sin(p[1]), np.sin(p[0])])
+        return np.asarray(np.array(self.drag) * through + np.array(self.square) * through * np.abs(through))
+
+    def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
+        off = np.abs(log["position_des"] - log["position"])[log.t >= 5.0]
+        return off.mean(axis=0), ("m", "m")
+
+    def changed(self, **what: float) -> SimulatedVessel:
+        return replace(self, **what)
+
+
+class VesselKind:
+    """See `etude.contracts.Kind`."""
+
+    name, path = "vessel", "position"
+    tables: Mapping[str, type] = {"trajectory": FourierConfig, "data": VesselData}
+    presets: Mapping[str, Any] = {"default": {"model": {"kernel": "ard_se"}}, "thesis": {}}
+    comments: Mapping[str, Mapping[str, str]] = {"data": {"cutoff_hz": "Hz, zero-phase filter"}}
+
+    def built_in(self) -> Mapping[str, Path]:
+        return {"vessel": Path(__file__).with_name("vessel.toml")}
+
+    def recognises(self, path: Path) -> bool:
+        return path.suffix == ".toml" and decoded(read_text(path), str(path)).get("kind") == self.name
+
+    def described(self, path: Path) -> Described:
+        return Described({"robot.toml": path.read_bytes()})
+
+    def spec(self, path: Path) -> VesselSpec:
+        return from_table(VesselSpec, decoded(read_text(path), str(path)), str(path))
+
+    def home(self, spec: VesselSpec) -> Array:
+        return 0.5 * (np.array(spec.lower) + np.array(spec.upper))
+
+    def limit(self, spec: VesselSpec) -> Array:
+        return np.array(spec.thrust)
+
+    def channels(self, spec: VesselSpec) -> Sequence[Channel]:
+        return tuple(CHANNELS.values())
+
+    def expected(self, spec: VesselSpec) -> Expected:
+        low, high = np.array(spec.lower), np.array(spec.upper)
+        return Expected(spec.rate, high - low, {"position": (low, high)})
+
+    def family(self, spec: VesselSpec, config: Any) -> FourierFamily:
+        return FourierFamily.of(config.trajectory, 2)
+
+    def limits(self, spec: VesselSpec, config: Any, model: Model | None, margins: Any) -> Sequence[Limit]:
+        speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
+        return (
+            AxisLimit("position", 0, np.array(spec.lower), np.array(spec.upper), AXES),
+            AxisLimit("velocity", 1, -speed, speed, AXES),
+            AxisLimit("acceleration", 2, -bend, bend, AXES),
+        )
+
+    def ways(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:
+        return None
+
+    def inputs(self, spec: VesselSpec, config: Any) -> VesselInputs:
+        return VesselInputs()
+
+    def physics(self, spec: VesselSpec, config: Any) -> Mapping[str, Any]:
+        return {"identified": Identified()}
+
+    def checks(self, spec: VesselSpec, log: Log) -> Sequence[Finding]:
+        return ()
+
+    def samples(self, spec: VesselSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
+        return joined_samples(
+            [self._samples(config, log, own) for log, own in zip(logs, groups, strict=True)]
+        )
+
+    def _samples(self, config: Any, log: Log, group: Index) -> Samples:
+        found = smooth(log.t, log["position"], config.data.cutoff_hz)
+        for name, values in zip(STATES, (found.value, found.first, found.second), strict=True):
+            log = log.put(CHANNELS[name], values)
+        log = log.put(CHANNELS["command"], smooth(log.t, log["command"], config.data.cutoff_hz).value)
+        rows = np.arange(10, len(log) - 10, config.data.every)
+        every = np.ones((len(rows), 2), dtype=np.bool_)
+        return Samples(log.take(rows), group[rows], every, every)
+
+    def robot(self, spec: VesselSpec, config: Any) -> SimulatedVessel | None:
+        return SimulatedVessel(spec) if spec.simulated else None
+
+    def tests(self, spec: VesselSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
+        low, high = np.array(spec.lower), np.array(spec.upper)
+        speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
+        return {"moves": random_moves(rng, low, high, speed, bend, 6)}
+
+    def baselines(self, spec: VesselSpec, config: Any) -> Mapping[str, Controller | None]:
+        return {"pd": None}
+
+    def controller(self, spec: VesselSpec, config: Any, model: Model) -> Controller:
+        return Feedforward(model, self.limit(spec))
+
+
+KIND = VesselKind()

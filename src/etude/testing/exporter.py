@@ -1,0 +1,45 @@
+"""What every exporter owes: what its receiver plays is what was proved."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from etude.contracts import Exporter, Kind
+from etude.limits.certificate import certify
+from etude.testing.differences import close
+from etude.testing.world import World, world
+
+
+class ExporterSuite:
+    """Laws of `contracts.Exporter`. Set `exporter` (a staticmethod), `kind` and `robot`."""
+
+    exporter: ClassVar[Exporter]
+    kind: ClassVar[Kind]
+    robot: ClassVar[str]
+    accuracy: ClassVar[float] = 1e-6
+    """Of the path that the receiver plays, as a part of its size."""
+
+    @property
+    def world(self) -> World:
+        return world(self.kind, self.robot)
+
+    def test_the_receiver_plays_the_trajectory(self) -> None:
+        here = self.world
+        trajectory = here.trajectory(0)
+        files = type(self).exporter(trajectory, here.kind, here.spec)
+        assert files, "nothing was exported"
+        played = type(self).exporter.back(files)  # type: ignore[attr-defined]
+        t = np.linspace(0.0, trajectory.duration, 500)
+        close(played.motion(t, 1).orders[0], trajectory.motion(t, 1).orders[0], self.accuracy, "path played")
+
+    def test_what_it_plays_is_certified(self) -> None:
+        here = self.world
+        played = type(self).exporter.back(type(self).exporter(here.trajectory(1), here.kind, here.spec))  # type: ignore[attr-defined]
+        assert certify(played, here.limits).ok, "what the receiver plays leaves a limit"
+
+    def test_the_same_motion_gives_the_same_bytes(self) -> None:
+        here = self.world
+        once, twice = (type(self).exporter(here.trajectory(2), here.kind, here.spec) for _ in range(2))
+        assert once == twice, "the files depend on more than the trajectory"

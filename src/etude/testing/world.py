@@ -1,0 +1,75 @@
+"""A kind of robot with one of its robots, opened as a campaign would: what the suites of a kind test."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.campaign.presets import preset
+from etude.contracts import Family, Inputs, Kind, Limit, Motion, Trajectory
+from etude.limits.feasible import FeasibleSet
+from etude.limits.samplers import uniform
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """One robot of a kind: its description, the preset's tables, and the nouns made of both."""
+
+    kind: Kind
+    spec: Any
+    config: Any
+    family: Family
+    limits: tuple[Limit, ...]
+    inputs: Inputs
+
+    def feasible(self, rng: np.random.Generator) -> tuple[Family, FeasibleSet]:
+        """A drawn member of the family's frequencies, and the parameters that keep every limit."""
+        family = self.family.drawn(rng)
+        return family, FeasibleSet.of(self.limits, family, self.kind.home(self.spec))
+
+    def parameters(self, seed: int) -> tuple[Family, Array]:
+        """A drawn family and random parameters (P,) inside all limits."""
+        rng = np.random.default_rng(seed)
+        family, feasible = self.feasible(rng)
+        return family, uniform(rng, feasible, 1)[0]
+
+    def trajectory(self, seed: int) -> Trajectory:
+        """A random trajectory inside all limits."""
+        family, p = self.parameters(seed)
+        return family.trajectory(p)
+
+    def motion(self, seed: int, count: int = 40) -> Motion:
+        """`count` instants of a random trajectory, at the rate that inputs with memory need."""
+        trajectory = self.trajectory(seed)
+        if self.inputs.rate > 0.0:
+            t = np.arange(count) / self.inputs.rate
+        else:
+            t = trajectory.duration * (np.arange(count) + 0.5) / count
+        return trajectory.motion(t, self.inputs.orders)
+
+
+@lru_cache(maxsize=16)
+def world(kind: Kind, robot: str | Path, name: str = "default") -> World:
+    """The robot (built-in name, or a file that the kind recognises) with the tables of a preset."""
+    path = kind.built_in().get(str(robot), Path(robot))
+    with tempfile.TemporaryDirectory() as folder:
+        for file, content in kind.described(path).files.items():
+            (Path(folder) / file).write_bytes(content)
+        spec = kind.spec(Path(folder) / "robot.toml")
+        config = preset(kind, name)
+        return World(
+            kind=kind,
+            spec=spec,
+            config=config,
+            family=kind.family(spec, config),
+            limits=tuple(kind.limits(spec, config, None, {})),
+            inputs=kind.inputs(spec, config),
+        )
