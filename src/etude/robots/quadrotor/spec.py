@@ -1,14 +1,17 @@
-"""FlightSpec: what a campaign has to know of a flying vehicle and of the room it may use."""
+"""QuadrotorSpec: what a campaign has to know of a vehicle with four rotors and of the room it may use."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etude.robots.vehicle import Vehicle
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.robots.quadrotor.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
-class FlightSpec:
+class QuadrotorSpec:
     """A vehicle as its owner describes it. World frame: z up; SI units.
 
     Attributes:
@@ -50,3 +53,13 @@ class FlightSpec:
         """Along x, y and z, m."""
         vertical = self.margin if self.vertical_margin is None else self.vertical_margin
         return self.margin, self.margin, vertical
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """(4,) how far each command reaches from the middle of its range, in its unit."""
+        return np.asarray(0.5 * (np.array(self.command_upper) - np.array(self.command_lower)))
+
+    @property
+    def body(self) -> Vehicle | None:
+        """The vehicle whose motors explain the commands; None if nobody described it, or for set-points."""
+        return self.vehicle if self.command_unit == "V" else None

@@ -1,6 +1,6 @@
-"""The TOML file of a flying vehicle: strict reading, exact writing.
+"""The TOML file of a vehicle with four rotors: strict reading, exact writing.
 
-kind = "vehicle"
+kind = "quadrotor"               # or "vehicle"
 name = "quadrotor"
 commands = ["front_right", "back_right", "back_left", "front_left"]
 command_unit = "V"               # V, or 1 for normalised set-points
@@ -23,21 +23,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from etude.errors import UsageError
-from etude.robots.flight_spec import FlightSpec
-from etude.robots.vehicle import GRAVITY, Vehicle
+from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
+from etude.robots.toml import decoded, read_text
 
-KIND = "vehicle"
+KIND = "quadrotor"
+KINDS = (KIND, "vehicle")
+"""What a file may call it; "vehicle" is the older word."""
 UNITS = ("V", "1")
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 
 
-class FlightTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """The whole file. `units_checked` vouches for figures that would else be suspected of another unit."""
 
     kind: str
@@ -60,23 +64,32 @@ class FlightTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True
     vehicle: dict[str, Any] | None = None
 
 
-def flight_from_table(data: dict[str, Any], *, where: str) -> FlightSpec:
+def read_spec(path: Path) -> QuadrotorSpec:
+    """The vehicle in a TOML file. Errors as `spec_from_table`, and for a file that cannot be read."""
+    return spec_from_table(decoded(read_text(path, "robot file"), path.name), where=path.name)
+
+
+def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
     """The vehicle described by a decoded TOML table, checked.
 
     Raises:
         UsageError: unknown or missing key, an impossible limit, a figure that looks like another unit.
     """
+    if data.get("kind") not in KINDS:
+        raise UsageError(
+            f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
+        )
     try:
-        table = msgspec.convert(data, FlightTable)
+        table = msgspec.convert(data, QuadrotorTable)
         vehicle = None if table.vehicle is None else msgspec.convert(table.vehicle, Vehicle)
     except msgspec.ValidationError as problem:
-        named = ", ".join(field.name for field in msgspec.structs.fields(FlightTable))
+        named = ", ".join(field.name for field in msgspec.structs.fields(QuadrotorTable))
         raise UsageError(
             f"this describes no vehicle: {problem}", where=where, next_step=f"The keys are {named}."
         ) from None
     if table.vehicle is not None:
         _refuse_unknown(table.vehicle, where)
-    spec = FlightSpec(
+    spec = QuadrotorSpec(
         name=table.name,
         lower=table.lower,
         upper=table.upper,
@@ -94,7 +107,7 @@ def flight_from_table(data: dict[str, Any], *, where: str) -> FlightSpec:
         vehicle=vehicle,
         plant=table.plant,
     )
-    check_flight_spec(spec, where=where)
+    check_spec(spec, where=where)
     suspicion = unit_suspicion(spec)
     if suspicion and not table.units_checked:
         raise UsageError(
@@ -114,7 +127,7 @@ def _refuse_unknown(table: dict[str, Any], where: str) -> None:
             )
 
 
-def check_flight_spec(spec: FlightSpec, *, where: str = "") -> None:
+def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
     """UsageError naming what is impossible: a limit, an empty room, a vehicle that cannot lift itself."""
     numbers = {
         "rate": spec.rate,
@@ -158,7 +171,7 @@ def _vehicle_numbers(vehicle: Vehicle) -> dict[str, float]:
     return {**plain, **{f"inertia {axis}": value for axis, value in zip("xyz", vehicle.inertia, strict=True)}}
 
 
-def _check_room(spec: FlightSpec, where: str) -> None:
+def _check_room(spec: QuadrotorSpec, where: str) -> None:
     for axis, low, high, margin in zip("xyz", spec.lower, spec.upper, spec.margins, strict=True):
         _check_order(f"{axis} of the box", low, high, where)
         if high - low <= 2.0 * margin:
@@ -182,7 +195,7 @@ def _check_order(name: str, low: float, high: float, where: str) -> None:
         )
 
 
-def unit_suspicion(spec: FlightSpec) -> str:
+def unit_suspicion(spec: QuadrotorSpec) -> str:
     """A sentence if a figure looks like degrees, millimetres, grams or millivolts, else an empty string."""
     if spec.tilt is not None and spec.tilt > 0.5 * math.pi:
         return f"a tilt of {spec.tilt:g} looks like degrees, not radians"
@@ -198,10 +211,10 @@ def unit_suspicion(spec: FlightSpec) -> str:
     return ""
 
 
-def flight_to_toml(spec: FlightSpec) -> str:
+def spec_to_toml(spec: QuadrotorSpec) -> str:
     """TOML text that reads back to the same spec."""
     vehicle = None if spec.vehicle is None else msgspec.to_builtins(spec.vehicle)
-    table = FlightTable(
+    table = QuadrotorTable(
         kind=KIND,
         name=spec.name,
         commands=spec.command_names,

@@ -9,17 +9,16 @@ state, and in slow flight the term is about a thousandth of a volt. Nothing here
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.physics.map_fit import map_fit
-from etude.robots.vehicle import GRAVITY, Vehicle
-from etude.trajectories.flight.states import FlightStates
-
-Array = NDArray[np.float64]
+from etude.contracts import Array, Code, Log, Mask
+from etude.robots.quadrotor.physics.hover import hovering
+from etude.robots.quadrotor.physics.map_fit import map_fit
+from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
 
 COEFFICIENTS = (
     "drag_lateral",
@@ -51,34 +50,48 @@ NEAR, FAR = 1.5, 5.0
 exponentials, whatever the vehicle's true curve."""
 
 
-class FlightPhysics(Protocol):
-    """An inverse model without a process."""
-
-    def predict(self, states: FlightStates) -> Array:
-        """Commands (T, 4)."""
-        ...
-
-
 @dataclass(frozen=True)
 class VehicleInverse:
-    """Voltages of a vehicle whose constants are known, corrected by `coefficients`.
+    """Voltages of a vehicle whose constants are known, corrected by `coefficients`. A `contracts.Mean`.
 
     Attributes:
         vehicle: nominal body and motors.
         coefficients: (13,) in the order of `COEFFICIENTS`; zero for the nominal model.
+        deviation: (13,) of the coefficients, infinite where data do not tell; None for the nominal model.
     """
 
     vehicle: Vehicle
     coefficients: Array
+    deviation: Array | None = None
 
-    def predict(self, states: FlightStates) -> Array:
-        """Voltages (T, 4); terms of a velocity or altitude that the states lack drop out."""
-        return self.linearised(states)[0]
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """Identified coefficients and their deviations; none for the nominal model."""
+        if self.deviation is None:
+            return {}
+        pairs = zip(self.coefficients.tolist(), self.deviation.tolist(), strict=True)
+        return dict(zip(COEFFICIENTS, pairs, strict=True))
 
-    def linearised(self, states: FlightStates) -> tuple[Array, Array]:
+    def arrays(self) -> Mapping[str, Array]:
+        """What it was identified to be."""
+        stored = {"coefficients": self.coefficients}
+        return stored if self.deviation is None else stored | {"deviation": self.deviation}
+
+    def predict(self, log: Log) -> Array:
+        """Voltages (T, 4); terms of a velocity or altitude that the log lacks drop out."""
+        return self.linearised(log)[0]
+
+    def static(self, log: Log) -> Array:
+        """Voltages (T, 4) that would hold the vehicle where it is."""
+        return self.predict(hovering(log))
+
+    def c(self, name: str) -> Code | None:  # noqa: ARG002
+        """None: not written yet."""
+        return None
+
+    def linearised(self, log: Log) -> tuple[Array, Array]:
         """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""
         vehicle, theta = self.vehicle, self.coefficients
-        load, change = load_terms(vehicle, states)
+        load, change = load_terms(vehicle, log)
         inverse = np.linalg.inv(vehicle.allocation())
         squared = (load + change @ theta) @ inverse.T
         speed = np.sqrt(np.maximum(squared, 0.0))
@@ -99,42 +112,42 @@ def nominal_inverse(vehicle: Vehicle) -> VehicleInverse:
     return VehicleInverse(vehicle, np.zeros(len(COEFFICIENTS)))
 
 
-def analytic_command(vehicle: Vehicle, states: FlightStates) -> Array:
-    """Voltages (T, 4) of the nominal model; a rotor that would have to pull down gets 0 V (`unreachable`)."""
-    return nominal_inverse(vehicle).predict(states)
-
-
-def unreachable(vehicle: Vehicle, states: FlightStates) -> NDArray[np.bool_]:
+def unreachable(vehicle: Vehicle, log: Log) -> NDArray[np.bool_]:
     """(T,) samples whose thrust and moments ask a negative W² of some rotor; its voltage is then set to 0."""
-    load, _ = load_terms(vehicle, states)
+    load, _ = load_terms(vehicle, log)
     return np.asarray((load @ np.linalg.inv(vehicle.allocation()).T < 0.0).any(axis=1))
 
 
 def identify_vehicle(
-    vehicle: Vehicle, states: FlightStates, command: Array, weight: float = 0.2, *, trims: bool = True
+    vehicle: Vehicle,
+    log: Log,
+    weight: float = 0.2,
+    *,
+    trims: bool = True,
+    use: Mask | None = None,
 ) -> VehicleInverse:
-    """The coefficients (MAP least squares) that explain voltages (T, 4).
+    """The coefficients (MAP least squares) that explain the voltages in a log.
 
     Free gains let least squares shrink what noisy accelerations say. A coefficient without data stays 0.
 
     Args:
         weight: votes of one sample against the prior: neighbours within a correlation time share one.
         trims: whether each motor has a constant of its own.
+        use: (T, 4) which voltages say something; None: all.
 
     Raises:
         DataError: NaN in states or command, or no sample.
     """
-
     free = len(COEFFICIENTS) if trims else TRIM
 
-    def padded(theta: Array) -> VehicleInverse:
-        return VehicleInverse(vehicle, np.append(theta, np.zeros(len(COEFFICIENTS) - free)))
+    none = np.zeros(len(COEFFICIENTS) - free)
 
     def linearised(theta: Array) -> tuple[Array, Array]:
-        voltage, jacobian = padded(theta).linearised(states)
+        voltage, jacobian = VehicleInverse(vehicle, np.append(theta, none)).linearised(log)
         return voltage, jacobian[:, :, :free]
 
-    return padded(map_fit(linearised, command, prior_deviation(vehicle)[:free], weight))
+    theta, left = map_fit(linearised, log["command"], prior_deviation(vehicle)[:free], weight, use)
+    return VehicleInverse(vehicle, np.append(theta, none), np.append(left, none + np.inf))
 
 
 def prior_deviation(vehicle: Vehicle) -> Array:
@@ -144,19 +157,20 @@ def prior_deviation(vehicle: Vehicle) -> Array:
     return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * 4])
 
 
-def load_terms(vehicle: Vehicle, states: FlightStates) -> tuple[Array, Array]:
+def load_terms(vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
     """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 13) in the coefficients."""
     inertia = np.array(vehicle.inertia)
-    lift = vehicle.mass * states.specific_force[:, 2]
+    lift, rates = vehicle.mass * log["specific_force"][:, 2], log["rates"]
     # Euler's equation in the body frame
-    moments = inertia * states.angular_acceleration + np.cross(states.rates, inertia * states.rates)
+    moments = inertia * log["angular_acceleration"] + np.cross(rates, inertia * rates)
     change = np.zeros((len(lift), 4, len(COEFFICIENTS)))
-    if states.velocity is not None:
+    velocity, altitude = log.get("body_velocity"), log.get("altitude")
+    if velocity is not None:
         # drag -D v at height h above the centre turns it by h D (v_y, -v_x), which the rotors hold
-        change[:, 1, 0], change[:, 2, 0] = -states.velocity[:, 1], states.velocity[:, 0]
-        change[:, 0, 1] = states.velocity[:, 2]
-    if states.altitude is not None:
-        height = np.maximum(states.altitude, 0.0) / vehicle.arm
+        change[:, 1, 0], change[:, 2, 0] = -velocity[:, 1], velocity[:, 0]
+        change[:, 0, 1] = velocity[:, 2]
+    if altitude is not None:
+        height = np.maximum(altitude[:, 0], 0.0) / vehicle.arm
         change[:, 0, 2], change[:, 0, 3] = -lift * np.exp(-height / NEAR), -lift * np.exp(-height / FAR)
     change[:, 0, 5] = lift - vehicle.mass * GRAVITY
     for axis in range(3):

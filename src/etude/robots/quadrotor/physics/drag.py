@@ -7,20 +7,22 @@ at 10 m/s and 0.5 1/s. The acceleration is no input: its noise is in the output 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Index, Samples
 from etude.errors import DataError
-from etude.models.flight.dataset import FlightDataset
-from etude.models.gp.exact import ExactPosterior
-
-Array = NDArray[np.float64]
+from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.models.gp.kernels import SquaredExponential
 
 LATERAL = 2
 """Outputs: x and y."""
 POINTS, FIT_POINTS, STEPS = 600, 200, 40
+KERNEL = SquaredExponential((0, 1, 2))
+PROCESS = ("theta", "noise_variance", "X", "y")
+"""What makes a process of the residual."""
 FLOOR = 0.1
 """Least noise deviation, of the residual's own."""
 
@@ -55,8 +57,30 @@ class DragModel:
                 variance[:, j] = latent + posterior.noise_variance
         return mean, variance
 
+    def arrays(self) -> Mapping[str, Array]:
+        """All that `restored` takes to make it again, bit for bit."""
+        found = {"linear": self.linear, "noise": self.noise}
+        for j, posterior in enumerate(self.residual):
+            if posterior is not None:
+                found |= {f"{j}.{name}": np.asarray(getattr(posterior, name)) for name in PROCESS}
+        return found
 
-def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
+    @classmethod
+    def restored(cls, arrays: Mapping[str, Array]) -> DragModel:
+        """The model whose `arrays()` these are."""
+        x, y = (_again(arrays, f"{j}.") for j in range(LATERAL))
+        return cls(arrays["linear"], (x, y), arrays["noise"])
+
+
+def _again(arrays: Mapping[str, Array], prefix: str) -> ExactPosterior | None:
+    """The process that was stored with that prefix, if there was one."""
+    if f"{prefix}X" not in arrays:
+        return None
+    theta, noise, X, y = (arrays[prefix + name] for name in PROCESS)
+    return posterior_given(KERNEL, theta, float(noise), X, y)
+
+
+def train_drag(samples: Samples, *, process: bool = True) -> DragModel:
     """The drag that flights show; a process only where flights held out are predicted better with it.
 
     Args:
@@ -65,14 +89,14 @@ def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
     Raises:
         DataError: the flights do not say their velocity.
     """
-    velocity, force = _inputs(dataset)
-    line, flights = _fitted(velocity, force, (False, False)), dataset.flights
+    velocity, force = _inputs(samples)
+    line, flights = _fitted(velocity, force, (False, False)), np.unique(samples.group)
     if not process or len(flights) < 2:
         return line
     model = _fitted(velocity, force, (True, True))
     errors = np.zeros((2, LATERAL))
     for number in flights:
-        own = dataset.group == number
+        own = samples.group == number
         for k, both in enumerate(((False, False), (True, True))):
             part = _fitted(velocity[~own], force[~own], both)
             errors[k] += np.abs(force[own] - part.predict(velocity[own])[0]).sum(axis=0)
@@ -81,13 +105,14 @@ def train_drag(dataset: FlightDataset, *, process: bool = True) -> DragModel:
     return DragModel(model.linear, (kept[0], kept[1]), np.where(better, model.noise, line.noise))
 
 
-def _inputs(dataset: FlightDataset) -> tuple[Array, Array]:
-    if dataset.states.velocity is None:
+def _inputs(samples: Samples) -> tuple[Array, Array]:
+    velocity = samples.log.get("body_velocity")
+    if velocity is None:
         raise DataError(
             "the flights do not say their velocity, so drag cannot be learned",
             next_step="Log position and attitude, or the velocity.",
         )
-    return dataset.states.velocity, dataset.states.specific_force[:, :LATERAL]
+    return velocity, samples.log["specific_force"][:, :LATERAL]
 
 
 def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> DragModel:
@@ -104,15 +129,12 @@ def _fitted(velocity: Array, force: Array, processes: tuple[bool, bool]) -> Drag
 
 def _process(velocity: Array, left: Array) -> ExactPosterior:
     """A squared exponential in the velocity, trained on a part of the samples, evenly spread."""
-    from etude.models.gp.kernels import SquaredExponential
     from etude.models.gp.training import fit, initial_gp
 
     chosen, kept = _spread(len(left), FIT_POINTS), _spread(len(left), POINTS)
-    start = initial_gp(
-        SquaredExponential((0, 1, 2)), velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std())
-    )
+    start = initial_gp(KERNEL, velocity[chosen], left[chosen], noise_floor=FLOOR * float(left.std()))
     return fit(start, velocity[chosen], left[chosen], steps=STEPS).condition(velocity[kept], left[kept])
 
 
-def _spread(count: int, most: int) -> NDArray[np.int64]:
+def _spread(count: int, most: int) -> Index:
     return np.arange(min(count, most)) * count // min(count, most)

@@ -6,48 +6,48 @@ a = -g z + c z_B - R D R' v, D = diag(dx, dy, dz) in 1/s. The heading is zero.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Motion
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight.jets import Jet, Values, dot, unit
-from etude.trajectories.flight.motion import FlightMotion
-from etude.trajectories.flight.states import FlightStates
+from etude.robots.quadrotor.jets import Jet, Values, dot, unit
+from etude.robots.quadrotor.vehicle import GRAVITY
 
-Array = NDArray[np.float64]
 Drag = tuple[float, float, float]
 
+ORDERS = 5
+"""Position, velocity, acceleration, jerk and snap."""
 LEAST_LIFT = 0.3
 """Part of g that thrust, and its vertical part, may not fall below: the attitude is then well defined."""
 LEAST_ANGLE = 0.1
 """Sine of the least angle between a + g z + dx v and the body's left axis of zero heading."""
 STEP = 1e-30
 """Of the complex step: so small that the derivative is exact to rounding."""
-VECTORS = ("specific_force", "rates", "angular_acceleration", "velocity", "acceleration")
-"""The fields of FlightStates that depend on more than the altitude, in the order of `_body`."""
+VECTORS = ("specific_force", "rates", "angular_acceleration", "body_velocity", "body_acceleration")
+"""The states that depend on more than the altitude, in the order of `_body`."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FlatMotion:
     """What the vehicle must do to fly a motion.
 
     Attributes:
-        motion: of its centre.
+        motion: of its centre, orders (O, T, 3) with O >= 5.
         drag: (dx, dy, dz) 1/s, drag force per mass and speed along the body's axes.
         R_world_body: (T, 3, 3) columns x_B, y_B, z_B in the world frame.
         thrust: (T,) c, thrust per mass, m/s^2.
-        states: what a model looks at; altitude is the position's z.
+        states: what a model looks at, by channel: (T, 3) each, the altitude (T, 1).
     """
 
-    motion: FlightMotion
+    motion: Motion
     drag: Drag
     R_world_body: Array
     thrust: Array
-    states: FlightStates
+    states: Mapping[str, Array]
 
     @cached_property
     def jacobian(self) -> Array:
@@ -64,38 +64,40 @@ class FlatMotion:
         found[9:, 6:9] = found[6:9, 3:6]
         return found
 
-    def pullback(self, gradient: FlightStates) -> tuple[Array, ...]:
-        """Gradients (T, 3) in position, velocity, acceleration, jerk and snap of a function of the states.
+    def pull(self, gradient: Mapping[str, Array]) -> Array:
+        """(O, T, 3) gradient in the motion of a function of the states.
 
         Args:
-            gradient: its derivative in each field of `states`, shaped like it; None counts as 0.
+            gradient: its derivative in the states by channel, shaped like them; one that is missing is 0.
         """
-        length = len(self.thrust)
-        none = np.zeros((length, 3))
-        in_position = np.zeros((length, 3))
-        if gradient.altitude is not None:
-            in_position[:, 2] = gradient.altitude
-        parts = [getattr(gradient, name) for name in VECTORS]
-        weights = np.concatenate([none.T if part is None else part.T for part in parts])
+        out = np.zeros(self.motion.orders.shape)
+        if "altitude" in gradient:
+            out[0, :, 2] = gradient["altitude"][:, 0]
+        none = np.zeros((3, len(self.thrust)))
+        weights = np.concatenate([gradient[name].T if name in gradient else none for name in VECTORS])
         pulled = np.einsum("iot,ot->it", self.jacobian, weights)
-        return in_position, *(pulled[3 * k : 3 * k + 3].T for k in range(4))
+        out[1:ORDERS] = pulled.reshape(ORDERS - 1, 3, -1).swapaxes(1, 2)
+        return out
 
 
-def flat_motion(motion: FlightMotion, drag: Drag = (0.0, 0.0, 0.0), *, check: bool = True) -> FlatMotion:
+def flat_motion(motion: Motion, drag: Drag = (0.0, 0.0, 0.0), *, check: bool = True) -> FlatMotion:
     """Attitude, thrust and states along a motion.
 
     Args:
-        motion: T samples.
+        motion: T samples of x, y, z with five orders or more.
         drag: (dx, dy, dz) 1/s; zeros for the thesis's drag-free attitude.
         check: refuse singular samples; False inside a search whose limits exclude them.
 
     Raises:
         UnsafeTrajectoryError: a sample without thrust direction, with a + g z + dx v along the body's left
             axis, or with less than 0.3 g of thrust or lift; it names the time and the value.
-        UsageError: drag that is not three finite numbers >= 0.
+        UsageError: another number of axes or orders; drag that is not three finite numbers >= 0.
     """
     if len(drag) != 3 or not all(np.isfinite(d) and d >= 0.0 for d in drag):
         raise UsageError(f"drag must be three finite numbers >= 0 in 1/s, not {drag}")
+    if motion.orders.shape[0] < ORDERS or motion.orders.shape[2] != 3:
+        orders, _, axes = motion.orders.shape
+        raise UsageError(f"a flight needs 3 axes and {ORDERS} orders of its motion, not {axes} and {orders}")
     inputs = _stacked(motion)
     if check:
         _check_direction(motion, drag)
@@ -104,15 +106,23 @@ def flat_motion(motion: FlightMotion, drag: Drag = (0.0, 0.0, 0.0), *, check: bo
         _refuse_below(motion.t, thrust, LEAST_LIFT * GRAVITY, "the thrust per mass is {value:.3g} m/s^2")
     # axes[k] holds the components of the k-th body axis: columns of R
     R_world_body = np.moveaxis(np.stack([np.stack(axis) for axis in axes]), (0, 1, 2), (2, 1, 0))
-    columns = [np.ascontiguousarray(np.stack(body[3 * k : 3 * k + 3], axis=-1)) for k in range(len(VECTORS))]
-    states = FlightStates(motion.position[:, 2].copy(), *columns)
+    states = {"altitude": motion.orders[0, :, 2:].copy()}
+    for k, name in enumerate(VECTORS):
+        states[name] = np.ascontiguousarray(np.stack(body[3 * k : 3 * k + 3], axis=-1))
     return FlatMotion(motion, drag, np.ascontiguousarray(R_world_body), np.asarray(thrust), states)
 
 
-def _stacked(motion: FlightMotion) -> Array:
+def roll_pitch_yaw(R_world_body: Array) -> Array:
+    """(T, 3) angles z-y'-x'' of rotations (T, 3, 3), rad."""
+    R = R_world_body
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+    pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 2, 1], R[:, 2, 2]))
+    return np.column_stack([roll, pitch, np.arctan2(R[:, 1, 0], R[:, 0, 0])])
+
+
+def _stacked(motion: Motion) -> Array:
     """(12, T) components of velocity, acceleration, jerk and snap."""
-    parts = (motion.velocity, motion.acceleration, motion.jerk, motion.snap)
-    return np.ascontiguousarray(np.concatenate([part.T for part in parts]))
+    return np.ascontiguousarray(motion.orders[1:ORDERS].swapaxes(1, 2).reshape(12, -1))
 
 
 def _body(inputs: Values, drag: Drag) -> tuple[list[tuple[Values, ...]], Values, list[Values]]:
@@ -153,12 +163,12 @@ def _pushed(a: tuple[Jet, ...], v: tuple[Jet, ...], drag: float) -> tuple[Jet, J
     return parts[0], parts[1], Jet(parts[2].value + GRAVITY, parts[2].first, parts[2].second)
 
 
-def _check_direction(motion: FlightMotion, drag: Drag) -> None:
+def _check_direction(motion: Motion, drag: Drag) -> None:
     """Refuses samples at which the attitude is not defined, or nearly so."""
     least = LEAST_LIFT * GRAVITY
     up = np.array([0.0, 0.0, GRAVITY])
     for d in drag[:2]:
-        force = motion.acceleration + up + d * motion.velocity
+        force = motion.orders[2] + up + d * motion.orders[1]
         size = np.linalg.norm(force, axis=1)
         _refuse_below(
             motion.t, size, 1e-3 * least, "a + g z + d v is {value:.3g} m/s^2: thrust has no direction"

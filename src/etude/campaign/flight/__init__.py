@@ -1,1 +1,0 @@
-"""What is different in a flying campaign."""

@@ -1,1 +1,0 @@
-"""Simulated quadrotors: rigid body, four motors with electrics, aerodynamics, cascaded control."""

@@ -1,0 +1,1 @@
+"""Vehicles with four rotors: what they are, how they fly and what a model of them looks at."""

@@ -1,0 +1,60 @@
+"""Which flights may be proposed, thesis (3.3): Fourier series of one base frequency, without a phase ramp."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from etude.errors import UsageError
+from etude.trajectories.family import FourierConfig, FourierFamily
+
+SAMPLES = 24
+"""Per degree, of the feasible set's grid; it gives away 0.9 % of the linear limits."""
+
+
+@dataclass(frozen=True)
+class FlightConfig:
+    """Fourier flights: x and y without a constant term, z with one (thesis (3.3)).
+
+    Attributes:
+        harmonics: N; at least 2 with `rest`.
+        duration: s.
+        omega0: rad/s; None for 2 pi/duration, one period.
+        start: how the vehicle begins: "hover", at rest at the first position, so that the plan's first
+            velocity is a step (the thesis); or "moving", with the plan's velocity. The plan is the same.
+        rest: whether the plan itself starts and ends at rest (two equalities per axis, whole periods).
+        free_centre: whether x and y have a constant term too, which the limits then bound.
+        centre: constant terms of x and y where they are not free, m.
+
+    Raises:
+        UsageError: values out of range, or rest without a whole number of periods.
+    """
+
+    harmonics: int = 2
+    duration: float = 30.0
+    omega0: float | None = None
+    start: Literal["hover", "moving"] = "hover"
+    rest: bool = False
+    free_centre: bool = False
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.start not in ("hover", "moving"):
+            raise UsageError(f"a flight starts in 'hover' or 'moving', not {self.start!r}")
+        if not all(math.isfinite(c) for c in self.centre):
+            raise UsageError(f"the centre must be two finite numbers in m, not {self.centre}")
+        _ = self.series  # refuses what makes no series
+
+    @property
+    def series(self) -> FourierConfig:
+        """The same as numbers of a Fourier family."""
+        rest: Literal["nullspace", "none"] = "nullspace" if self.rest else "none"
+        return FourierConfig(self.harmonics, self.duration, self.omega0, rest)
+
+
+def flight_family(config: FlightConfig) -> FourierFamily:
+    """The family of x, y and z."""
+    free = config.free_centre
+    constants = (None if free else config.centre[0], None if free else config.centre[1], None)
+    return FourierFamily.of(config.series, 3, constants, SAMPLES)

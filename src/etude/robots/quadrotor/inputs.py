@@ -1,0 +1,220 @@
+"""The inputs of a vehicle's model: one map from states to X, for planned and measured motion alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from etude.contracts import Array, Code, Column, Index, Log, Motion, Planned, Row, Samples
+from etude.errors import DataError, UsageError
+from etude.robots.quadrotor.channels import PLANNED, STATES
+from etude.robots.quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion, roll_pitch_yaw
+
+if TYPE_CHECKING:
+    from etude.robots.quadrotor.physics.drag import DragModel
+
+Acceleration = Literal["specific_force", "kinematic"]
+
+SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
+CHANNELS = {channel.name: channel for channel in STATES}
+OPTIONAL = ("altitude", "body_velocity")
+"""Channels that a model can do without, by the options of their name."""
+COMMANDS = 4
+
+
+@dataclass(frozen=True)
+class QuadrotorInputs:
+    """x = [altitude, acceleration (3), rates (3), angular acceleration (3), body velocity (3)].
+
+    Thesis 5 has (h, a, omega, alpha) with a of the motion alone, which does not tell the attitude. The
+    specific force does without it, and the velocity tells the drag. Implements `contracts.Inputs`.
+
+    Attributes:
+        altitude: whether the altitude is an input.
+        acceleration: "specific_force", what an accelerometer reads; "kinematic", without gravity.
+        body_velocity: whether the velocity is an input.
+        drag: (dx, dy, dz) 1/s that plans lean against; learned by `tuned`.
+        left_out: inputs that were asked for and that not every flight tells, found by `tuned`.
+        lateral: the drag in full, for feedforward; None where no flight tells the velocity.
+        seen: (2, D) lowest and highest of each input in the flights that it was tuned by; None before.
+        flights: how many these were.
+    """
+
+    altitude: bool = True
+    acceleration: Acceleration = "specific_force"
+    body_velocity: bool = True
+    drag: Drag = (0.0, 0.0, 0.0)
+    left_out: tuple[str, ...] = ()
+    lateral: DragModel | None = field(default=None, compare=False, repr=False)
+    seen: Array | None = field(default=None, compare=False, repr=False)
+    flights: int = 0
+
+    def __post_init__(self) -> None:
+        if self.acceleration not in SOURCES:
+            raise UsageError(f"acceleration must be one of {', '.join(SOURCES)}, not {self.acceleration!r}")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the channels in the order of the columns."""
+        first = ("altitude",) if self.altitude else ()
+        last = ("body_velocity",) if self.body_velocity else ()
+        return (*first, SOURCES[self.acceleration], "rates", "angular_acceleration", *last)
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        """D inputs: 9, 10, 12 or 13."""
+        channels = [CHANNELS[name] for name in self.parts]
+        return [
+            (c.name, part, unit, "") for c in channels for part, unit in zip(c.parts, c.units, strict=True)
+        ]
+
+    @property
+    def orders(self) -> int:
+        """Up to snap."""
+        return ORDERS
+
+    @property
+    def rate(self) -> float:
+        """0: nothing is remembered."""
+        return 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence if inputs that were asked for are missing."""
+        if not self.left_out:
+            return ()
+        names = " and ".join(name.replace("_", " ") for name in self.left_out)
+        return (f"Not every flight tells its {names}; the model does without.",)
+
+    def states(self, motion: Motion) -> Log:
+        """What a perfect flight of the plan leaves: states, position, and what an autopilot is told.
+
+        Attitude, rates and thrust are those of a vehicle with `drag`, heading 0.
+
+        Raises:
+            UnsafeTrajectoryError: the plan is singular (see `flat_motion`).
+        """
+        flat = flat_motion(motion, self.drag)
+        log = Log(motion.t, {}, {}, "planned")
+        for channel in STATES:
+            log = log.put(channel, flat.states[channel.name])
+        for channel, values in zip(PLANNED, _planned(flat), strict=True):
+            log = log.put(channel, values)
+        return log
+
+    def of_log(self, log: Log) -> Array:
+        """X (T, D). DataError if the log lacks an input, with the option that does without it."""
+        for name in self.parts:
+            if name not in log:
+                fact = f"the flight does not say its {name.replace('_', ' ')}"
+                raise DataError(fact, where=log.source, next_step=WITHOUT.get(name, f"Log the {name}."))
+        return self._stacked(log.values)
+
+    def _stacked(self, states: Mapping[str, Array]) -> Array:
+        return np.concatenate([states[name] for name in self.parts], axis=1)
+
+    def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
+        """X (K, D) at the instants `keep`, gains of one, and the exact way back through flatness.
+
+        Singular samples are not refused here: the limits of a search exclude them.
+        """
+        kept = motion if keep is None else Motion(motion.t[keep], motion.orders[:, keep])
+        flat = flat_motion(kept, self.drag, check=False)
+
+        def pull(in_X: Array, in_gains: Array) -> Array:  # noqa: ARG001  # gains are constant
+            own = flat.pull(self._split(in_X))
+            if keep is None:
+                return own
+            whole = np.zeros(motion.orders.shape)
+            np.add.at(whole.swapaxes(0, 1), keep, own.swapaxes(0, 1))
+            return whole
+
+        return Planned(self._stacked(flat.states), np.ones((len(kept.t), COMMANDS)), pull)
+
+    def _split(self, in_X: Array) -> dict[str, Array]:
+        """A gradient (K, D) by channel."""
+        widths = [len(CHANNELS[name].parts) for name in self.parts]
+        if in_X.shape[1] != sum(widths):
+            raise UsageError(
+                "a gradient in X has a column for each input", where=f"{in_X.shape}, {sum(widths)}"
+            )
+        return dict(zip(self.parts, np.split(in_X, np.cumsum(widths)[:-1], axis=1), strict=True))
+
+    def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002
+        """x (D,) of one instant; there is nothing to remember."""
+        return np.concatenate([row[name] for name in self.parts]), np.zeros(0)
+
+    def rates(self, motion: Motion) -> tuple[Array, Array] | None:  # noqa: ARG002
+        """None: not told."""
+        return None
+
+    def tuned(self, samples: Samples) -> QuadrotorInputs:
+        """With the drag that the flights show, and without the inputs that not every flight tells."""
+        from etude.robots.quadrotor.physics.drag import train_drag
+
+        missing = [name for name in OPTIONAL if getattr(self, name) and name not in samples.log]
+        lateral = train_drag(samples) if "body_velocity" in samples.log else None
+        own = replace(
+            self,
+            altitude=self.altitude and "altitude" not in missing,
+            body_velocity=self.body_velocity and "body_velocity" not in missing,
+            left_out=tuple(dict.fromkeys([*self.left_out, *missing])),
+            drag=(0.0, 0.0, 0.0) if lateral is None else lateral.coefficients,
+            lateral=lateral,
+            flights=len(np.unique(samples.group)),
+        )
+        X = own.of_log(samples.log)
+        return replace(own, seen=np.stack([X.min(axis=0), X.max(axis=0)]))
+
+    def arrays(self) -> Mapping[str, Array]:
+        """What `tuned` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag, ranges."""
+        found = {
+            "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
+            "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
+            "drag": np.array(self.drag),
+            "flights": np.array(float(self.flights)),
+        }
+        if self.seen is not None:
+            found["seen"] = self.seen
+        if self.lateral is not None:
+            found |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
+        return found
+
+    def restore(self, arrays: Mapping[str, Array]) -> QuadrotorInputs:
+        """The same inputs with what `arrays` of tuned ones tell."""
+        from etude.robots.quadrotor.physics.drag import DragModel
+
+        dx, dy, dz = arrays["drag"].tolist()
+        altitude, body_velocity = arrays["inputs"].astype(bool).tolist()
+        pairs = zip(OPTIONAL, arrays["left_out"], strict=True)
+        lateral = {n.removeprefix("lateral."): v for n, v in arrays.items() if n.startswith("lateral.")}
+        return replace(
+            self,
+            altitude=altitude,
+            body_velocity=body_velocity,
+            left_out=tuple(name for name, out in pairs if out),
+            drag=(dx, dy, dz),
+            lateral=DragModel.restored(lateral) if lateral else None,
+            seen=arrays.get("seen"),
+            flights=int(arrays["flights"]),
+        )
+
+    def c(self, name: str) -> Code | None:  # noqa: ARG002
+        """None: not written yet."""
+        return None
+
+
+def _planned(flat: FlatMotion) -> tuple[Array, ...]:
+    """The values of `PLANNED`."""
+    position, velocity, acceleration = flat.motion.orders[:3]
+    return position, velocity, acceleration, roll_pitch_yaw(flat.R_world_body), flat.thrust[:, None]
+
+
+WITHOUT = {
+    "altitude": "Set altitude = false.",
+    "body_velocity": "Set body_velocity = false.",
+    "body_acceleration": 'Set acceleration = "specific_force".',
+}

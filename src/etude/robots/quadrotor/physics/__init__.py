@@ -1,0 +1,1 @@
+"""Inverse models of a vehicle from its physics, and its drag."""

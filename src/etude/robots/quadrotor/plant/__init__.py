@@ -1,0 +1,1 @@
+"""Simulated vehicles, with their controllers."""
