@@ -1,4 +1,4 @@
-"""A small arm and a vehicle, models that have learned some motions of them, and derivatives by differences."""
+"""A small arm and a vehicle, models that have learned some of their motions, and derivatives by differences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regresso
 from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.rigid_body import RigidBodyModel
 from etude.robots.arm.physics.transmission import joint_drives
-from etude.robots.arm.spec import Axis, ArmSpec
+from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.quadrotor.inputs import QuadrotorInputs
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import PointToPoint
@@ -167,7 +167,7 @@ def flight_model(inputs: QuadrotorInputs | None = None, points: int = 40, *, sha
     kernel = SquaredExponential(tuple(range(X.shape[1])))
     made = []
     for j in range(1 if shared else 4):
-        theta = kernel.initial((2.0 + j) * np.maximum(np.ptp(X, axis=0), 0.1), 1.0 + j)
+        theta = kernel.initial((0.5 + j) * np.maximum(np.ptp(X, axis=0), 0.1), 1.0 + j)
         y = np.sin(X[:, j]) - np.sin(X[:, j]).mean()
         posterior = ExactGP(kernel, theta, np.log(0.2)).condition(X, y)
         factor = [0.5, 1.0, 2.0, 4.0] if shared else 0.5 * 2.0**j

@@ -2,7 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from design_examples import arm_inputs, arm_point, arm_family, flight_family, flight_inputs, flight_point, moves
+from design_examples import (
+    arm_family,
+    arm_inputs,
+    arm_point,
+    flight_family,
+    flight_inputs,
+    flight_point,
+    moves,
+)
 
 from etude.design.reference import reference_states
 from etude.errors import UsageError
