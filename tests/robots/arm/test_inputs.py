@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from etude.models.features import FeatureMap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.models.features import FeatureMap
 
 
 def test_layout_is_position_velocity_acceleration_friction() -> None:

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from etude.models.preprocess import PRESETS, DataConfig, build_dataset, duration, preset
+from etude.robots.spec import Axis, RobotSpec
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.logs.log import RobotLog
 from etude.models.dataset import concatenate
-from etude.models.preprocess import PRESETS, DataConfig, build_dataset, duration, preset
-from etude.robots.spec import Axis, RobotSpec
 
 Array = NDArray[np.float64]
 SPEC = RobotSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import msgspec
 import pytest
+from etude.robots.toml_file import load_robot, parse_robot, robot_to_toml
 
 from etude.errors import UsageError
 from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
 from etude.robots.flight_file import flight_from_table, flight_to_toml
-from etude.robots.toml_file import load_robot, parse_robot, robot_to_toml
 
 
 @pytest.fixture

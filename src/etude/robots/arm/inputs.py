@@ -130,6 +130,14 @@ class ArmInputs:
         speed = np.abs(samples.log[self.names[1]])
         return replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
 
+    def arrays(self) -> dict[str, Array]:
+        """What `tuned` has set, to be stored with a model."""
+        return {"stick_velocity": self.stick_velocity}
+
+    def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
+        """The same inputs with what `arrays` holds."""
+        return replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
+
     def c(self, name: str) -> Code | None:  # noqa: ARG002
         return None
 

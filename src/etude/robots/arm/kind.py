@@ -148,7 +148,7 @@ class ArmKind:
         """The simulated stand-in that the robot file names; None if it names none."""
         if spec.plant is None:
             return None
-        from etude.robots.arm.plant.registry import simulated_robot
+        from etude.robots.arm.plant.robot import simulated_robot
 
         return simulated_robot(spec.plant, spec)
 
@@ -166,10 +166,10 @@ class ArmKind:
 
         return {"pd": None, "perfect": PerfectController(robot)}
 
-    def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:
+    def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
         from etude.robots.arm.controller import ModelController
 
-        return ModelController(model, spec, self.physics(spec, config))
+        return ModelController(model, spec)
 
 
 KIND = ArmKind()

@@ -13,20 +13,23 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
+from etude.contracts import Array, Index, Log, Samples, joined_samples
 from etude.errors import DataError, UsageError
-from etude.logs.derivatives import (
+from etude.logs.steps import (
     auto_cutoff,
+    duration,
+    longest_stretch,
     median_rate,
     resample,
     segments,
+    slower,
     smooth,
+    thinned,
     uniform_grid,
 )
 from etude.robots.arm.spec import COMMAND, PATH, PLAN, ArmSpec
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
-GOLDEN = (math.sqrt(5) - 1) / 2
 LEAST_ROWS = 8
 """A stretch of fewer rows cannot be filtered."""
 
@@ -115,7 +118,7 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
     stretches = [
         _stretch(log.take(piece), group[piece], rate, cutoff, spec, config) for piece in segments(log.t)
     ]
-    parts = list(itertools.chain.from_iterable(stretches))
+    parts = [part for part in itertools.chain.from_iterable(stretches) if len(part)]
     if not parts:
         raise DataError(
             f"nothing is left of this log of {log.t[-1] - log.t[0]:.3g} s after trimming",
@@ -139,20 +142,15 @@ def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
         )
 
 
-def duration(log: Log) -> float:
-    """Seconds that the log's stretches last together."""
-    return float(sum(np.ptp(log.t[piece]) for piece in segments(log.t)))
-
-
 def filter_cutoff(log: Log, config: ArmData) -> float:
     """The cutoff in Hz with which the log is filtered; infinite without a filter."""
     if config.cutoff_hz == "none":
         return math.inf
     if config.cutoff_hz != "auto":
         return float(config.cutoff_hz)
-    longest = max(segments(log.t), key=lambda piece: piece.stop - piece.start)
-    grid = uniform_grid(log.t[longest], median_rate(log.t))
-    return auto_cutoff(grid, resample(log.t[longest], log[PATH[0]][longest], grid))
+    longest = longest_stretch(log)
+    grid = uniform_grid(longest.t, median_rate(log.t))
+    return auto_cutoff(grid, resample(longest.t, longest[PATH[0]], grid))
 
 
 def _stretch(
@@ -174,21 +172,16 @@ def _stretch(
         {**dict(zip(names, motion, strict=True)), COMMAND: command},
         log.source,
     )
-    parts = []
-    for number in np.unique(own[inside & (own >= 0)]):
-        part = inside & (own == number)
-        parts.append(_segment(whole, part, int(number), motion[1], rate, spec, config))
-    return [part for part in parts if len(part)]
+    numbers = np.unique(own[inside & (own >= 0)]).tolist()
+    return [_segment(whole.take(inside & (own == n)), n, rate, spec, config) for n in numbers]
 
 
-def _segment(
-    log: Log, inside: Mask, group: int, speed: Array, rate: float, spec: ArmSpec, config: ArmData
-) -> Samples:
-    """Every so many of the rows inside, with the mask of joints that stand."""
-    keep = np.flatnonzero(inside)[_offset(rate, config.rate_hz, group) :: _step(rate, config.rate_hz)]
-    top = np.minimum(spec.velocity, np.abs(speed[inside]).max(axis=0))
-    stuck = np.abs(speed[keep]) < config.stick_fraction * top
-    return Samples(log.take(keep), np.full(len(keep), group, dtype=np.int64), np.ones_like(stuck), ~stuck)
+def _segment(log: Log, group: int, rate: float, spec: ArmSpec, config: ArmData) -> Samples:
+    """Every so many of the rows, with the mask of joints that stand."""
+    speed = log[(PLAN if config.desired else PATH)[1]]
+    moving = ~slower(speed, spec.velocity, config.stick_fraction)
+    whole = Samples(log, np.full(len(log), group, dtype=np.int64), np.ones_like(moving), moving)
+    return whole.take(thinned(rate, config.rate_hz, group))
 
 
 def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Array, Array, Array]:
@@ -199,13 +192,3 @@ def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Arra
     position = log[PLAN[0] if config.desired else PATH[0]]
     made = smooth(grid, resample(log.t, position, grid), cutoff)
     return made.value, made.first, made.second
-
-
-def _step(rate: float, rate_hz: float) -> int:
-    """Every how many samples one is kept, so that at least rate_hz remain per second."""
-    return max(1, int(rate / rate_hz + 1e-3))
-
-
-def _offset(rate: float, rate_hz: float, group: int) -> int:
-    """First kept sample: multiples of the golden ratio visit the step evenly, whatever the number of logs."""
-    return int(_step(rate, rate_hz) * ((group * GOLDEN) % 1.0))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from etude.errors import UsageError
 from etude.robots.arm.checks import check_spec
 from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.toml import toml_value
 
 if TYPE_CHECKING:
     import mujoco
@@ -184,20 +185,35 @@ def spec_from_model(
             next_step=f"Its moving joints are {', '.join(found)}.",
         )
     limits = {joint: {**found[joint], **(given or {}).get(joint, {})} for joint in chosen}
-    confirm = [f"Joint {joint} is left out." for joint in found if joint not in chosen]
+    confirm = [f"Joint {toml_value(joint)} is left out." for joint in found if joint not in chosen]
     for joint, values in limits.items():
         if "acceleration" not in values and values.get("velocity", 0) > 0:
             values["acceleration"] = values["velocity"] / STOPPING_TIME
             confirm.append(
-                f"Acceleration limit {values['acceleration']:.4g} of joint {joint} is its velocity limit / "
-                f"{STOPPING_TIME} s: confirm or correct it."
+                f"Acceleration limit {values['acceleration']:.4g} of joint {toml_value(joint)} is its "
+                f"velocity limit / {STOPPING_TIME} s: confirm or correct it."
             )
     _require_all(limits, path)
+    sliding = _sliding(root, path)
     axes = tuple(
-        Axis(joint, **{limit: float(v) for limit, v in values.items()}) for joint, values in limits.items()
+        Axis(
+            joint, **{limit: float(v) for limit, v in values.items()}, unit="m" if joint in sliding else "rad"
+        )
+        for joint, values in limits.items()
     )
     spec = ArmSpec(name or path.stem, axes, command_unit, rate, path.resolve())
     return ModelDescription(check_spec(spec, where=path.name), tuple(confirm))
+
+
+def _sliding(root: ET.Element, path: Path) -> set[str]:
+    """Names of the joints whose position is a length."""
+    if root.tag == "robot":
+        return {joint.get("name", "") for joint in root.findall("joint") if joint.get("type") == "prismatic"}
+    import mujoco
+
+    model = compile_model(path)
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    return {model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(model.jnt_type[i]) == slide}
 
 
 def _require_all(limits: dict[str, dict[str, float]], path: Path) -> None:

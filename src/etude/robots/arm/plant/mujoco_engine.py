@@ -9,12 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-import etude.robots
 from etude.robots.arm.plant.parameters import ArmParameters, Motor
 from etude.robots.arm.plant.trace import LoopInputs, Trace
 
 Array = NDArray[np.float64]
-MODELS = Path(etude.robots.__file__).parent / "data"
+MODELS = Path(__file__).parents[1] / "data"
 COULOMB, STATIC = 3, 4  # where a dcmotor keeps its friction levels in actuator_biasprm
 
 

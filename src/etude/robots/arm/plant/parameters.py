@@ -1,4 +1,4 @@
-"""The physical parameters of a simulated arm, read from `plants/data/NAME.toml`; none live in code."""
+"""The physical parameters of a simulated arm, read from `plant/data/NAME.toml`; none live in code."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class ArmParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A waist about the vertical and a planar chain of links, one motor per joint, waist first.
 
     Attributes:
-        rigid_body: file name of the links' MJCF in robots/data, to which the MuJoCo engine adds the motors.
+        rigid_body: file name of the links' MJCF in robots/arm/data; the MuJoCo engine adds the motors.
         timestep: of the physics, s.
         gravity: m/s^2.
         column_inertia: of the first body about the vertical, kg m^2.
@@ -130,6 +130,11 @@ class ArmParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("an arm needs one motor, one kp and one kd for the waist and for each link")
         if self.motors[0].fixed is not None or any(m.fixed is None for m in self.motors[1:]):
             raise ValueError("the first motor sits on the waist's hinge, the others are linear actuators")
+
+
+def plant_names(folder: Path = DATA) -> tuple[str, ...]:
+    """The simulated arms that there are."""
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 
 def load_parameters(name: str, folder: Path = DATA) -> ArmParameters:

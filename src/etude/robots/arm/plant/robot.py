@@ -1,134 +1,194 @@
-"""SimulatedRobot: anything that turns a sampled trajectory and a feedforward into a RobotLog."""
+"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.errors import UsageError
-from etude.logs.log import RobotLog
+from etude.contracts import Array, Controller, Log, Motion, Trajectory
+from etude.errors import DataError, UsageError
+from etude.robots.arm.plant.changes import with_friction, with_payload
+from etude.robots.arm.plant.led_in import LedIn, control_times, led_in
+from etude.robots.arm.plant.parameters import ArmParameters, load_parameters, plant_names
 from etude.robots.arm.plant.trace import LoopInputs, Running, Trace
-from etude.robots.arm.spec import ArmSpec
-from etude.trajectories.samples import TrajectorySamples
+from etude.robots.arm.spec import COMMAND, ORDERS, PATH, PLAN, ArmSpec
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Gains:
-    """PD gains of the robot's own controller, (dof,) each: command unit per rad, and per rad/s."""
-
-    kp: Array
-    kd: Array
+Engine = Literal["compiled", "mujoco"]
+FEEDFORWARD, FEEDBACK, TRUE = "command_ff", "command_fb", "q_true"
 
 
-@dataclass(frozen=True)
-class SimulatedRobot:
-    """A robot made of functions; an engine supplies the closed loop, a plant its exact inverse.
+@dataclass(frozen=True, eq=False)
+class ArmRobot:
+    """A simulated arm under its own PD control (implements `contracts.Robot`).
 
     Attributes:
         name: the plant's name.
         spec: what its owner would know of it.
-        gains: of its feedback controller.
-        timestep: of its physics, s; the control period must be a multiple of it.
-        encoder_noise: standard deviation before quantisation, rad.
-        closed_loop: LoopInputs -> Trace.
-        inverse_model: (q, qd, qdd), (T, dof) each -> command (T, dof) that produces this motion.
-        begin: angles q (dof,) at rest -> the closed loop to be advanced tick by tick; None where the engine
-            runs only as a whole.
+        parameters: what it is.
+        engine: "compiled", or "mujoco", independent of it; they agree to 0.001 deg over a minute.
+        lead_in: s at rest in the first desired position before t = 0, kept in the log.
     """
 
     name: str
     spec: ArmSpec
-    gains: Gains
-    timestep: float
-    encoder_noise: float
-    closed_loop: Callable[[LoopInputs], Trace]
-    inverse_model: Callable[[Array, Array, Array], Array]
-    begin: Callable[[Array], Running] | None = None
+    parameters: ArmParameters
+    engine: Engine = "compiled"
+    lead_in: float = 2.0
 
     def run(
         self,
-        samples: TrajectorySamples,
-        tau_ff: Array,
+        trajectory: Trajectory,
+        controller: Controller | None,
         rng: np.random.Generator | None,
-        lead_in: float = 2.0,
-    ) -> RobotLog:
-        """Follows the trajectory by PD control plus the given feedforward.
-
-        The robot starts at rest in the first desired position and holds it during the lead-in, with the
-        first row of the feedforward; the log keeps the lead-in at t < 0.
+        changes: Mapping[float, ArmRobot] | None = None,
+    ) -> Log:
+        """Follows the trajectory by PD control and what the controller adds.
 
         Args:
-            samples: the trajectory on the control grid, one row per 1/rate.
-            tau_ff: (T, dof) feedforward in the command unit.
-            rng: source of the encoder noise, the same for every engine; None for an encoder without noise.
-            lead_in: s.
+            trajectory: of as many axes.
+            controller: None for feedback alone. What it plans is held at its first row during the lead-in.
+                One that plans nothing is asked at every tick: its row holds what a perfect run would
+                measure, and `observe` then gets what was measured.
+            rng: of the encoder noise, the same for every engine; None for an encoder without noise.
+            changes: time in s -> the robot whose physics this one has from then on.
 
         Raises:
-            UsageError: another dof, values that are not finite, or another grid than the control grid.
+            UsageError: other axes, values that are not finite, or an engine that cannot go tick by tick.
         """
-        self._check(samples, tau_ff, lead_in)
-        held = round(lead_in * self.spec.rate)
-        q_des, qd_des, qdd_des, ff = (
-            _prepend(first, rows, held)
-            for first, rows in (
-                (samples.q[0], samples.q),
-                (np.zeros(self.spec.dof), samples.qd),
-                (np.zeros(self.spec.dof), samples.qdd),
-                (tau_ff[0], tau_ff),
+        motion = self.planned(trajectory)
+        feedforward = None if controller is None else controller.planned(motion)
+        if controller is None:
+            feedforward = np.zeros_like(motion.orders[0])
+        if feedforward is not None:
+            self._check("the feedforward", feedforward, len(motion.t))
+        held = round(self.lead_in * self.spec.rate)
+        plan = led_in(
+            motion, feedforward, held, self.spec.rate, self.parameters.controller.encoder_noise, rng
+        )
+        if feedforward is not None and not changes:
+            return self._log(plan, plan.feedforward, self._simulate(plan.inputs(self.substeps)))
+        return self._tick_by_tick(plan, controller, sorted((changes or {}).items(), key=lambda item: item[0]))
+
+    def planned(self, trajectory: Trajectory) -> Motion:
+        """The trajectory at the control ticks. UsageError if this robot has other axes."""
+        motion = trajectory.motion(control_times(trajectory.duration, self.spec.rate), ORDERS)
+        if motion.orders.shape[2] != self.spec.dof:
+            raise UsageError(
+                f"the trajectory has {motion.orders.shape[2]} joints, the robot {self.spec.dof}",
+                where=self.name,
+                next_step=f"Its joints are {', '.join(self.spec.names)}.",
             )
-        )
-        noise = np.zeros_like(q_des) if rng is None else rng.normal(0.0, self.encoder_noise, q_des.shape)
-        trace = self.closed_loop(LoopInputs(q_des, qd_des, ff, noise, self.substeps))
-        return RobotLog(
-            names=self.spec.names,
-            command_unit=self.spec.command_unit,
-            t=np.concatenate([samples.t[0] - np.arange(held, 0, -1) / self.spec.rate, samples.t]),
-            q=trace.q,
-            tau=trace.tau,
-            q_des=q_des,
-            qd_des=qd_des,
-            qdd_des=qdd_des,
-            tau_ff=ff,
-            tau_fb=trace.tau_fb,
-            q_true=trace.q_true,
-            source=f"simulated {self.name}",
-        )
+        for name, rows in zip(PLAN, motion.orders, strict=True):
+            self._check(name, rows, len(motion.t))
+        return motion
+
+    def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
+        """Mean |desired - actual| (J,) over t >= 0, deg (m); actual is the true position if the log knows it.
+
+        Raises:
+            DataError: the log has no desired positions, or nothing at t >= 0.
+        """
+        moving = log.t >= 0.0
+        wanted, actual = log.get(PLAN[0]), log.get(TRUE)
+        if wanted is None or not moving.any():
+            raise DataError(
+                "the tracking error needs desired positions at t >= 0",
+                where=log.source,
+                next_step="Log q_des beside q.",
+            )
+        actual = log[PATH[0]] if actual is None else actual
+        error = np.abs(wanted - actual)[moving].mean(axis=0)
+        turning = np.array([axis.unit == "rad" for axis in self.spec.axes])
+        return np.where(turning, np.rad2deg(error), error), tuple("deg" if t else "m" for t in turning)
+
+    def changed(self, **what: float) -> ArmRobot:
+        """The robot with `payload` (kg) at its hand and `friction` times as large.
+
+        Raises:
+            UsageError: another change, or an impossible one.
+        """
+        made = {"payload": with_payload, "friction": with_friction}
+        parameters = self.parameters
+        for name, value in what.items():
+            if name not in made:
+                raise UsageError(
+                    f"a simulated arm has no '{name}' to change", next_step=f"It has {', '.join(made)}."
+                )
+            parameters = made[name](parameters, value)
+        return replace(self, parameters=parameters)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """The exact inverse model: the command (T, dof) that keeps up this motion (T, dof each).
+        """The exact inverse model: the command (T, J) that keeps up this motion (T, J each).
 
         Friction is at its steady state for the given velocity, with sign(0) = 0, so a joint at rest is
         described only up to its static friction.
         """
+        from etude.robots.arm.plant.compiled import inverse
+
         for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
-            self._check_rows(name, rows, len(q))
-        return self.inverse_model(q, qd, qdd)
+            self._check(name, rows, len(q))
+        return inverse(self.parameters, q, qd, qdd)
 
     @property
     def substeps(self) -> int:
         """Physics steps per control tick."""
-        return round(1.0 / (self.spec.rate * self.timestep))
+        return round(1.0 / (self.spec.rate * self.parameters.timestep))
 
-    def _check(self, samples: TrajectorySamples, tau_ff: Array, lead_in: float) -> None:
-        count = len(samples.t)
-        for name, rows in (("q", samples.q), ("qd", samples.qd), ("qdd", samples.qdd), ("tau_ff", tau_ff)):
-            self._check_rows(name, rows, count)
-        period = 1.0 / self.spec.rate
-        if not np.isfinite(samples.t).all() or np.any(np.abs(np.diff(samples.t) - period) > 1e-3 * period):
+    def _simulate(self, inputs: LoopInputs) -> Trace:
+        """One engine's closed loop; its heavy package is imported only when chosen."""
+        if self.engine == "mujoco":
+            from etude.robots.arm.plant.mujoco_engine import simulate as simulate_in_mujoco
+
+            return simulate_in_mujoco(self.parameters, inputs)
+        from etude.robots.arm.plant.compiled import simulate
+
+        return simulate(self.parameters, inputs)
+
+    def _tick_by_tick(
+        self, plan: LedIn, controller: Controller | None, changes: list[tuple[float, ArmRobot]]
+    ) -> Log:
+        feedforward, traces = plan.feedforward.copy(), []
+        running, inputs = self._begin(plan.orders[0, 0]), plan.inputs(self.substeps)
+        asked = controller if controller is not None and not plan.fixed else None
+        for k, t in enumerate(plan.t.tolist()):
+            while changes and t >= changes[0][0]:
+                running.change(changes.pop(0)[1].parameters)
+            row = plan.row(k)
+            if asked is not None:
+                feedforward[k] = np.clip(asked.command(t, row)[0], -self.spec.command, self.spec.command)
+            trace = running.advance(inputs.tick(k, feedforward[k]))
+            traces.append(trace)
+            if controller is not None:
+                measured = {PATH[0]: trace.q[0], COMMAND: trace.tau[0], FEEDBACK: trace.tau_fb[0]}
+                plans = {name: row[name] for name in PLAN}
+                controller.observe(t, {**plans, **measured, FEEDFORWARD: feedforward[k]})
+        return self._log(plan, feedforward, Trace.joined(traces))
+
+    def _begin(self, q: Array) -> Running:
+        if self.engine != "compiled":
             raise UsageError(
-                "the trajectory is not sampled on the robot's control grid",
-                where=f"{self.name}, t",
-                next_step=f"Sample it every {period:g} s.",
+                "this engine runs a trajectory as a whole only", where=self.name, next_step='Use "compiled".'
             )
-        if not 0.0 <= lead_in < np.inf:
-            raise UsageError(f"the lead-in is {lead_in} s", where=self.name, next_step="Give 0 s or more.")
+        from etude.robots.arm.plant.running import RunningArm
 
-    def _check_rows(self, name: str, rows: Array, count: int) -> None:
+        return RunningArm(self.parameters, q)
+
+    def _log(self, plan: LedIn, feedforward: Array, trace: Trace) -> Log:
+        values = {
+            PATH[0]: trace.q,
+            **dict(zip(PLAN, plan.orders, strict=True)),
+            COMMAND: trace.tau,
+            FEEDFORWARD: feedforward,
+            FEEDBACK: trace.tau_fb,
+            TRUE: trace.q_true,
+        }
+        channels = {c.name: c for c in self.spec.channels() if c.name in values}
+        return Log(plan.t, channels, values, source=f"simulated {self.name}")
+
+    def _check(self, name: str, rows: Array, count: int) -> None:
         if np.shape(rows) != (count, self.spec.dof) or count == 0:
             raise UsageError(
                 f"{name} has shape {np.shape(rows)}, not ({max(count, 1)}, {self.spec.dof})",
@@ -144,6 +204,35 @@ class SimulatedRobot:
             )
 
 
-def _prepend(first: Array, rows: Array, count: int) -> Array:
-    """Rows with `count` copies of `first` before them, contiguous."""
-    return np.concatenate([np.repeat(first[None, :], count, axis=0), rows]).astype(np.float64)
+def simulated_robot(name: str, spec: ArmSpec, engine: Engine = "compiled") -> ArmRobot:
+    """The arm whose parameters are `plant/data/NAME.toml`, as `spec` describes it to its owner.
+
+    Raises:
+        UsageError: unknown plant or engine, other joints, or a rate that the physics cannot keep.
+    """
+    if name not in plant_names():
+        raise UsageError(
+            f"there is no simulated robot {name!r}", next_step=f"Choose one of: {', '.join(plant_names())}."
+        )
+    if engine not in ("compiled", "mujoco"):
+        raise UsageError(f"there is no engine {engine!r}", next_step="Choose one of: mujoco, compiled.")
+    parameters = load_parameters(name)
+    _check_spec(name, spec, parameters)
+    return ArmRobot(name, spec, parameters, engine)
+
+
+def _check_spec(name: str, spec: ArmSpec, arm: ArmParameters) -> None:
+    joints = tuple(motor.joint for motor in arm.motors)
+    if spec.names != joints:
+        raise UsageError(
+            f"the robot's joints {', '.join(spec.names)} are not those of the plant {name}",
+            where=spec.name,
+            next_step=f"Name them {', '.join(joints)}, in this order.",
+        )
+    steps = 1.0 / (spec.rate * arm.timestep)
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise UsageError(
+            f"a control rate of {spec.rate:g} Hz is no multiple of the plant's time step {arm.timestep:g} s",
+            where=spec.name,
+            next_step="Choose a rate such as 100 Hz.",
+        )

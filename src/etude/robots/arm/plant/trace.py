@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -29,6 +30,11 @@ class LoopInputs:
     noise: Array
     substeps: int
 
+    def tick(self, k: int, tau_ff: Array) -> LoopInputs:
+        """Tick k alone, with this feedforward (dof,)."""
+        one = slice(k, k + 1)
+        return LoopInputs(self.q_des[one], self.qd_des[one], tau_ff[None], self.noise[one], self.substeps)
+
 
 @dataclass(frozen=True)
 class Trace:
@@ -38,6 +44,11 @@ class Trace:
     q_true: Array
     tau: Array
     tau_fb: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Trace]) -> Trace:
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in cls.__dataclass_fields__))
 
 
 class Running(Protocol):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign.robot_copy import model_bytes
 from etude.errors import UsageError
+from etude.robots.arm.description import model_bytes
 
 
 def test_a_model_without_includes_is_copied_byte_by_byte(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Brings a robot into a campaign folder, so that the folder needs nothing outside itself."""
+"""Brings a robot of joints into a campaign folder, so that the folder needs nothing outside itself."""
 
 from __future__ import annotations
 
@@ -6,38 +6,41 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from etude.campaign.folder import ROBOT
+from etude.contracts import Described
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
-from etude.robots.toml_file import load_robot, robot_to_toml
-from etude.storage import write_atomic
+from etude.robots.arm.robot_file import read_robot, robot_to_toml
+from etude.robots.arm.spec import ArmSpec
 
-MODEL_SUFFIXES = (".urdf", ".xml", ".mjcf")
+ROBOT_FILE = "robot.toml"
+MODEL_NAME = "robot_model"
 DEEPEST = 20
 """Levels of includes; more is a circle."""
 
 
-def robot_from(robot: str) -> tuple[RobotSpec, tuple[str, ...]]:
-    """The robot of a built-in name, a TOML, or a URDF or MJCF; and what a person should confirm of it."""
-    if Path(robot).suffix.lower() in MODEL_SUFFIXES:
-        from etude.robots.model_file import spec_from_model
+def read(path: Path) -> tuple[ArmSpec, tuple[str, ...]]:
+    """The robot of a robot file, a URDF or an MJCF; and what a person should confirm of it."""
+    if path.suffix.lower() == ".toml":
+        return read_robot(path), ()
+    from etude.robots.arm.urdf import spec_from_model
 
-        found = spec_from_model(Path(robot))
-        return found.spec, found.confirm
-    return load_robot(robot), ()
+    found = spec_from_model(path)
+    return found.spec, found.confirm
 
 
-def copy_robot(path: Path, spec: RobotSpec, confirm: tuple[str, ...]) -> list[Path]:
-    """Copies the model file into `path`, then writes a robot.toml that points to the copy; returns both."""
-    files = []
+def describe(path: Path) -> Described:
+    """robot.toml and a whole copy of the model file that it points to.
+
+    Raises:
+        UsageError: no robot, or a model file that cannot be read or completed.
+    """
+    spec, confirm = read(path)
+    files = {}
     if spec.model_file is not None:
-        copy = path / f"robot_model{spec.model_file.suffix}"
-        write_atomic(copy, model_bytes(spec.model_file))
-        files.append(copy)
-        spec = replace(spec, model_file=copy.resolve())
-    text = robot_to_toml(spec, folder=path, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
-    write_atomic(path / ROBOT, text.encode())
-    return [path / ROBOT, *files]
+        name = f"{MODEL_NAME}{spec.model_file.suffix}"
+        files[name] = model_bytes(spec.model_file)
+        spec = replace(spec, model_file=Path(name))
+    text = robot_to_toml(spec, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
+    return Described({ROBOT_FILE: text.encode(), **files}, confirm)
 
 
 def model_bytes(path: Path) -> bytes:

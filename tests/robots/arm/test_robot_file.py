@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.robots.spec import Axis, RobotSpec
-from etude.robots.toml_file import load_robot, parse_robot, robot_names, robot_to_toml
+from etude.robots.arm.kind import KIND
+from etude.robots.arm.robot_file import parse_robot, read_robot, robot_to_toml
+from etude.robots.arm.spec import ArmSpec, Axis
 
 TEXT = """name = "arm"
 command_unit = "N m"
@@ -25,13 +26,13 @@ command = 150.0
 """
 
 
-def parse(text: str) -> RobotSpec:
+def parse(text: str) -> ArmSpec:
     return parse_robot(text, where="arm.toml", folder=Path("."))
 
 
 def test_reads_every_field() -> None:
     spec = parse(TEXT)
-    assert spec == RobotSpec("arm", (Axis("elbow", -1.0, 1.5, 2.0, 4.0, 150.0),), "N m", 100.0)
+    assert spec == ArmSpec("arm", (Axis("elbow", -1.0, 1.5, 2.0, 4.0, 150.0),), "N m", 100.0)
 
 
 LIMIT = st.floats(0.01, 50.0)
@@ -47,12 +48,12 @@ def test_round_trip_is_exact(rows: list[tuple[float, ...]], name: str) -> None:
         Axis(f"{a.name}{i}", a.lower, a.upper, a.velocity, a.acceleration, a.command)
         for i, a in enumerate(axes)
     )
-    spec = RobotSpec(name, unique, "pwm", 125.0, None, "arm4")
+    spec = ArmSpec(name, unique, "pwm", 125.0, None, "arm4")
     assert parse(robot_to_toml(spec, comments=("a comment",))) == spec
 
 
 def test_large_limits_round_trip_with_the_owners_word() -> None:
-    spec = RobotSpec("motor", (Axis("rotor", -60.0, 60.0, 300.0, 1000.0, 3.0),), "A", 1000.0)
+    spec = ArmSpec("motor", (Axis("rotor", -60.0, 60.0, 300.0, 1000.0, 3.0),), "A", 1000.0)
     text = robot_to_toml(spec)
     assert "units_checked = true" in text
     assert parse(text) == spec
@@ -62,7 +63,7 @@ def test_large_limits_round_trip_with_the_owners_word() -> None:
     ("old", "new", "words"),
     [
         ("upper = 1.5", "uper = 1.5", ("unknown key 'uper'", "joint 'elbow'", "Valid keys", "upper")),
-        ("rate", "rates", ("unknown key 'rates'", "Valid keys: name, command_unit, rate")),
+        ("rate", "rates", ("unknown key 'rates'", "Valid keys: kind, name, command_unit, rate")),
         ("velocity = 2.0\n", "", ("missing velocity", "joint 'elbow'")),
         ("rate = 100.0\n", "", ("missing rate", "arm.toml")),
         ("upper = 1.5", "upper = -2.0", ("lower limit -1 is not below upper limit -2", "elbow")),
@@ -71,7 +72,7 @@ def test_large_limits_round_trip_with_the_owners_word() -> None:
         ("velocity = 2.0", "velocity = 0.0", ("above zero", "'velocity'", "elbow")),
         ("acceleration = 4", "acceleration = -4", ("above zero", "'acceleration'")),
         ("command = 150.0", "command = -1.0", ("above zero", "'command'")),
-        ("command = 150.0", 'command = "150"', ("wrong type", "command")),
+        ("command = 150.0", 'command = "150"', ("Expected `float`", "command", "elbow")),
         ("upper = 1.5", "upper = 90.0", ("looks like degrees", "elbow", "radians", "units_checked")),
         ("velocity = 2.0", "velocity = 120.0", ("looks like degrees/s", "elbow")),
         ("rate = 100.0", "rate = 0.0", ("rate", "positive")),
@@ -102,21 +103,19 @@ def test_refuses_a_robot_without_joints() -> None:
 def test_model_file_is_relative_to_the_robot_file(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text("<robot/>")
     (tmp_path / "arm.toml").write_text(TEXT.replace("rate", 'model_file = "arm.urdf"\nrate', 1))
-    spec = load_robot(tmp_path / "arm.toml")
+    spec = read_robot(tmp_path / "arm.toml")
     assert spec.model_file == (tmp_path / "arm.urdf").resolve()
     assert 'model_file = "arm.urdf"' in robot_to_toml(spec, folder=tmp_path)
 
 
-def test_unknown_names_and_files_list_the_choices(tmp_path: Path) -> None:
-    for name in ("arm5", str(tmp_path / "arm5.toml")):
-        with pytest.raises(UsageError) as problem:
-            load_robot(name)
-        assert "arm4, arm4_rough" in str(problem.value)
+def test_missing_and_unreadable_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="there is no robot file"):
+        read_robot(tmp_path / "arm5.toml")
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     with pytest.raises(UsageError, match="cannot be read"):
-        load_robot(tmp_path / "binary.toml")
+        read_robot(tmp_path / "binary.toml")
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", KIND.built_in())
 def test_built_in_robots_load(name: str) -> None:
-    assert load_robot(name).name == name
+    assert KIND.spec(KIND.built_in()[name]).name == name

@@ -1,0 +1,67 @@
+"""Motions of an arm: which may be proposed, what limits them, the ways there, and tests."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from etude.contracts import Array, Limit, Margins, Trajectory
+from etude.robots.arm.spec import ArmSpec
+from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
+from etude.trajectories.moves import PointToPoint, random_moves
+
+MOVES = 12
+TEST_DURATION = 60.0
+"""s, of the test series."""
+TEST_RAMP = 2.0
+"""s, of its phase ramps."""
+UNHURRIED = 0.5
+"""Part of the limits of velocity and acceleration that approach and return use."""
+
+
+def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
+    """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
+    suited = suited_to(config, spec.lower, spec.upper, spec.velocity, spec.acceleration)
+    return FourierFamily.of(suited, axes=spec.dof)
+
+
+def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
+    """Position, velocity and acceleration of every joint."""
+    from etude.limits.library import AxisLimit
+
+    return (
+        AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
+        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins),
+        AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
+    )
+
+
+def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
+    """Straight moves in joint space, from the pose to the start and from the end back."""
+    first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
+    speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration
+    return tuple(  # type: ignore[return-value]
+        PointToPoint(np.stack(ends), speeds[0], peak_acceleration=speeds[1])
+        for ends in ((pose, first), (last, pose))
+    )
+
+
+def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
+    """Motions that are never trained on.
+
+    They do not depend on which family a campaign trains on, so that settings can be compared: the thesis's
+    own form (3.5) with N = 2, one to two periods long, and point-to-point moves.
+    """
+    from etude.limits.feasible import FeasibleSet
+    from etude.limits.samplers import scaled
+
+    period = 2.0 * math.pi / TEST_DURATION
+    thesis = FourierConfig(2, TEST_DURATION, (period, 2.0 * period), rest="ramp", ramp=TEST_RAMP)
+    drawn = family(spec, thesis).drawn(rng)
+    room = FeasibleSet.of(limits(spec, {}), drawn, 0.5 * (spec.lower + spec.upper))
+    box = spec.lower, spec.upper, spec.velocity, spec.acceleration
+    return {
+        "fourier": drawn.trajectory(scaled(rng, drawn, room)),
+        "moves": random_moves(rng, *box, count=MOVES),
+    }
