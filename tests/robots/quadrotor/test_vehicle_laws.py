@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from etude.plants.flight import core
-from etude.plants.flight.constants import control, true_body
-from etude.plants.flight.flight import Flight, rotation
-from etude.plants.flight.parameters import FlightParameters, load_flight_parameters
-from etude.plants.flight.plan import FlightPlan
-from etude.plants.flight.registry import flight_plant
-from etude.plants.flight.simulated import NOWHERE, SimulatedVehicle
+from etude.robots.quadrotor.plant import core
+from etude.robots.quadrotor.plant.constants import control, true_body
+from etude.robots.quadrotor.plant.flight import Flight, rotation
+from etude.robots.quadrotor.plant.parameters import FlightParameters, load_flight_parameters
+from etude.robots.quadrotor.plant.plan import FlightPlan
+from etude.robots.quadrotor.plant.registry import simulated_vehicle
+from etude.robots.quadrotor.plant.simulated import NOWHERE, SimulatedVehicle
 
 Array = NDArray[np.float64]
 CLEAN = load_flight_parameters("quadrotor")
@@ -65,7 +65,7 @@ def energy(y: Array, body: core.Body) -> float:
 
 
 def test_hover_voltage_is_the_closed_form() -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     t = np.arange(500) / 1000.0
     high = np.tile([0.0, 0.0, 500.0], (len(t), 1))
     flight = vehicle.fly(FlightPlan(t, high, np.zeros_like(high)), None)
@@ -242,7 +242,7 @@ def test_a_motor_reaches_the_speed_of_its_voltage() -> None:
 
 def test_thrust_is_tilted_no_more_than_allowed() -> None:
     """Far off on the diagonal both axes ask for 6 m/s^2, which would be 0.71 rad; 0.6 are allowed."""
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     t = np.arange(15000) / 1000.0
     far = np.tile([8.0, 8.0, 3.0], (len(t), 1))
     far[0] = [0.0, 0.0, 3.0]
@@ -269,7 +269,7 @@ def _error(flight: Flight, plan: FlightPlan) -> float:
 
 
 def test_feedforward_of_the_true_drag_is_worth_most_of_the_error() -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     drag = vehicle.parameters.drag_per_mass
     np.testing.assert_allclose(drag, [0.25 / 0.436, 0.25 / 0.436, 0.0])
     plan, blind = _circle(vehicle, drag), _circle(vehicle, np.zeros(3))
@@ -282,7 +282,7 @@ def test_feedforward_of_the_true_drag_is_worth_most_of_the_error() -> None:
 
 
 def test_a_voltage_fed_forward_lifts() -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     plan = replace(_circle(vehicle, np.zeros(3)), voltage_ff=np.full((8000, 4), 0.3))
     with_it, without = vehicle.fly(plan, None), vehicle.fly(replace(plan, voltage_ff=None), None)
     np.testing.assert_allclose(with_it.command[0], without.command[0] + 0.3)
@@ -290,7 +290,7 @@ def test_a_voltage_fed_forward_lifts() -> None:
 
 
 def test_the_owner_of_the_rough_vehicle_knows_the_clean_one() -> None:
-    clean, rough = flight_plant("quadrotor"), flight_plant("quadrotor_rough")
+    clean, rough = simulated_vehicle("quadrotor"), simulated_vehicle("quadrotor_rough")
     assert rough.vehicle == clean.vehicle
     assert true_body(rough.parameters).mass > clean.vehicle.mass
     volts = clean.vehicle.hover_voltage
@@ -310,7 +310,7 @@ def test_the_payload_moves_the_centre_and_adds_inertia_by_parallel_axes() -> Non
 @settings(max_examples=3)
 @given(seed=seeds)
 def test_noise_has_its_deviation_and_moves_the_vehicle(seed: int) -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     plan = _circle(vehicle, np.zeros(3))
     calm, noisy = vehicle.fly(plan, None), vehicle.fly(plan, np.random.default_rng(seed))
     low = replace(vehicle, noise="low").fly(plan, np.random.default_rng(seed))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from etude.control.flight_feedforward import (
     LARGEST_CORRECTION,
     PID_ALONE,
@@ -14,18 +13,19 @@ from etude.control.flight_feedforward import (
     flight_plan,
     thrust_voltage,
 )
-from etude.errors import NumericalError
 from etude.models.physics.flight_inverse import nominal_inverse
-from etude.plants.flight.registry import flight_plant
 from etude.robots.toml_file import load_robot
-from etude.robots.vehicle import GRAVITY
 from etude.trajectories.flight.family import FlightFamily
 from etude.trajectories.flight.feasible import feasible_flights
 from etude.trajectories.flight.flatness import flat_motion
 from etude.trajectories.flight.motion import motion_of
 from etude.trajectories.flight.samplers import uniform_parameters
 
-PLANT = flight_plant("quadrotor")
+from etude.errors import NumericalError
+from etude.robots.quadrotor.plant.registry import simulated_vehicle
+from etude.robots.quadrotor.vehicle import GRAVITY
+
+PLANT = simulated_vehicle("quadrotor")
 FAMILY = FlightFamily(duration=30.0, start="moving")
 NOMINAL = nominal_inverse(PLANT.vehicle)
 EXACT = LinearDrag(tuple(PLANT.parameters.drag_per_mass))

@@ -7,19 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from etude.contracts import Log
 from etude.errors import DataError, UsageError
-from etude.logs.flight.log import FlightLog
-from etude.plants.flight.disturbance import Disturbance
-from etude.plants.flight.flight import Flight
-from etude.plants.flight.plan import FlightPlan
-from etude.plants.flight.record import flight_log
-from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
-from etude.plants.flight.simulated import SimulatedVehicle
+from etude.robots.quadrotor.channels import command
+from etude.robots.quadrotor.kind import KIND
+from etude.robots.quadrotor.plant.disturbance import Disturbance
+from etude.robots.quadrotor.plant.flight import Flight
+from etude.robots.quadrotor.plant.plan import FlightPlan
+from etude.robots.quadrotor.plant.record import flight_log
+from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude.robots.quadrotor.plant.simulated import SimulatedVehicle
+from etude.robots.quadrotor.spec import QuadrotorSpec
 
 
-@pytest.fixture(params=list(FLIGHT_PLANTS))
+@pytest.fixture(params=list(PLANTS))
 def vehicle(request: pytest.FixtureRequest) -> SimulatedVehicle:
-    return flight_plant(request.param)
+    return simulated_vehicle(request.param)
+
+
+def spec_of(vehicle: SimulatedVehicle) -> QuadrotorSpec:
+    """Its owner's description."""
+    return KIND.spec(KIND.built_in()[vehicle.name])
 
 
 def _circle(vehicle: SimulatedVehicle, seconds: float = 3.0) -> FlightPlan:
@@ -45,10 +53,9 @@ def test_a_flight_is_complete_and_stays_near_its_plan(vehicle: SimulatedVehicle)
     np.testing.assert_allclose(np.einsum("tij,tkj->tik", R, R) - np.eye(3), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(flight.R_world_body), 1.0, atol=1e-12)
     assert np.linalg.norm(flight.position - plan.position, axis=1).max() < 0.7
-    spec = vehicle.spec
-    assert (flight.command >= spec.command_lower).all()
-    assert (flight.command <= spec.command_upper).all()
-    assert spec.vehicle == vehicle.vehicle
+    told = vehicle.commands
+    assert (flight.command >= told.lower).all()
+    assert (flight.command <= told.upper).all()
 
 
 def test_a_hovering_vehicle_stays_where_it_is(vehicle: SimulatedVehicle) -> None:
@@ -87,38 +94,35 @@ def test_the_same_seed_gives_the_same_flight_and_another_seed_another(vehicle: S
 def test_a_log_has_samples_or_their_means(vehicle: SimulatedVehicle) -> None:
     plan = _circle(vehicle, 1.0)
     flight = vehicle.fly(plan, np.random.default_rng(3))
-    spec = vehicle.spec
-    ticks = round(vehicle.rate / spec.rate)
-    point = flight_log(flight, plan, spec.rate, averaged=False)
-    mean = flight_log(flight, plan, spec.rate, averaged=True)
+    rate = spec_of(vehicle).rate
+    ticks = round(vehicle.rate / rate)
+    point = flight_log(flight, plan, rate, averaged=False)
+    mean = flight_log(flight, plan, rate, averaged=True)
     for row in range(len(mean)):
         part = slice(row * ticks, (row + 1) * ticks)
         for rows, true in _pairs(point, flight, plan):
             np.testing.assert_array_equal(rows[row], true[part][0])
         for rows, true in _pairs(mean, flight, plan):
             np.testing.assert_allclose(rows[row], true[part].mean(axis=0), rtol=1e-12, atol=1e-12)
-    assert len(mean) == len(point) == round(spec.rate)
-    np.testing.assert_allclose(np.diff(mean.t), 1.0 / spec.rate)
-    assert mean.command_names == spec.command_names
-    assert mean.command_unit == spec.command_unit
+    assert len(mean) == len(point) == round(rate)
+    np.testing.assert_allclose(np.diff(mean.t), 1.0 / rate)
+    assert mean.channels["command"] == replace(command(spec_of(vehicle)), reach=())
 
 
-def _pairs(log: FlightLog, flight: Flight, plan: FlightPlan) -> list[tuple[np.ndarray, np.ndarray]]:
-    s = log.states
-    pairs = [
-        (log.t, flight.t),
-        (log.command, flight.command),
-        (log.position, flight.position),
-        (log.position_des, plan.position),
-        (s.altitude, flight.position[:, 2]),
-        (s.specific_force, flight.specific_force),
-        (s.acceleration, flight.acceleration_body),
-        (s.velocity, flight.velocity_body),
-        (s.rates, flight.rates),
-        (s.angular_acceleration, flight.angular_acceleration),
-    ]
-    assert all(rows is not None for rows, _ in pairs)
-    return pairs
+def _pairs(log: Log, flight: Flight, plan: FlightPlan) -> list[tuple[np.ndarray, np.ndarray]]:
+    pairs = {
+        "command": flight.command,
+        "position": flight.position,
+        "position_des": plan.position,
+        "altitude": flight.position[:, 2:],
+        "specific_force": flight.specific_force,
+        "body_acceleration": flight.acceleration_body,
+        "body_velocity": flight.velocity_body,
+        "rates": flight.rates,
+        "angular_acceleration": flight.angular_acceleration,
+    }
+    assert set(pairs) == set(log.values)
+    return [(log.t, flight.t), *((log[name], true) for name, true in pairs.items())]
 
 
 def test_wind_carries_and_a_weak_battery_sinks(vehicle: SimulatedVehicle) -> None:
@@ -133,7 +137,7 @@ def test_wind_carries_and_a_weak_battery_sinks(vehicle: SimulatedVehicle) -> Non
     assert gusty.position[-1, 1] > calm.position[-1, 1] + 1e-3
     assert weak.position[-1, 2] < calm.position[-1, 2] - 1e-2
     assert weak.command[-1].mean() > calm.command[-1].mean()
-    if vehicle.spec.command_unit == "V":
+    if vehicle.commands.unit == "V":
         np.testing.assert_allclose(weak.voltage, 0.95 * weak.command)
 
 
@@ -146,10 +150,10 @@ def test_a_flight_ends_at_the_ground_and_at_the_wall(vehicle: SimulatedVehicle) 
     assert len(crashed) < len(plan)
     assert crashed.ended.position[2] == pytest.approx(vehicle.parameters.contact_height, abs=0.01)
     assert crashed.ended.time == pytest.approx(len(crashed) / vehicle.rate)
-    log = flight_log(crashed, down, vehicle.spec.rate)
+    log = flight_log(crashed, down, spec_of(vehicle).rate)
     assert "ground" in log.repairs[0]
     away = replace(plan, position=plan.position + [2.0, 0.0, 0.0] * plan.t[:, None])
-    room = replace(vehicle.spec, lower=(-1.0, -1.0, 0.0), upper=(1.0, 1.0, 3.0))
+    room = replace(spec_of(vehicle), lower=(-1.0, -1.0, 0.0), upper=(1.0, 1.0, 3.0))
     left = vehicle.fly(away, None, room=room)
     assert left.ended is not None
     assert "room" in left.ended.reason
@@ -188,10 +192,10 @@ def test_saturation_throughout_is_no_log(vehicle: SimulatedVehicle) -> None:
     plan = _circle(vehicle, 0.3)
     pushed = replace(plan, voltage_ff=np.full((len(plan), 4), 100.0))
     flight = vehicle.fly(pushed, None)
-    assert flight.command.max() == vehicle.spec.command_upper[3]
+    assert flight.command.max() == vehicle.commands.upper[3]
     assert flight.voltage.max() <= vehicle.vehicle.voltage_limit
     with pytest.raises(DataError, match="limit"):
-        flight_log(flight, pushed, vehicle.spec.rate)
+        flight_log(flight, pushed, spec_of(vehicle).rate)
 
 
 def test_a_moving_start_moves_as_planned(vehicle: SimulatedVehicle) -> None:
@@ -208,4 +212,4 @@ def test_a_moving_start_moves_as_planned(vehicle: SimulatedVehicle) -> None:
 
 def test_an_unknown_vehicle_is_refused() -> None:
     with pytest.raises(UsageError, match="quadrotor_rough"):
-        flight_plant("zeppelin")
+        simulated_vehicle("zeppelin")

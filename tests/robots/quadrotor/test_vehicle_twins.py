@@ -9,17 +9,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from etude.plants.flight.disturbance import Disturbance
-from etude.plants.flight.plan import FlightPlan
-from etude.plants.flight.registry import FLIGHT_PLANTS, flight_plant
-from etude.plants.flight.simulated import SimulatedVehicle
+from etude.robots.quadrotor.kind import KIND
+from etude.robots.quadrotor.plant.disturbance import Disturbance
+from etude.robots.quadrotor.plant.plan import FlightPlan
+from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude.robots.quadrotor.plant.simulated import SimulatedVehicle
 
 
 def _plan(vehicle: SimulatedVehicle, seconds: float) -> FlightPlan:
     """Two harmonics on each axis, half way to the walls, down to half a metre."""
     rng = np.random.default_rng(5)
     t = np.arange(round(seconds * vehicle.rate)) / vehicle.rate
-    room = vehicle.parameters.room
+    room = KIND.spec(KIND.built_in()[vehicle.name])
     half = 0.5 * (np.array(room.upper) - room.lower)
     position, velocity, acceleration = (np.zeros((len(t), 3)) for _ in range(3))
     position += half + room.lower - [0.0, 0.0, 0.2]
@@ -55,21 +56,21 @@ def _difference(vehicle: SimulatedVehicle, plan: FlightPlan, seed: int | None, s
 
 
 @pytest.mark.parametrize(("seed", "start"), [(None, "hover"), (4, "moving")])
-@pytest.mark.parametrize("name", FLIGHT_PLANTS)
+@pytest.mark.parametrize("name", PLANTS)
 def test_the_twins_agree(name: str, seed: int | None, start: str) -> None:
-    vehicle = flight_plant(name)
+    vehicle = simulated_vehicle(name)
     assert _difference(vehicle, _plan(vehicle, 0.4), seed, start) < 1e-9
 
 
 def test_the_twins_agree_with_everything_switched_on() -> None:
-    clean = flight_plant("quadrotor_rough")
+    clean = simulated_vehicle("quadrotor_rough")
     air = msgspec.structs.replace(clean.parameters.air, inflow=0.4, drag=(0.3, 0.2, 0.1), hub=0.1)
     vehicle = replace(clean, parameters=msgspec.structs.replace(clean.parameters, air=air))
     assert _difference(vehicle, _plan(vehicle, 0.4), 2, "moving") < 1e-9
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHT_PLANTS)
+@pytest.mark.parametrize("name", PLANTS)
 def test_the_twins_agree_over_a_whole_flight(name: str) -> None:
-    vehicle = flight_plant(name)
+    vehicle = simulated_vehicle(name)
     assert _difference(vehicle, _plan(vehicle, 30.0), None, "hover") < 1e-9
