@@ -75,10 +75,10 @@ def test_two_lines_swapped(tmp_path: Path, lines: list[str], one: int, other: in
     )
 
 
-@pytest.mark.parametrize("index", [0, 2, COUNT - 1])
-def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int) -> None:
-    """The last line too: its seal is its own."""
-    line = lines[index]
+@pytest.mark.parametrize(("index", "count"), [(0, COUNT), (2, COUNT), (COUNT - 1, COUNT), (0, 1)])
+def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int, count: int) -> None:
+    """The last line and an only one too: the seal is its own."""
+    lines, line = lines[:count], lines[index]
     for place, old in enumerate(line):
         for new in {"0", "1", "a", " ", "n", '"', ","} - {old}:
             edited = line[:place] + new + line[place + 1 :]

@@ -81,12 +81,25 @@ def damaged_files(folder: Path, events: list[Event]) -> list[str]:
     last = {name: digest for event in events for name, digest in event.files.items()}
     problems = []
     for name, digest in sorted(last.items()):
-        path = folder / name
-        if not path.exists():
+        try:
+            if sha256_of(folder / name) != digest:
+                problems.append(f"{name} was changed after it was committed")
+        except (FileNotFoundError, NotADirectoryError):
             problems.append(f"{name} is missing")
-        elif sha256_of(path) != digest:
-            problems.append(f"{name} was changed after it was committed")
+        except OSError as error:
+            problems.append(f"{name} cannot be read ({error.strerror or error})")
     return problems
+
+
+def require_intact(folder: Path, events: list[Event], next_step: str) -> None:
+    """The files that these events rest on, before somebody relies on them.
+
+    Raises:
+        UsageError: one is missing or was changed; says which.
+    """
+    problems = damaged_files(folder, events)
+    if problems:
+        raise UsageError("; ".join(problems), where=str(folder), next_step=next_step)
 
 
 def _parse(line: str, where: str) -> Event:
