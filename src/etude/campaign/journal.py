@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -94,3 +96,8 @@ def _parse(line: str, where: str) -> Event:
     if known["event"] not in EVENTS:
         raise UsageError(f"unknown event {known['event']!r}", where=where, next_step="Use the newer etude.")
     return Event(**known, facts=fields)
+
+
+def jsonable(values: Iterable[float]) -> list[float | None]:
+    """Finite values as JSON numbers, the others as null: figures as the journal keeps them."""
+    return [float(v) if math.isfinite(v) else None for v in values]

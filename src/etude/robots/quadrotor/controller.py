@@ -155,7 +155,7 @@ def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
 def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
     """What there is without learning, and the exact drag of a simulated vehicle."""
     nominal = None if spec.body is None else nominal_inverse(spec.body)
-    found: dict[str, Controller | None] = {"pid": PID_ALONE, "analytic": FlightFeedforward(voltages=nominal)}
+    found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
     if spec.plant is not None:
         from etude.robots.quadrotor.plant.registry import simulated_vehicle
 

@@ -88,7 +88,12 @@ def prior_deviation(model: Model) -> Array:
     vehicle has been. Infinite, so that nothing fades, where there is no process.
     """
     found, best = np.full(COMMANDS, np.inf), np.full(COMMANDS, -1.0)
-    chosen = {c: one.rung for one in model.candidates for c, w in zip(one.commands, one.weights) if w > 0.0}
+    chosen = {
+        c: one.rung
+        for one in model.candidates
+        for c, w in zip(one.commands, one.weights, strict=True)
+        if w > 0.0
+    }
     for candidate in model.candidates:
         if candidate.process is None:
             continue

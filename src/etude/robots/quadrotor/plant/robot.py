@@ -44,14 +44,26 @@ class SimulatedFlights:
     air: Disturbance = field(default_factory=Disturbance)
 
     def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
-        """The flight's log; a flight to learn from (without controller) ends where it leaves its room.
+        """The flight's log; it ends where the vehicle leaves its room.
 
         Raises:
             UnsafeTrajectoryError: the plan is singular. NumericalError: a planned feedforward is not finite.
             DataError: it ended before the first sample, or stood at a command's limit all the time.
         """
+        return self._flown(trajectory, controller, rng, self.spec)
+
+    def test(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        """The log of a flight that goes on outside the room, to judge a controller by all of it."""
+        return self._flown(trajectory, controller, rng, None)
+
+    def _flown(
+        self,
+        trajectory: Trajectory,
+        controller: Controller | None,
+        rng: np.random.Generator,
+        room: QuadrotorSpec | None,
+    ) -> Log:
         plan = flight_plan(trajectory, controller, self.vehicle.vehicle, self.vehicle.rate)
-        room = self.spec if controller is None else None
         flown = self.vehicle.fly(plan, rng, start=self.start, disturbance=self.air, room=room)
         return flight_log(flown, plan, self.spec.rate, self.averaged)
 
@@ -67,7 +79,7 @@ class SimulatedFlights:
         return np.append(np.abs(settled).mean(axis=0), distance), ("m",) * 4
 
     def changed(self, **what: float) -> SimulatedFlights:
-        """The vehicle with a payload (kg, below its centre), its drag times a factor, a battery that has lost
+        """The vehicle with a payload (kg, at its centre), its drag times a factor, a battery that has lost
         a share of its voltage (sag), or in wind along x (m/s).
 
         Raises:
