@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from etude.contracts import (
 )
 
 if TYPE_CHECKING:
+    from etude.robots.arm.controller import Fading
     from etude.robots.arm.inputs import ArmInputs
     from etude.robots.arm.physics.mean import ArmPhysics
     from etude.robots.arm.plant.robot import ArmRobot
@@ -178,9 +179,10 @@ class ArmKind:
         return {"pd": None, "perfect": PerfectController(robot)}
 
     def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
+        """The learned command, faded out where the model knows no better than before any data."""
         from etude.robots.arm.controller import ModelController
 
-        return ModelController(model, spec)
+        return ModelController(cast("Fading", model), spec)
 
 
 KIND = ArmKind()

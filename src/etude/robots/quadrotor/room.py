@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
-from etude.limits.library import AxisLimit, NormLimit, RestLimit, TiltLimit
+from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
 from etude.robots.quadrotor.channels import AXES
 from etude.robots.quadrotor.family import FlightConfig, flight_family
@@ -34,7 +34,7 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
     found: list[Limit] = [
         AxisLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins),
-        NormLimit("speed", 1, PLACES, spec.speed, margins=margins),
+        NormLimit("speed", 1, PLACES, spec.speed, margins=margins, rest=config.rest),
     ]
     if spec.radius is not None:
         found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=spec.margin, margins=margins))
@@ -44,7 +44,7 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
         found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins))
     if spec.tilt is not None:
         found.append(TiltLimit(spec.tilt, GRAVITY))
-    return (*found, RestLimit()) if config.rest else tuple(found)
+    return tuple(found)
 
 
 def lift_room(spec: QuadrotorSpec) -> float:
