@@ -1,4 +1,4 @@
-"""What every criterion owes. A new one is a row in CRITERIA of design/criteria.py and is tested here."""
+"""What every criterion owes, built in or of a plug-in: each name in `etude.criteria` is tested here."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from etude import plugins
+from etude.contracts import Posterior
 from etude.design.batch import PlainBatch
-from etude.design.criteria import CRITERIA, Criterion, Output, evaluate, value_of
-from etude.models.contracts import Posterior
+from etude.design.config import GROUP
+from etude.design.criteria import Criterion, Output, Score, criterion_named, evaluate, needs_of, value_of
+from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured_kernel
 
 D, T = 8, 7
-EVERY = pytest.mark.parametrize("criterion", CRITERIA.values(), ids=CRITERIA.keys())
+NAMES = plugins.names(GROUP)
+EVERY = pytest.mark.parametrize("criterion", [criterion_named(name) for name in NAMES], ids=NAMES)
 KERNELS = {"squared exponential": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}
 
 
@@ -26,7 +30,7 @@ def outputs(kernel_name: str = "structured", *, raw_units: bool = False) -> list
         X = rng.uniform(-1.0, 1.0, (25, D))
         gp = ExactGP(kernel, kernel.initial(np.ones(D), size), np.log(0.1 * size))
         posterior = gp.condition(X, rng.standard_normal(25))
-        made.append(Output.of(posterior, rng.uniform(-1.0, 1.0, (11, D)), raw_units=raw_units))
+        made.append(Output.of(posterior, rng.uniform(-1.0, 1.0, (11, D)), 1.0 if raw_units else None))
     return made
 
 
@@ -83,7 +87,7 @@ def test_a_stuck_sample_says_nothing(criterion: Criterion) -> None:
     kept = np.arange(T) != 3
     value, in_X, _ = evaluate(criterion, made, X, gains)
     without = value_of(criterion, made, X[kept], gains[kept])
-    if criterion is CRITERIA["mean_variance"]:
+    if criterion is criterion_named("mean_variance"):
         without *= (T - 1) / T
     assert value == pytest.approx(without, rel=1e-10)
     assert np.abs(in_X[3]).max() < 1e-12
@@ -133,3 +137,70 @@ def test_nothing_depends_on_what_was_measured(criterion: Criterion) -> None:
     assert value_of(criterion, other, X, gains) == pytest.approx(
         value_of(criterion, made, X, gains), rel=1e-9
     )
+
+
+@EVERY
+def test_more_samples_never_say_less(criterion: Criterion) -> None:
+    """Of a mean over samples that is not so: `mean_variance` is one."""
+    made, (X, gains) = outputs(), batch()
+    values = [value_of(criterion, made, X[:n], gains[:n]) for n in range(1, T + 1)]
+    if criterion is criterion_named("mean_variance"):
+        values = [n * value for n, value in enumerate(values, start=1)]
+    assert np.all(np.diff(values) > -1e-12)
+
+
+def loud(output: Output, batch: PlainBatch, gain: np.ndarray) -> Score:
+    """Largest where samples are loud: a plug-in in order, but for what the tests below change."""
+    variance = batch.variance()
+    return Score(float(gain**2 @ variance), 2.0 * gain * variance, variance=gain**2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda s: replace(s, value=np.nan),
+            r"returns the value nan, not a finite number",
+        ),
+        (lambda s: replace(s, value=np.ones(2)), r"criterion 'broken' returns the value \[1. 1.\]"),
+        (lambda s: replace(s, gain=s.gain[:-1]), r"'broken' returns derivatives in 'gain' .* shape \(6,\)"),
+        (lambda s: replace(s, variance=np.full(T, np.nan)), r"'broken' .* 'variance' that are not finite"),
+        (lambda s: replace(s, own=np.ones((T, 2))), r"'broken' .* 'own' that are of shape"),
+        (lambda s: replace(s, cross=np.ones((T, T))), r"'broken' .* 'cross' that are of shape"),
+        (lambda s: s.value, r"'broken' returns a float, not a Score"),
+        (lambda s: 1 / 0, r"'broken' fails: ZeroDivisionError"),
+    ],
+)
+def test_a_broken_criterion_is_named(change, message: str) -> None:
+    def broken(output: Output, batch: PlainBatch, gain: np.ndarray) -> Score:
+        return change(loud(output, batch, gain))
+
+    made, (X, gains) = outputs(), batch()
+    with pytest.raises(UsageError, match=message):
+        evaluate(broken, made, X, gains)
+    with pytest.raises(UsageError, match=message):
+        value_of(broken, made, X, gains)
+
+
+@pytest.mark.parametrize("part", ["gain", "variance"])
+def test_a_wrong_gradient_does_not_pass(part: str) -> None:
+    def wrong(output: Output, batch: PlainBatch, gain: np.ndarray) -> Score:
+        score = loud(output, batch, gain)
+        return replace(score, **{part: 1.001 * getattr(score, part)})
+
+    test_gradients(loud, "structured")
+    with pytest.raises(AssertionError):
+        test_gradients(wrong, "structured")
+
+
+def test_a_criterion_is_found_by_its_full_name() -> None:
+    assert criterion_named("etude.design.criteria:ivr") is criterion_named("ivr")
+    assert [needs_of(criterion_named(name)) for name in ("ivr", "d_opt", "info_gain")] == [
+        "reference",
+        "identified",
+        "",
+    ]
+    with pytest.raises(UsageError, match="not a function"):
+        criterion_named("etude.design.criteria:LOG_FLOOR")
+    with pytest.raises(UsageError, match="there is no 'inform'"):
+        criterion_named("inform")

@@ -1,43 +1,83 @@
-"""A small robot, a model that has learned two motions of it, and derivatives by differences."""
+"""A small arm and a vehicle, models that have learned some of their motions, and derivatives by differences."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.models.contracts import Posterior
-from etude.models.features import FeatureMap
+from etude.contracts import Candidate, Inputs, Posterior
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured_kernel
-from etude.models.physics.kinematics import KinematicTree
-from etude.models.physics.rigid_body import RigidBodyModel
-from etude.models.physics.transmission import joint_drives
-from etude.robots.spec import Axis, RobotSpec
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
+from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.robots.arm.inputs import ArmInputs
+from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.rigid_body import RigidBodyModel
+from etude.robots.arm.physics.transmission import joint_drives
+from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.moves import PointToPoint
 
-FAMILIES = {
-    "nullspace": TrajectoryFamily(harmonics=4, duration=30.0),
-    "ramp, omega0 free": TrajectoryFamily(harmonics=2, duration=30.0, omega0=(0.2, 0.5), rest="ramp"),
+V0 = np.array([0.05, 0.05])
+ARM_FAMILIES = {
+    "nullspace": FourierConfig(harmonics=4, duration=30.0),
+    "ramp, omega0 drawn": FourierConfig(harmonics=2, duration=30.0, omega0=(0.2, 0.5), rest="ramp"),
 }
+DRAG = (0.6, 0.5, 0.1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Process:
+    """As a design sees one: latent functions with their commands."""
+
+    found: tuple[tuple[Posterior, tuple[int, ...]], ...]
+
+    def latents(self) -> tuple[tuple[Posterior, tuple[int, ...]], ...]:
+        return self.found
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
-    features: FeatureMap
-    posteriors: tuple[Posterior, ...]
-    stick_velocity: np.ndarray
-    fallback: RigidBodyModel | None = None
+    """As a design sees one."""
+
+    inputs: Inputs
+    candidates: tuple[Candidate, ...]
 
 
-def robot() -> RobotSpec:
+@dataclass(frozen=True, eq=False)
+class Physics:
+    """As d_opt sees one."""
+
+    spec: ArmSpec
+    body: RigidBodyModel
+
+    def regressors(self) -> tuple[BaseRegressor, ...]:
+        return base_regressors(self.spec, self.body.tree, self.body.drives, self.body.friction_velocity)
+
+
+def candidate(
+    posterior: Posterior | None, commands: Sequence[int], *, rung="gp", weight=1.0, factor=1.0
+) -> Candidate:
+    """One process for all these commands."""
+    m = len(commands)
+    process = None if posterior is None else Process(((posterior, tuple(range(m))),))
+    units = np.stack([np.zeros(m), np.broadcast_to(np.asarray(factor, dtype=float), m)])
+    return Candidate(rung, tuple(commands), np.full(m, weight), None, process, units, np.ones(m))
+
+
+def arm_spec() -> ArmSpec:
     axes = (Axis("base", -0.9, 0.7, 0.5, 1.0, 50.0), Axis("tip", 0.2, 1.6, 0.8, 2.0, 20.0))
-    return RobotSpec("pair", axes, "N m", 100.0)
+    return ArmSpec("pair", axes, "N m", 100.0)
 
 
-def arm() -> RigidBodyModel:
+def arm_home() -> np.ndarray:
+    return 0.5 * (arm_spec().lower + arm_spec().upper)
+
+
+def arm_body() -> RigidBodyModel:
     """Two links of 0.4 m in a vertical plane, 2 kg and 1 kg with their mass half-way."""
     link = np.zeros((3, 10))
     for body, mass in ((1, 2.0), (2, 1.0)):
@@ -56,30 +96,83 @@ def arm() -> RigidBodyModel:
     )
     unknown = np.zeros(2)
     return RigidBodyModel(
-        tree,
-        joint_drives(2),
-        np.full(2, 0.05),
-        np.zeros((2, 20)),
-        np.zeros((2, 6)),
-        unknown.astype(int),
-        unknown,
+        tree, joint_drives(2), V0, np.zeros((2, 20)), np.zeros((2, 6)), unknown.astype(int), unknown
     )
 
 
-def model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
+def arm_inputs(stick: float = 0.02) -> ArmInputs:
+    channels = {c.name: c for c in arm_spec().channels()}
+    return ArmInputs(channels, np.full(2, stick), V0, (1.0,))
+
+
+def arm_family(name: str = "nullspace") -> FourierFamily:
+    return FourierFamily.of(ARM_FAMILIES[name], 2)
+
+
+def arm_point(rng: np.random.Generator, family: FourierFamily, size: float = 1.0) -> np.ndarray:
+    """Parameters (P,) of a motion about the middle, some tenths of the ranges wide."""
+    table = np.zeros_like(family.offset)
+    table[0] = arm_home()
+    return family.parameters(table) + size * 0.1 * rng.standard_normal(family.size)
+
+
+def moves() -> PointToPoint:
+    """A task of three moves."""
+    points = np.array([[-0.5, 0.4], [0.3, 1.2], [0.0, 0.6], [-0.6, 1.4]])
+    return PointToPoint(points, 0.4, 0.3, 1.0)
+
+
+def arm_model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
     """Two outputs of very different size, each with a structured kernel, from two random motions."""
-    rng, spec = np.random.default_rng(seed), robot()
-    features = FeatureMap(2, np.array([0.05, 0.05]))
-    motions = [random_trajectory(rng, spec, TrajectoryFamily(duration=30.0)) for _ in range(2)]
-    samples = [motion.sample(np.linspace(1.0, 29.0, points // 2)) for motion in motions]
-    X = np.concatenate([features.transform(s.q, s.qd, s.qdd) for s in samples])
-    posteriors = []
+    rng, inputs, family = np.random.default_rng(seed), arm_inputs(stick), arm_family()
+    t = np.linspace(1.0, 29.0, points // 2)
+    X = np.concatenate(
+        [inputs.plan(family.motion(arm_point(rng, family), t, inputs.orders)).X for _ in range(2)]
+    )
+    found = []
     for j, size in enumerate((30.0, 2.0)):
         y = size * (np.sin(X[:, j]) + 0.5 * X[:, 6 + j] + 0.2 * X[:, 4 + j])
         kernel = structured_kernel(2, j)
         theta = kernel.initial(0.5 * np.ptp(X, axis=0), size)
-        posteriors.append(ExactGP(kernel, theta, np.log(0.03 * size)).condition(X, y - y.mean()))
-    return Model(features, tuple(posteriors), np.full(2, stick), arm())
+        posterior = ExactGP(kernel, theta, np.log(0.03 * size)).condition(X, y - y.mean())
+        found.append(candidate(posterior, (j,)))
+    return Model(inputs, tuple(found))
+
+
+def flight_family(*, rest: bool = False) -> FourierFamily:
+    if rest:
+        config = FourierConfig(harmonics=4, duration=30.0, omega0=4.0 * math.pi / 30.0)
+        return FourierFamily.of(config, 3)
+    return FourierFamily.of(FourierConfig(2, 30.0, rest="none"), 3, (0.0, 0.0, None))
+
+
+def flight_point(rng: np.random.Generator, family: FourierFamily) -> np.ndarray:
+    """Parameters (P,) of a gentle flight about (0, 0, 2.5) m."""
+    table = np.zeros_like(family.offset)
+    table[0] = (0.0, 0.0, 2.5)
+    return family.parameters(table) + 0.5 * rng.standard_normal(family.size)
+
+
+def flight_inputs(**changes) -> QuadrotorInputs:
+    return replace(QuadrotorInputs(drag=DRAG), **changes)
+
+
+def flight_model(inputs: QuadrotorInputs | None = None, points: int = 40, *, shared: bool = False) -> Model:
+    """Processes of different amplitude and lengths, or one for all, from two random flights."""
+    inputs, family, rng = inputs or flight_inputs(), flight_family(), np.random.default_rng(11)
+    t = np.linspace(0.5, 29.5, points // 2)
+    X = np.concatenate(
+        [inputs.plan(family.motion(flight_point(rng, family), t, inputs.orders)).X for _ in range(2)]
+    )
+    kernel = SquaredExponential(tuple(range(X.shape[1])))
+    made = []
+    for j in range(1 if shared else 4):
+        theta = kernel.initial((0.5 + j) * np.maximum(np.ptp(X, axis=0), 0.1), 1.0 + j)
+        y = np.sin(X[:, j]) - np.sin(X[:, j]).mean()
+        posterior = ExactGP(kernel, theta, np.log(0.2)).condition(X, y)
+        factor = [0.5, 1.0, 2.0, 4.0] if shared else 0.5 * 2.0**j
+        made.append(candidate(posterior, range(4) if shared else (j,), factor=factor))
+    return Model(inputs, tuple(made))
 
 
 def differences(function: Callable[[np.ndarray], float], at: np.ndarray, step: float = 1e-5) -> np.ndarray:

@@ -25,7 +25,7 @@ def golden() -> ExactPosterior:
 
 
 def test_golden_numbers() -> None:
-    output = Output.of(golden(), np.linspace(0.0, 1.0, 11)[:, None], raw_units=True)
+    output = Output.of(golden(), np.linspace(0.0, 1.0, 11)[:, None], 1.0)
     T = np.array([[0.6], [1.3]])
     gains = ONE((2, 1))
     assert value_of(mean_variance, [output], T, gains) == pytest.approx(0.0993098541705096, rel=1e-11)
@@ -52,7 +52,7 @@ def example(seed: int, n: int = 15, T: int = 6, r: int = 8) -> tuple[ExactGP, tu
 @settings(max_examples=40, deadline=None)
 def test_ivr_is_the_reference_variance_before_minus_after_refit(seed: int) -> None:
     gp, (X, T, R) = example(seed)
-    output = Output.of(gp.condition(X, np.zeros(len(X))), R, raw_units=True)
+    output = Output.of(gp.condition(X, np.zeros(len(X))), R, 1.0)
     both = np.concatenate([X, T])
     after = gp.condition(both, np.zeros(len(both))).predict(R)[1]
     gain = output.reference_variance.mean() - after.mean()
@@ -68,7 +68,7 @@ def test_gains_are_noise_variances(seed: int) -> None:
     gp, (X, T, R) = example(seed)
     gains = np.random.default_rng(seed).uniform(0.1, 1.0, len(T))
     posterior = gp.condition(X, np.zeros(len(X)))
-    output = Output.of(posterior, R, raw_units=True)
+    output = Output.of(posterior, R, 1.0)
     both = np.concatenate([X, T])
     noise = gp.noise_variance * np.concatenate([np.ones(len(X)), gains**-2])
     K = gp.kernel.value(gp.theta, both, both) + np.diag(noise)

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from design_examples import FAMILIES, arm, assert_same, differences, model, robot
-
-from etude.design.config import DesignConfig
-from etude.design.criteria import CRITERIA, NEEDS_IDENTIFIED, Output, evaluate, value_of
 from etude.design.identified import identified_posteriors
-from etude.design.information import d_opt, info_gain
-from etude.design.solve import design
-from etude.errors import UsageError
 from etude.models.features import FeatureMap
 from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.models.physics.rigid_body import command_regressors
 from etude.trajectories.random import random_trajectory
+
+from etude.design.config import DesignConfig
+from etude.design.criteria import CRITERIA, NEEDS_IDENTIFIED, Output, evaluate, value_of
+from etude.design.information import d_opt, info_gain
+from etude.design.solve import design
+from etude.errors import UsageError
 
 QUICK = DesignConfig(criterion="d_opt", candidates=6, refine=2, steps=15, points=25, reference_points=30)
 

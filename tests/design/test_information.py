@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etude import plugins
 from etude.design.batch import batch_of
-from etude.design.criteria import CRITERIA, NEEDS_REFERENCE, Output, evaluate, value_of
+from etude.design.config import GROUP
+from etude.design.criteria import Output, criterion_named, evaluate, needs_of, value_of
 from etude.design.information import Entropy, info_gain, mi_region, sum_log
 from etude.design.score import RESOLUTION
 from etude.errors import UsageError
@@ -161,14 +163,14 @@ def test_without_noise_information_is_counted_against_a_resolution(criterion) ->
     assert np.isfinite(in_gains).all()
 
 
-@pytest.mark.parametrize("name", CRITERIA)
+@pytest.mark.parametrize("name", plugins.BUILT_IN[GROUP])
 def test_only_criteria_that_say_so_need_reference_states(name: str) -> None:
     gp, (X, T, R, gains) = example(3)
-    without, with_ = given_data(gp, X), given_data(gp, X, R)
-    if name in NEEDS_REFERENCE:
-        assert value(CRITERIA[name], with_, T) != value(CRITERIA[name], given_data(gp, X, R[:4]), T)
+    without, with_, criterion = given_data(gp, X), given_data(gp, X, R), criterion_named(name)
+    if needs_of(criterion) == "reference":
+        assert value(criterion, with_, T) != value(criterion, given_data(gp, X, R[:4]), T)
     else:
-        assert value(CRITERIA[name], without, T, gains) == value(CRITERIA[name], with_, T, gains)
+        assert value(criterion, without, T, gains) == value(criterion, with_, T, gains)
 
 
 def test_mutual_information_without_a_reference_is_refused() -> None:

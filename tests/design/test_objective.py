@@ -4,109 +4,140 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from design_examples import FAMILIES, Model, assert_same, differences, model, robot
+from design_examples import (
+    arm_family,
+    arm_inputs,
+    arm_model,
+    arm_point,
+    assert_same,
+    differences,
+    flight_family,
+    flight_inputs,
+    flight_model,
+    flight_point,
+)
 
-from etude.design.criteria import CRITERIA, Output
-from etude.design.mask import stick_gains
-from etude.design.objective import Objective
-from etude.design.refine import Search, Variables, refine
-from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.gauge import certified_rows
-from etude.trajectories.random import random_trajectory
+from etude import plugins
+from etude.contracts import Motion, Planned
+from etude.design.config import GROUP
+from etude.design.criteria import Output, criterion_named
+from etude.design.objective import Objective, gains_of, instants, pull_gains
+from etude.design.view import latents_of, planned
+
+NAMES = tuple(plugins.BUILT_IN[GROUP])
+EVERY = pytest.mark.parametrize("criterion", NAMES)
+FAMILY = pytest.mark.parametrize("family", ["nullspace", "ramp, omega0 drawn"])
 
 
-def objective(criterion: str, family: TrajectoryFamily, known: Model) -> Objective:
-    rng = np.random.default_rng(9)
-    samples = random_trajectory(rng, robot(), family).sample(np.linspace(3.0, 27.0, 9))
-    reference = known.features.transform(samples.q, samples.qd, samples.qdd)
-    outputs = tuple(Output.of(posterior, reference) for posterior in known.posteriors)
-    times = family.duration * (np.arange(12) + 0.5) / 12
-    return Objective(CRITERIA[criterion], outputs, known.features, known.stick_velocity, family, times)
+def objective(criterion: str, model, family, reference: np.ndarray, *, share: float = 1.0) -> Objective:
+    latents = planned(latents_of(model), share, 0)
+    outputs = tuple(Output.of(latent.posterior, reference) for latent in latents)
+    times, keep = instants(30.0, 12, model.inputs.rate)
+    commands = tuple(latent.commands for latent in latents)
+    return Objective(criterion_named(criterion), outputs, commands, model.inputs, family, times, keep)
 
 
-EVERY = pytest.mark.parametrize("criterion", CRITERIA)
-FAMILY = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())
+def arm_aim(criterion: str, family_name: str, stick: float = 0.02) -> tuple[Objective, np.ndarray]:
+    rng, model = np.random.default_rng(9), arm_model(stick=stick)
+    family = arm_family(family_name).drawn(rng)
+    t = np.linspace(3.0, 27.0, 9)
+    reference = model.inputs.plan(family.motion(arm_point(rng, family), t, 3)).X
+    return objective(criterion, model, family, reference), arm_point(rng, family)
 
 
 @EVERY
 @FAMILY
 @pytest.mark.parametrize("stick", [0.0, 0.03])
-def test_gradient_in_coefficients_and_omega0(criterion: str, family: TrajectoryFamily, stick: float) -> None:
-    aim = objective(criterion, family, model(stick=stick))
-    motion = random_trajectory(np.random.default_rng(1), robot(), family)
-    table, omega0 = motion.coefficients, motion.omega0
-    value, gradient, slope = aim.value_and_gradient(table, omega0, with_omega0=True)
-    assert value == pytest.approx(aim.value(table, omega0), rel=1e-10)
-    assert_same(gradient, differences(lambda x: aim.value(x, omega0), table, 1e-5))
-    by_omega0 = differences(lambda w: aim.value(table, float(w[0])), np.array([omega0]), 1e-6)[0]
-    assert slope == pytest.approx(by_omega0, rel=1e-6)
-    assert aim.value_and_gradient(table, omega0, with_omega0=False)[2] == 0.0
+def test_gradient_for_an_arm(criterion: str, family: str, stick: float) -> None:
+    aim, at = arm_aim(criterion, family, stick)
+    value, gradient = aim.value_and_gradient(at)
+    assert value == pytest.approx(aim.value(at), rel=1e-10)
+    assert_same(gradient, differences(aim.value, at))
 
 
 @EVERY
-@FAMILY
-@pytest.mark.parametrize("stretch", [0.5, 1.0, 3.0])
-def test_gradient_of_the_search_inside_and_outside_the_limits(
-    criterion: str, family: TrajectoryFamily, stretch: float
-) -> None:
-    rows = certified_rows(robot(), family)
-    motion = random_trajectory(np.random.default_rng(2), robot(), family)
-    search = Search(objective(criterion, family, model()), rows, Variables.of(robot(), family, motion.omega0))
-    y = search.variables.pack(motion.coefficients, motion.omega0)
-    y[:-1] *= stretch
-    value, gradient = search.value_and_gradient(y)
-    assert value == pytest.approx(search.value_and_gradient(y)[0])
-    approximate = differences(lambda z: search.value_and_gradient(z)[0], y, 1e-6)
-    assert_same(gradient, approximate, 1e-5)
-    assert certify(family.trajectory(*search.certified(y)), robot()).ok
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("rest", [False, True])
+@pytest.mark.parametrize("source", ["specific_force", "kinematic"])
+def test_gradient_for_a_vehicle(criterion: str, shared: bool, rest: bool, source: str) -> None:
+    model = flight_model(flight_inputs(acceleration=source), shared=shared)
+    rng, family = np.random.default_rng(1), flight_family(rest=rest)
+    t = np.linspace(3.0, 27.0, 9)
+    reference = model.inputs.plan(family.motion(flight_point(rng, family), t, 5)).X
+    aim, at = objective(criterion, model, family, reference, share=0.05), flight_point(rng, family)
+    value, gradient = aim.value_and_gradient(at)
+    assert value == pytest.approx(aim.value(at), rel=1e-10)
+    assert_same(gradient, differences(aim.value, at, 2e-5))
 
 
-@FAMILY
-def test_the_variables_keep_the_trajectory(family: TrajectoryFamily) -> None:
-    motion = random_trajectory(np.random.default_rng(3), robot(), family)
-    variables = Variables.of(robot(), family, motion.omega0)
-    table, omega0 = variables.unpack(variables.pack(motion.coefficients, motion.omega0))
-    table[0] += variables.middle
-    np.testing.assert_allclose(table, motion.coefficients, atol=1e-12)
-    assert omega0 == pytest.approx(motion.omega0)
-
-
-@FAMILY
-def test_any_variables_at_all_are_a_certified_trajectory(family: TrajectoryFamily) -> None:
-    rng, rows = np.random.default_rng(4), certified_rows(robot(), family)
-    variables = Variables.of(robot(), family, family.draw_omega0(rng))
-    search = Search(objective("ivr", family, model()), rows, variables)
-    size = variables.free.shape[0] * variables.free.shape[2]
-    for _ in range(20):
-        y = np.append(rng.standard_normal(size) * 10.0 ** rng.uniform(-1, 2), rng.uniform())
-        assert certify(family.trajectory(*search.certified(y)), robot()).ok
-
-
-def test_stick_gains() -> None:
-    qd = np.linspace(-0.1, 0.1, 21)[:, None] * np.ones(2)
-    gain, slope = stick_gains(qd, np.array([0.02, 0.0]))
-    np.testing.assert_allclose(1.0 / gain[qd[:, 0] != 0, 0] ** 2, 1.0 + (0.02 / qd[qd[:, 0] != 0, 0]) ** 2)
-    assert gain[10, 0] == pytest.approx(0.0, abs=1e-12)
-    assert np.all(gain[:, 1] == 1.0)
-    h = 1e-6
-    ahead, behind = (stick_gains(qd + s, np.array([0.02, 0.0]))[0] for s in (h, -h))
-    np.testing.assert_allclose((ahead - behind) / (2 * h), slope, atol=1e-5)
+def test_drag_matters() -> None:
+    rng, family = np.random.default_rng(1), flight_family()
+    at, values = flight_point(rng, family), []
+    for inputs in (flight_inputs(), flight_inputs(drag=(0.0, 0.0, 0.0))):
+        model = replace(flight_model(), inputs=inputs)
+        values.append(objective("info_gain", model, family, np.zeros((0, 13))).value(at))
+    assert values[0] != pytest.approx(values[1], rel=1e-3)
 
 
 def test_slow_motion_teaches_less_where_slow_samples_are_masked() -> None:
-    family = FAMILIES["nullspace"]
-    known = model(stick=0.0)
-    masked = replace(known, stick_velocity=np.full(2, 0.1))
-    motion = random_trajectory(np.random.default_rng(5), robot(), family)
-    plain = objective("ivr", family, known).value(motion.coefficients, motion.omega0)
-    assert objective("ivr", family, masked).value(motion.coefficients, motion.omega0) < plain
+    aim, at = arm_aim("ivr", "nullspace", 0.0)
+    assert replace(aim, inputs=arm_inputs(0.1)).value(at) < aim.value(at)
 
 
-@FAMILY
-def test_refinement_ends_on_the_exact_edge_where_more_motion_is_better(family: TrajectoryFamily) -> None:
-    aim, rows = objective("mean_variance", family, model()), certified_rows(robot(), family)
-    start = random_trajectory(np.random.default_rng(6), robot(), family)
-    found, value, _ = refine(aim, rows, robot(), family, start, 15)
-    np.testing.assert_allclose(rows.gauge(found.coefficients, found.omega0), 1.0, atol=1e-9)
-    assert value == pytest.approx(aim.value(found.coefficients, found.omega0), rel=1e-12)
+def test_commands_that_share_a_function_share_its_samples() -> None:
+    gains = np.array([[1.0, 1.0, -0.5], [0.6, 0.0, 0.5], [0.0, 0.0, 0.0]])
+    found = gains_of([(0, 1), (2,)], gains)
+    np.testing.assert_allclose(found[:, 0] ** 2, 0.5 * (gains[:, 0] ** 2 + gains[:, 1] ** 2))
+    np.testing.assert_array_equal(found[:, 1], gains[:, 2])
+    weights = np.array([[1.0, 3.0], [2.0, -1.0], [0.0, 2.0]])
+    back = pull_gains([(0, 1), (2,)], gains, weights)
+    by_differences = differences(lambda g: float(np.sum(weights * gains_of([(0, 1), (2,)], g))), gains)
+    np.testing.assert_allclose(back[:2], by_differences[:2], atol=1e-8)
+    np.testing.assert_array_equal(back[2], [0.0, 0.0, 2.0])
+
+
+class Remembering:
+    """x = [q, sum of q so far]: inputs that must be sampled at 10 Hz."""
+
+    orders, rate, columns = 1, 10.0, (("q", "a", "m", ""), ("sum", "a", "m", ""))
+
+    def plan(self, motion: Motion, keep=None) -> Planned:
+        assert np.allclose(np.diff(motion.t), 0.1)
+        q = motion.orders[0]
+
+        def pull(in_X: np.ndarray, in_gains: np.ndarray) -> np.ndarray:
+            out = np.zeros_like(q)
+            out[keep] += in_X[:, :1]
+            ends = np.zeros(len(q))
+            ends[keep] = in_X[:, 1]
+            return (out + ends[::-1].cumsum()[::-1][:, None])[None]
+
+        return Planned(np.hstack([q, q.cumsum(axis=0)])[keep], np.ones((len(keep), 1)), pull)
+
+
+def test_inputs_that_remember_see_the_whole_motion() -> None:
+    from design_examples import Model, candidate
+
+    from etude.models.gp.exact import ExactGP
+    from etude.models.gp.kernels import SquaredExponential
+    from etude.trajectories.family import FourierConfig, FourierFamily
+
+    rng, kernel = np.random.default_rng(0), SquaredExponential((0, 1))
+    gp = ExactGP(kernel, kernel.initial(np.array([1.0, 30.0]), 1.0), np.log(0.1))
+    posterior = gp.condition(rng.standard_normal((10, 2)) * [1.0, 30.0], np.zeros(10))
+    model = Model(Remembering(), (candidate(posterior, (0,)),))
+    family = FourierFamily.of(FourierConfig(2, 30.0), 1)
+    aim, at = objective("info_gain", model, family, np.zeros((0, 2))), rng.standard_normal(family.size)
+    assert len(aim.times) == 301
+    assert len(aim.keep) == 12
+    assert_same(aim.value_and_gradient(at)[1], differences(aim.value, at))
+
+
+def test_instants() -> None:
+    times, keep = instants(10.0, 4, 0.0)
+    np.testing.assert_allclose(times, [1.25, 3.75, 6.25, 8.75])
+    assert keep is None
+    times, keep = instants(10.0, 4, 2.0)
+    np.testing.assert_allclose(times, np.arange(21) / 2.0)
+    assert np.abs(times[keep] - [1.25, 3.75, 6.25, 8.75]).max() <= 0.25
+    assert len(instants(1.0, 50, 10.0)[1]) == 11

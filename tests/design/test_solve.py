@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from design_examples import FAMILIES, model, robot
+from etude.trajectories.certificate import certify_bytes
 
 from etude.design.config import DesignConfig
 from etude.design.criteria import CRITERIA
 from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.models.gp.exact import ExactGP
-from etude.trajectories.certificate import certify_bytes
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.moves import random_moves
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,14 +13,17 @@ from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
 
 Sampler = Literal["scaled", "uniform"]
+Sample = Callable[[np.random.Generator, FeasibleSet, int], Array]
 
 AMPLITUDE_SHARE = 4
-"""Every fourth scaled candidate has a random amplitude: slow motion is sometimes what is missing."""
+"""One scaled candidate in so many has a random amplitude: slow motion is sometimes what is missing."""
+STEPS = 60
+"""Of the walk to each uniform candidate; they need to differ, not to be exactly uniform."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A point (P,) of the feasible set of a family whose omega0 has been drawn."""
+    """A point p (P,) of the feasible set of a family whose omega0 has been drawn."""
 
     family: Family
     feasible: FeasibleSet
@@ -30,40 +34,39 @@ class Drawn:
         return self.family.trajectory(self.p)
 
 
-class Candidates:
-    """Random trajectories of `family` inside `limits`, drawn one after the other from one stream.
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample."""
 
-    A family that leaves nothing to draw has one feasible set for all.
-    """
+    family: Family
+    limits: tuple[Limit, ...]
+    home: Array
+    sampler: Sampler
 
-    def __init__(self, family: Family, limits: tuple[Limit, ...], home: Array, sampler: Sampler) -> None:
-        self.family, self.limits, self.home, self.sampler = family, limits, home, sampler
-        self._whole: FeasibleSet | None = None
-
-    def draw(self, rng: np.random.Generator, count: int, *, still: bool = True) -> list[Drawn]:
-        """`count` of them; with `still` every fourth scaled one has a random amplitude.
+    def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:
+        """`count` of them to choose from: a quarter of random amplitude, or half on the edge.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room.
         """
-        made = []
-        for place in range(count):
-            family = self.family.drawn(rng)
-            feasible = self._feasible(family)
-            made.append(Drawn(family, feasible, self._point(rng, family, feasible, place, still)))
-        return made
-
-    def _point(
-        self, rng: np.random.Generator, family: Family, feasible: FeasibleSet, place: int, still: bool
-    ) -> Array:
         if self.sampler == "uniform":
-            return (uniform if place % 2 == 0 else boundary)(rng, feasible, 1)[0]
-        slow = still and place % AMPLITUDE_SHARE == AMPLITUDE_SHARE - 1
-        return (amplitude if slow else scaled)(rng, family, feasible)
+            half = count // 2
+            first = self._drawn(rng, count - half, lambda r, s, n: uniform(r, s, n, STEPS))
+            return [*first, *self._drawn(rng, half, boundary)]
+        slow = count // AMPLITUDE_SHARE
+        return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
 
-    def _feasible(self, family: Family) -> FeasibleSet:
-        if family is not self.family:
-            return FeasibleSet.of(self.limits, family, self.home)
-        if self._whole is None:
-            self._whole = FeasibleSet.of(self.limits, family, self.home)
-        return self._whole
+    def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
+        """`count` large ones, as motions that stand in for tasks, or as a first trajectory."""
+        return self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+
+    def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[Drawn]:
+        """A family that leaves nothing to draw has one feasible set, and all are sampled at once."""
+        families = [self.family.drawn(rng) for _ in range(count)]
+        found: dict[int, Drawn] = {}
+        for family in {id(one): one for one in families}.values():
+            places = [i for i, one in enumerate(families) if one is family]
+            feasible = FeasibleSet.of(self.limits, family, self.home)
+            for place, p in zip(places, sample(rng, feasible, len(places)), strict=True):
+                found[place] = Drawn(family, feasible, p)
+        return [found[place] for place in range(count)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,44 +33,45 @@ def refine(objective: Objective, feasible: FeasibleSet, start: Array, steps: int
     search = Search(objective, feasible)
     first = search.variables(start)
     best = Best(-np.inf, first)
-    scale = 0.0
 
     def cost(y: Array) -> tuple[float, Array]:
-        nonlocal scale
         value, gradient = search.value_and_gradient(y)
         best.offer(value, y)
-        scale = scale or 1.0 / max(abs(value), LEAST_VALUE)
+        scale = 1.0 / max(abs(best.first), LEAST_VALUE)
         return -scale * value, -scale * gradient
 
     options = {"maxiter": steps, "maxcor": 20, "maxls": 10}
     minimize(cost, first, jac=True, method="L-BFGS-B", options=options)
-    p, value, tried = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
-    return Refined(p, value, best.count + tried)
+    p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
+    return Refined(p, value, best.count + len(feasible.blocks))
 
 
 def _to_the_edge(
     objective: Objective, feasible: FeasibleSet, p: Array, value: float
-) -> tuple[Array, float, int]:
+) -> tuple[Array, float]:
     """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
-    full = feasible.scale_to(p, enlarge=True)
+    full = feasible.enlarge(p)
     for block in feasible.blocks:
         trial = p.copy()
-        trial[block] = full[block]
+        trial[block.members] = full[block.members]
         trial_value = objective.value(trial)
         if trial_value > value:
             p, value = trial, trial_value
-    return p, value, len(feasible.blocks)
+    return p, value
 
 
 @dataclass
 class Best:
-    """The best point seen, because a line search may end elsewhere."""
+    """The best point seen, because a line search may end elsewhere; first: the value where it began."""
 
     value: float
     y: Array
     count: int = 0
+    first: float = 0.0
 
     def offer(self, value: float, y: Array) -> None:
+        if not self.count:
+            self.first = value
         self.count += 1
         if value > self.value:
             self.value, self.y = value, y.copy()
@@ -79,43 +81,42 @@ class Best:
 class Search:
     """The objective on variables that cannot leave the limits.
 
-    p = centre + shape y, the shape that of the ellipsoid of the limits' rows, so that numbers are of order
-    one. A block that uses its limits by g is drawn towards the centre by (1 + g^p)^(-1/p), which is nearly 1
-    inside and 1/g outside, and always enough: g is the smooth gauge, never below the true one. So every
-    evaluation is of a trajectory inside, and the search has no constraints and no corners.
+    p = centre + T y, T the ellipsoid of the limits' rows, so that numbers are of order one. A block that uses
+    its limits by g is drawn towards the centre by (1 + g^p)^(-1/p), which is nearly 1 inside and 1/g outside,
+    and always enough: g is the smooth gauge, never below the true one. So every evaluation is of a trajectory
+    inside, and the search has no constraints and no corners.
     """
 
     objective: Objective
     feasible: FeasibleSet
 
+    @cached_property
+    def shape(self) -> Array:
+        """T (P, P)."""
+        return self.feasible.ellipsoid()
+
     def variables(self, p: Array) -> Array:
-        """y (P,) of parameters."""
-        return self.feasible.shape_solve(p - self.feasible.centre)
+        """y (P,) of parameters, before any drawing."""
+        return np.asarray(np.linalg.solve(self.shape, p - self.feasible.centre))
 
     def inside(self, y: Array) -> Array:
         """Parameters (P,) inside the limits."""
-        offset = self.feasible.shape @ y
+        offset = self.shape @ y
         use, _ = self.feasible.smooth_gauge(self.feasible.centre + offset)
-        return self.feasible.centre + offset * self._per_parameter(_shrink(use))
+        return np.asarray(self.feasible.centre + offset * _shrink(use)[self.feasible.block_of])
 
     def value_and_gradient(self, y: Array) -> tuple[float, Array]:
         """Value at the parameters of y, and its gradient in y."""
-        offset = self.feasible.shape @ y
+        block_of, offset = self.feasible.block_of, self.shape @ y
         use, use_gradient = self.feasible.smooth_gauge(self.feasible.centre + offset)
-        drawn = _shrink(use)
-        shrink = self._per_parameter(drawn)
-        value, gradient = self.objective.value_and_gradient(self.feasible.centre + offset * shrink)
-        pulled = np.array([offset[block] @ gradient[block] for block in self.feasible.blocks])
-        in_use = -pulled * drawn**2 * (use * drawn) ** (CORNER - 1)
-        in_offset = gradient * shrink + use_gradient * self._per_parameter(in_use)
-        return value, self.feasible.shape.T @ in_offset
-
-    def _per_parameter(self, values: Array) -> Array:
-        """(P,) from one value per block."""
-        out = np.ones(len(self.feasible.centre))
-        for block, value in zip(self.feasible.blocks, values, strict=True):
-            out[block] = value
-        return out
+        shrink = _shrink(use)
+        value, gradient = self.objective.value_and_gradient(
+            self.feasible.centre + offset * shrink[block_of]
+        )
+        along = np.bincount(block_of, offset * gradient, len(use))
+        in_use = -along * shrink**2 * (use * shrink) ** (CORNER - 1)
+        in_offset = gradient * shrink[block_of] + use_gradient * in_use[block_of]
+        return value, np.asarray(self.shape.T @ in_offset)
 
 
 def _shrink(use: Array) -> Array:

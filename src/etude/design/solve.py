@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.design.batch import batch_of
-from etude.design.candidates import Candidates, Drawn
+from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
 from etude.design.criteria import Output, Reduction, criterion_named, needs_of
 from etude.design.objective import Objective, gains_of, instants
@@ -89,10 +89,10 @@ def design(
     """
     started = time.process_time()
     with threads_for(0):
-        source = Candidates(family, tuple(limits), home, config.sampler)
-        standing_in = [drawn.trajectory for drawn in source.draw(rng, MOTIONS)]
+        source = Source(family, tuple(limits), home, config.sampler)
+        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
         aim = objective(family, inputs, model, config, tasks, standing_in, rate=rate, physics=physics)
-        found = search(aim.objective, source.draw(rng, config.candidates), config)
+        found = search(aim.objective, source.candidates(rng, config.candidates), config)
         before, after = aim.deviations(found.best)
     return Design(
         trajectory=found.best.trajectory,

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, Model, Physics, Posterior, Regressed
+from etude.contracts import Array, Candidate, Model, Physics, Posterior, Regressed
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.exact import ExactPosterior
@@ -40,8 +40,8 @@ class Latent:
 def latents_of(model: Model) -> tuple[Latent, ...]:
     """The model's latent functions, each command in one of them, in the order of their first commands.
 
-    A command is seen through its best candidate that has a process: a rung without one does not say where
-    the robot has not been.
+    A rung without a process does not say where the robot has not been, so such a command is seen through
+    another of its rungs.
 
     Raises:
         UsageError: a command without any process.
@@ -150,21 +150,30 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
 
 
 def _chosen(model: Model) -> dict[int, int]:
-    """The place of each command's best candidate with a process; of equal weights the first."""
-    best: dict[int, tuple[float, int]] = {}
-    known: set[int] = set()
-    for place, candidate in enumerate(model.candidates):
-        known.update(candidate.commands)
-        for i, command in enumerate(candidate.commands if candidate.process is not None else ()):
-            weight = float(candidate.weights[i])
-            if command not in best or weight > best[command][0]:
-                best[command] = (weight, place)
-    if lacking := sorted(known - set(best)):
-        raise UsageError(
-            f"command {', '.join(str(j) for j in lacking)} has no process, so nothing says what is not known",
-            next_step="Learn with a rung that has one, as model.rung = 'auto' does.",
-        )
-    return {command: place for command, (_, place) in best.items()}
+    """The place of the candidate with a process through which each command is seen.
+
+    The one in use; if that has no process, the same rung with one, then the identified one, then the first.
+    """
+    places: dict[int, int] = {}
+    for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
+        own = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
+        in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].rung
+        ranked = [
+            (_weight(c, command), c.rung == f"{in_use}+gp", c.rung == "identified+gp", -i)
+            for i, c in own
+            if c.process is not None
+        ]
+        if not ranked:
+            raise UsageError(
+                f"command {command} has no process, so nothing says what is not known of it",
+                next_step="Learn with a rung that has one, as model.rung = 'auto' does.",
+            )
+        places[command] = -max(ranked)[-1]
+    return places
+
+
+def _weight(candidate: Candidate, command: int) -> float:
+    return float(candidate.weights[candidate.commands.index(command)])
 
 
 def _guide(posterior: Posterior) -> Posterior:

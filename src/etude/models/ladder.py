@@ -4,9 +4,6 @@ A rung is a mean function (none, linear regression, identified or nominal physic
 leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
 where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
 linear regression is a rung like the others.
-
-Stretches of a single trajectory are no evidence for that: they are all near each other, and a regression that
-fits them best may err without bound on the next motion. Then another rung stays, with a warning.
 """
 
 from __future__ import annotations
@@ -18,6 +15,7 @@ import numpy as np
 
 from etude.contracts import Array, Inputs, Physics, Samples
 from etude.errors import DataError, UsageError
+from etude.models.choice import TRAJECTORIES, choices, warnings_of
 from etude.models.config import ModelConfig
 from etude.models.fit import Folds, Rows, rows_of
 from etude.models.held_out import Base, HeldOut, fitted_base, fold_numbers, independence
@@ -30,13 +28,9 @@ from etude.models.student_t import StudentT, fit_student
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
-TRAJECTORIES = 2
-"""From so many on linear regression competes."""
 LEAST_CALIBRATED = 4
 """Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
 uncalibrated."""
-ROUNDING = 1e-20
-"""Part of the mean square of a command below which an error is rounding: both are right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +121,12 @@ def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) 
     if not np.isfinite(samples.command[samples.usable]).all():
         raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
     inputs = inputs.tuned(samples)
-    X = np.asarray(inputs.of_log(samples.log), dtype=float)
+    try:
+        X = np.asarray(inputs.of_log(samples.log), dtype=float)
+    except KeyError as error:
+        raise DataError(
+            f"the samples lack an input ({error.args[0]})", next_step="Turn that input off, or log it."
+        ) from error
     if X.shape != (len(samples), len(inputs.columns)) or not np.isfinite(X).all():
         raise DataError(
             f"the inputs of {len(samples)} samples are no numbers, or of shape {X.shape}",
@@ -214,12 +213,10 @@ def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: 
     held.setdefault("linear", baseline.at(kept))
     scale = {rung: _scales(folds, rung, pairs) for rung in held}
     errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
-    candidates, warnings = [], []
-    chosen = ["" for _ in folds.commands]
+    candidates = []
+    trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
+    chosen = choices(folds, trained, errors)
     for group, own in pairs:
-        for j in group:
-            chosen[j] = _choice(folds, list(own), j, errors)
-            warnings += _warning(folds, own, j, chosen[j], held)
         for rung, learned in own.items():
             weights = np.array([float(chosen[j] == rung) for j in group])
             candidates.append(replace(learned.candidate, weights=weights))
@@ -235,7 +232,7 @@ def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: 
         independence=independence(error, samples),
         member=config.process,
         student=_student(error, spread) if config.student_t else None,
-        warnings=tuple(warnings),
+        warnings=warnings_of(folds, trained, chosen, held),
     )
     trivial = trivial_prediction(samples)
     scores = {}
@@ -264,50 +261,6 @@ def _scales(folds: Folds, rung: str, pairs: Sequence[tuple[tuple[int, ...], Mapp
         if rung in own:
             scale[list(group)] = own[rung].candidate.calibration
     return scale
-
-
-def _choice(folds: Folds, rungs: Sequence[str], j: int, errors: Mapping[str, Array]) -> str:
-    """The rung of command j: the least held-out error of those that may compete."""
-    if folds.config.rung != "auto":
-        return folds.config.rung
-    trajectories = folds.trajectories
-    competing = [r for r in rungs if trajectories >= TRAJECTORIES or not r.startswith("linear")]
-    physics = [r for r in competing if not r.endswith("gp") and r != "linear"]
-    if trajectories < folds.config.process_from and physics:
-        competing = physics
-    size = np.abs(folds.samples.command[:, j])
-    rounding = ROUNDING * float(np.mean(size**2))
-    if folds.config.choose_by == "absolute":
-        rounding = float(np.sqrt(rounding))
-    best = competing[0]
-    for rung in competing[1:]:
-        if errors[rung][j] < errors[best][j] - rounding or np.isnan(errors[best][j]):
-            best = rung
-    return best
-
-
-def _warning(
-    folds: Folds, own: Mapping[str, Learned], j: int, chosen: str, held: Mapping[str, HeldOut]
-) -> list[str]:
-    """A sentence if linear regression predicts command j better than the process by itself."""
-    rival = "gp" if chosen in ("linear", "linear+gp") and "gp" in own else chosen
-    squared = {rung: held[rung].errors("squared")[j] for rung in (rival, "linear")}
-    size = float(np.mean(folds.samples.command[:, j] ** 2))
-    if rival == "linear" or not squared[rival] > squared["linear"] + ROUNDING * size:
-        return []
-    if not rival.endswith("gp"):
-        return []
-    worse = float(np.sqrt(squared[rival] / squared["linear"])) if squared["linear"] > 0.0 else np.inf
-    outcome = {
-        "linear": ", so this command is predicted by linear regression alone",
-        "linear+gp": ", so the process now learns only what linear regression leaves",
-    }.get(chosen, "")
-    if not outcome and folds.trajectories < TRAJECTORIES:
-        outcome = ", but one trajectory is too little to fall back to that; tell another one"
-    return [
-        f"{folds.commands[j]}: on motion held out the process erred {worse:.3g} times as much as linear "
-        f"regression{outcome}."
-    ]
 
 
 def _student(error: Array, variance: Array) -> StudentT | None:

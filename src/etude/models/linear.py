@@ -75,10 +75,10 @@ def linear_weights(L: Array, command: Array, usable: Mask) -> Array:
 
 
 def at_rest(log: Log) -> Log:
-    """The log with every state that is a rate of another channel at zero."""
+    """The log with every channel that is the rate of another at zero, planned or measured."""
     still = {
         name: np.zeros_like(values)
         for name, values in log.values.items()
-        if log.channels[name].role == "state" and log.channels[name].derivative_of
+        if log.channels[name].role in ("state", "plan") and log.channels[name].derivative_of
     }
     return replace(log, values={**log.values, **still})

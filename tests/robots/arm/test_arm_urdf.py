@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.urdf import STOPPING_TIME, joint_rows, load_mujoco_model, spec_from_model
+from etude.robots.arm.model_file import joint_rows, load_mujoco_model
+from etude.robots.arm.urdf import STOPPING_TIME, spec_from_model
 
 MESH = '<visual><geometry><mesh filename="package://arm/meshes/link.stl"/></geometry></visual>'
 URDF = f"""<robot name="arm">
