@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
+from etude.campaign.journal import require_intact
 from etude.campaign.learn import Learner, learn_pending, newest_model
 from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
@@ -75,6 +76,7 @@ def ask(
 
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
+        UsageError: a file of the open proposal is missing, or is not what was committed.
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
     motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
@@ -196,9 +198,23 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 
 
 def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+    exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
     files = _files(campaign, at_speed(full, speed) if speed != 100 else full)
-    if speed != 100 and not (folder / COEFFICIENTS).exists():
+    if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)
+
+
+def _check_files(campaign: Campaign, number: int, speed: int) -> bool:
+    """Holds the proposal's files, which a robot may run, against the journal; whether this speed is in it."""
+    own = [event for event in campaign.events() if event.number == number]
+    asked = [event for event in own if event.event == "asked"]
+    exported = [e for e in own if e.event == "exported" and e.facts.get("speed") == speed]
+    advice = (
+        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
+        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
+    )
+    require_intact(campaign.path, asked + exported, advice)
+    return bool(exported)

@@ -12,12 +12,13 @@ from etude.campaign.ask import speed_folder, stored_trajectory
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.state import Round, State
-from etude.contracts import Log
+from etude.contracts import Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
+from etude.logs.units import start_at_zero
 from etude.storage import sha256_of, write_atomic
 
 
@@ -113,11 +114,11 @@ def _identify(
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)
-                return align(log, trajectory, campaign.kind.path), candidate, speed
+                return _aligned(campaign, log, trajectory), candidate, speed
             except DataError as error:
                 refused = refused or error
     if refused is None or (number is None and not open_numbers):
-        return log, None, 100
+        return start_at_zero(log), None, 100
     raise DataError(
         refused.fact,
         where=refused.where or str(path),
@@ -125,15 +126,32 @@ def _identify(
     )
 
 
+def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
+    expected = campaign.kind.expected(campaign.spec)
+    path = campaign.kind.path
+    return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
+
+
 def read(campaign: Campaign, path: Path, *, degrees: bool = False) -> Log:
-    """The cleaned log in a file. DataError if it cannot be used."""
-    return read_log(
+    """The cleaned log in a file, by its own clock.
+
+    Raises:
+        DataError: it cannot be used; by the doctor of all logs, or by what the kind looks for.
+    """
+    expected = campaign.kind.expected(campaign.spec)
+    log = read_log(
         path,
         campaign.channels,
-        rate=float(campaign.spec.rate),
+        rate=expected.rate,
         degrees=degrees,
-        checks=lambda log: campaign.kind.checks(campaign.spec, log),
+        limits=expected.limits,
+        own_clock=True,
     )
+    found = campaign.kind.checks(campaign.spec, log)
+    for finding in found:
+        if finding.light == "red":
+            raise DataError(finding.sentence, where=path.name, next_step=finding.step)
+    return log.repaired(*(finding.sentence for finding in found if finding.light == "yellow"))
 
 
 def _store(

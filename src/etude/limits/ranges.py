@@ -26,11 +26,14 @@ class Bound:
     Attributes:
         values: (M, n). size: (n,) sum of amplitudes, for rounding.
         kappa: max_t |.| <= max |values| / kappa, of each component or, on the finer grid, of quadratic forms.
+        sampled: whether the values are the motion's own, and not only what it stays between (on a phase ramp,
+            on straight moves): then the least size of a vector is bounded like the largest.
     """
 
     values: Array
     size: Array
     kappa: float
+    sampled: bool
 
     def range(self) -> tuple[Array, Array]:
         """Interval (n,), (n,) that holds each component."""
@@ -40,17 +43,18 @@ class Bound:
 def bound_of(piece: Trajectory, order: int, degree: int, axes: list[int], shift: Array) -> Bound:
     """Bound of some coordinates' derivative of that order, plus a constant shift (n,)."""
     values, amplitudes, kappa = piece.bound(order, degree)
-    return Bound(values[:, axes] + shift, amplitudes[axes] + np.abs(shift), kappa)
+    sampled = bool(getattr(piece, "sampled", False))
+    return Bound(values[:, axes] + shift, amplitudes[axes] + np.abs(shift), kappa, sampled)
 
 
 def norm_range(bound: Bound) -> tuple[float, float]:
     """Proved interval of a vector's size, from its square, a polynomial of twice the degree.
 
-    Between exact extremes (kappa 1) a size may fall below them: nothing is proved of the least one then.
+    From values that are not samples of the motion nothing is proved of the least size: it may lie between.
     """
     square, size = (bound.values**2).sum(axis=1), float((bound.size**2).sum())
     low, high = riesz_range(square[:, None], bound.kappa, size)
-    least = 0.0 if bound.kappa == 1.0 else max(float(low[0]), 0.0)
+    least = max(float(low[0]), 0.0) if bound.sampled else 0.0
     return math.sqrt(least), math.sqrt(max(float(high[0]), 0.0))
 
 

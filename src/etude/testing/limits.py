@@ -126,7 +126,7 @@ def _reach(cone: Cone, centre: Array, direction: Array) -> float:
 
 
 def _room(row: Proof) -> float:
-    """What is left between the proved interval and the limit less its margin; negative where it is not kept."""
+    """What is left between the proved interval and the limit less its margin; negative: not kept."""
     return min(row.upper - row.margin - row.proved_upper, row.proved_lower - row.lower - row.margin)
 
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from etude.robots.quadrotor.plant import core
 from etude.robots.quadrotor.plant.constants import control, true_body
@@ -134,7 +135,7 @@ def _energy_gap(rate: float) -> float:
     air = (ground[:, None] * m[:, 0] * W**2 * climb).sum(axis=1) - v**2 @ np.array(CLEAN.air.drag)
     air -= (m[:, 1] * W**2 * (W + SPINS * y[:, 12:13])).sum(axis=1)
     stored = [energy(row, body) + 0.5 * m[:, 4] @ c**2 for row, c in zip(y[[0, -1]], i[[0, -1]], strict=True)]
-    given, kept = (np.trapezoid(power, dx=1.0 / rate) for power in (supply, supply - copper + air))
+    given, kept = (trapezoid(power, dx=1.0 / rate) for power in (supply, supply - copper + air))
     return float(abs(kept - (stored[1] - stored[0])) / given)
 
 
