@@ -178,8 +178,9 @@ class FourierFamily:
         return self.config.duration
 
     def drawn(self, rng: np.random.Generator) -> FourierFamily:
-        """The family with a base frequency drawn from its range."""
-        return replace(self, omega0=self.config.draw_omega0(rng))
+        """The family with a base frequency drawn from its range; itself where that is no other."""
+        omega0 = self.config.draw_omega0(rng)
+        return self if omega0 == self.omega0 else replace(self, omega0=omega0)
 
     def coefficients(self, p: Array) -> Array:
         """(2N+1, k) coefficients that parameters (P,) choose."""
