@@ -143,3 +143,58 @@ def test_the_writer_removes_what_a_killed_one_left(tmp_path: Path) -> None:
     left.write_bytes(b"half")
     with storage.writer_lock(tmp_path):
         assert not left.exists()
+
+
+def recorded(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """Every call of storage that touches the disk, with the name of the file or folder, in order."""
+    calls: list[tuple[str, str]] = []
+    names: dict[int, str] = {}
+    real = {name: getattr(os, name) for name in (*CALLS, "close")}
+
+    def opened(path: Any, *args: Any) -> int:
+        handle: int = real["open"](path, *args)
+        names[handle] = Path(path).name
+        return handle
+
+    def on_handle(name: str) -> Callable[..., Any]:
+        def call(handle: int, *args: Any) -> Any:
+            calls.append((name, names[handle]))
+            return real[name](handle, *args)
+
+        return call
+
+    def replaced(source: Any, target: Any) -> None:
+        calls.append(("replace", Path(target).name))
+        real["replace"](source, target)
+
+    patch.setattr(storage.os, "open", opened)
+    patch.setattr(storage.os, "replace", replaced)
+    for name in ("write", "fsync"):
+        patch.setattr(storage.os, name, on_handle(name))
+    return calls
+
+
+def test_a_file_is_on_the_disk_before_its_name_and_its_name_before_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "folder"
+    calls = recorded(monkeypatch)
+    storage.write_atomic(folder / "file", b"data")
+    temporary = f"{storage.TEMPORARY_PREFIX}{os.getpid()}-file"
+    assert calls == [
+        ("write", temporary),
+        ("fsync", temporary),
+        ("replace", "file"),
+        ("fsync", "folder"),
+    ]
+
+
+def test_a_line_is_on_the_disk_before_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = recorded(monkeypatch)
+    storage.append_line(tmp_path / "journal", "one")
+    written = [("write", "journal"), ("fsync", "journal")]
+    # a new file is lost with its folder's entry
+    assert calls == [*written, ("fsync", tmp_path.name)]
+    calls.clear()
+    storage.append_line(tmp_path / "journal", "two")
+    assert calls == written

@@ -1,3 +1,55 @@
-"""Étude: composes the motions that teach a robot's inverse dynamics in as little robot time as possible."""
+"""Étude: composes the motions that teach a robot's inverse dynamics in as little robot time as possible.
+
+What stands in `__all__` is loaded when it is first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
 
 __version__ = "0.1.0"
+
+_PLACES = {
+    "create_campaign": "etude.campaign.create",
+    "open_campaign": "etude.campaign.folder",
+    "ask": "etude.campaign.ask",
+    "tell": "etude.campaign.tell",
+    "status": "etude.campaign.status",
+    "simulate": "etude.campaign.simulate",
+    "read_log": "etude.logs.read",
+    "load_robot": "etude.campaign.create",
+    "load_model": "etude.campaign.learn",
+    "certify": "etude.limits.certificate",
+}
+_MODULES = ("contracts", "errors", "testing")
+__all__ = [
+    "ask",
+    "certify",
+    "contracts",
+    "create_campaign",
+    "errors",
+    "load_model",
+    "load_robot",
+    "open_campaign",
+    "read_log",
+    "simulate",
+    "status",
+    "tell",
+    "testing",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Functions that commands are made of, and the modules that plug-ins need."""
+    if name in _MODULES:
+        return importlib.import_module(f"etude.{name}")
+    if name not in _PLACES:
+        raise AttributeError(f"module 'etude' has no attribute {name!r}")
+    found = getattr(importlib.import_module(_PLACES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

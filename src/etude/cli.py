@@ -7,7 +7,9 @@ import sys
 import traceback
 from collections.abc import Sequence
 
+from etude import __version__
 from etude.errors import EtudeError
+from etude.interrupt import INTERRUPTED, end_on_interrupt, ignore_from_now
 
 KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
 
@@ -16,9 +18,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
 
     0 ok, 1 a bug or a failing machine, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory
-    (no file is written), 5 stop rule reached, 130 interrupted.
+    (no file is written), 5 stop rule reached, 130 interrupted. As a program (without `arguments`) Ctrl-C ends
+    the process itself; who calls with arguments gets the KeyboardInterrupt turned into 130.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments is not None:
+        return _guarded(list(arguments))
+    given = sys.argv[1:]
+    line = _error_line("Interrupted", KEPT, "", "", INTERRUPTED) if "--json" in given else ""
+    end_on_interrupt(_block(KEPT), line)
+    code = _guarded(given)
+    ignore_from_now()
+    return code
+
+
+def _guarded(given: list[str]) -> int:
     as_json = "--json" in given
     try:
         return _run(given)
@@ -31,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code
         )
     except KeyboardInterrupt:
-        return _report(as_json, "Interrupted", KEPT, "", "", 130)
+        return _report(as_json, "Interrupted", KEPT, "", "", INTERRUPTED)
     except BrokenPipeError:
         # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -43,6 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(given: list[str]) -> int:
+    if given == ["--version"]:
+        print(f"etude {__version__}", flush=True)
+        return 0
     from etude.commands import parse
     from etude.commands.outcome import to_json
 
@@ -61,20 +77,28 @@ def _say(text: str) -> None:
 
 
 def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exit_code: int) -> int:
-    lines = [f"etude: {fact[:1].upper()}{fact[1:]}"]
-    lines += [f"  where: {where}"] if where else []
-    lines += [f"  next:  {next_step}"] if next_step else []
-    _say("\n".join(lines))
+    _say(_block(fact, where, next_step))
     if as_json:
         _print_error(kind, fact, where, next_step, exit_code)
     return exit_code
 
 
+def _block(fact: str, where: str = "", next_step: str = "") -> str:
+    lines = [f"etude: {fact[:1].upper()}{fact[1:]}"]
+    lines += [f"  where: {where}"] if where else []
+    lines += [f"  next:  {next_step}"] if next_step else []
+    return "\n".join(lines)
+
+
 def _print_error(kind: str, fact: str, where: str, next_step: str, exit_code: int) -> None:
+    print(_error_line(kind, fact, where, next_step, exit_code), flush=True)
+
+
+def _error_line(kind: str, fact: str, where: str, next_step: str, exit_code: int) -> str:
     from etude.commands.outcome import to_json
 
     error = {"kind": kind, "fact": fact, "where": where, "next_step": next_step, "exit_code": exit_code}
-    print(to_json({"error": error}), flush=True)
+    return to_json({"error": error})
 
 
 if __name__ == "__main__":

@@ -75,12 +75,15 @@ def append_line(path: Path, line: str) -> None:
 
 
 def read_lines(path: Path) -> list[str]:
-    """The whole lines of a file that `append_line` wrote; a torn last line is left out."""
+    """The whole lines of a file that `append_line` wrote; a torn last line is left out.
+
+    Bytes that are not UTF-8 come as surrogates, so that every byte of a damaged file is kept.
+    """
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
         return []
-    return data.decode(errors="replace").split("\n")[:-1]
+    return data.decode(errors="surrogateescape").split("\n")[:-1]
 
 
 def sha256_of(path: Path) -> str:

@@ -76,7 +76,7 @@ def _sarcos_arrays(path: Path) -> Mapping[str, Array]:
 
     try:
         table = loadmat(io.BytesIO(path.read_bytes()))["sarcos_inv_test"]
-    except (OSError, ValueError, KeyError, NotImplementedError, TypeError, MatReadError) as error:
+    except (OSError, ValueError, LookupError, NotImplementedError, TypeError, MatReadError) as error:
         raise _unreadable(path, error) from error
     _check(path, sarcos_inv_test=(table, (len(table), 4 * JOINTS)))
     return dict(zip(names, np.split(np.asarray(table, dtype=float), 4, axis=1), strict=True))

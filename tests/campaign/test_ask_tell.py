@@ -106,6 +106,50 @@ class TestAsk:
         assert ask(campaign, speed=25).number == 1
         assert [e.event for e in campaign.events()] == ["created", "asked", "exported"]
 
+    @pytest.mark.parametrize("name", ["trajectory.json", "trajectory.csv", "certificate.json"])
+    @pytest.mark.parametrize("speed", [100, 25])
+    @pytest.mark.parametrize("harm", ["missing", "changed"])
+    def test_a_damaged_file_of_an_open_proposal(
+        self, campaign: Campaign, name: str, speed: int, harm: str
+    ) -> None:
+        path = ask(campaign, speed=speed).folder / name
+        good, before = path.read_bytes(), campaign.events()
+        if harm == "missing":
+            path.unlink()
+        else:
+            path.write_bytes(good.replace(b"1", b"2", 1))
+        with pytest.raises(UsageError) as caught:
+            ask(campaign, speed=speed)
+        assert (
+            f"{path.relative_to(campaign.path)} {'is missing' if harm == 'missing' else 'was changed'}"
+            in (caught.value.fact)
+        )
+        assert f"etude abandon {campaign.path} 1, then etude ask" in caught.value.next_step
+        assert campaign.events() == before
+        path.write_bytes(good)
+        assert ask(campaign, speed=speed).number == 1
+
+    def test_a_slower_copy_of_a_changed_trajectory(self, campaign: Campaign) -> None:
+        path = ask(campaign).folder / "trajectory.json"
+        path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
+        with pytest.raises(UsageError, match=r"trajectory\.json was changed"):
+            ask(campaign, speed=50)
+        assert not (path.parent / "speed_050").exists()
+
+    def test_after_the_advice_asking_goes_on(self, campaign: Campaign) -> None:
+        (ask(campaign).folder / "trajectory.csv").unlink()
+        abandon(campaign, 1)
+        assert ask(campaign).number == 2
+
+    def test_a_slower_copy_that_was_never_committed_is_written_again(self, campaign: Campaign) -> None:
+        """Its writer was killed before the journal's line."""
+        left = ask(campaign).folder / "speed_025"
+        left.mkdir()
+        (left / "trajectory.json").write_text("half")
+        ask(campaign, speed=25)
+        assert [e.event for e in campaign.events()] == ["created", "asked", "exported"]
+        assert damaged_files(campaign.path, campaign.events()) == []
+
     def test_no_room_means_no_file(self, tmp_path: Path) -> None:
         text = ROBOT.replace("lower = -1.0", "lower = 0.9999999999999999")
         campaign = make_campaign(tmp_path)

@@ -7,28 +7,97 @@ from pathlib import Path
 
 import pytest
 
+from etude import plugins
 from etude.campaign.comments import COMMENTS
-from etude.campaign.config import SECTIONS, CampaignConfig
-from etude.campaign.config_file import config_text, load_config, parse_config
-from etude.campaign.presets import NAMES, preset
+from etude.campaign.config import SECTIONS, CampaignConfig, preset_config
+from etude.campaign.config_file import ConfigFile, config_text, load_config, parse_config
 from etude.errors import UsageError
-from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.family import FourierConfig
+
+NAMES = ("default", "thesis")
+KINDS = {name: plugins.load("etude.robots", name) for name in ("arm", "quadrotor")}
 
 
-def parse(text: str) -> CampaignConfig:
+def read(text: str) -> ConfigFile:
     return parse_config(text.encode(), "lab/campaign.toml")
 
 
+def parse(text: str) -> CampaignConfig:
+    return read(text).config
+
+
+def preset(name: str, kind: str = "arm") -> CampaignConfig:
+    return preset_config(KINDS[kind], name)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", NAMES)
-def test_what_init_writes_reads_back(name: str) -> None:
-    config = replace(preset(name), seed=11)
-    assert parse(config_text(config)) == config
+def test_what_init_writes_reads_back(name: str, kind: str) -> None:
+    config = replace(preset(name, kind), seed=11)
+    found = read(config_text(config, KINDS[kind]))
+    assert (found.config, found.kind.name, found.notes) == (config, kind, ())
 
 
-def test_every_key_is_explained() -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_is_explained(kind: str) -> None:
     for section in SECTIONS:
-        keys = [field.name for field in fields(getattr(preset("default"), section))]
-        assert list(COMMENTS[section]) == keys
+        keys = {field.name for field in fields(getattr(preset("default", kind), section))}
+        explained = {**COMMENTS.get(section, {}), **KINDS[kind].comments.get(section, {})}
+        assert keys <= set(explained), f"[{section}] of {kind}"
+        assert set(COMMENTS.get(section, {})) <= keys, f"comments of [{section}]"
+        assert set(KINDS[kind].comments.get(section, {})) <= keys, f"{kind}'s comments of [{section}]"
+
+
+OLD_VEHICLE = """\
+kind = "vehicle"
+[model]
+kind = "gp"
+altitude = false
+kernel = "separate"
+hyperparameters = "first_flight"
+[design]
+starts = 4
+method = "gradient"
+"""
+
+
+def test_a_file_of_0_1_is_read_with_a_sentence_for_each_renamed_key() -> None:
+    found = read(OLD_VEHICLE)
+    assert found.config.kind == "quadrotor"
+    model, data, design = found.config.model, found.config.data, found.config.design
+    assert (model.rung, model.sharing, model.schedule) == ("gp", "separate", "first")
+    assert model.kernel == preset("default", "quadrotor").model.kernel
+    assert (data.altitude, design.refine) == (False, 4)
+    names = ["kind", "model.kind", "model.kernel", "model.hyperparameters", "model.altitude"]
+    for name in [*names, "design.starts", "design.method"]:
+        assert sum(note.startswith((f"{name} in", f"{name} =")) for note in found.notes) == 1, name
+    assert len(found.notes) == 7
+
+
+def test_a_file_of_an_arm_of_0_1_names_no_kind() -> None:
+    found = read("[model]\nkind = 'identified'\nfriction_fraction = 0.05\nguard = false\n")
+    assert found.config.kind == "arm"
+    assert (found.config.model.rung, found.config.data.friction_fraction) == ("identified", 0.05)
+    assert len(found.notes) == 3
+
+
+def test_both_names_of_a_key_at_once_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"model\.kind and model\.rung say the same thing twice"):
+        parse("[model]\nkind = 'gp'\nrung = 'gp'\n")
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("submarine", "there is no 'submarine' among etude.robots"),
+        ("arms", "Did you mean arm"),
+        (3, "kind = 3"),
+    ],
+)
+def test_kinds_that_nobody_brings(kind: object, message: str) -> None:
+    with pytest.raises(UsageError, match=message) as caught:
+        parse(f"kind = {kind!r}\n")
+    assert caught.value.where == "lab/campaign.toml kind"
 
 
 def test_keys_left_out_come_from_the_preset() -> None:
@@ -43,7 +112,7 @@ def test_keys_left_out_come_from_the_preset() -> None:
 )
 def test_unions_are_read(value: str, omega0: object) -> None:
     config = parse(f'[trajectory]\nrest = "ramp"\nomega0 = {value}\n')
-    assert config.trajectory == TrajectoryFamily(rest="ramp", omega0=omega0)  # type: ignore[arg-type]
+    assert config.trajectory == FourierConfig(rest="ramp", omega0=omega0)  # type: ignore[arg-type]
 
 
 def test_none_is_a_word_where_it_is_one() -> None:
@@ -61,10 +130,10 @@ def test_none_is_a_word_where_it_is_one() -> None:
         ("colour = 3", r"unknown key 'colour'.*Valid keys: kind, preset, seed, trajectory, data"),
         (
             '[trajectory]\nharmonics = "five"',
-            r"harmonics = \"five\" is not possible.*\[trajectory\] harmonics",
+            r"harmonics = 'five' is not possible.*\[trajectory\] harmonics",
         ),
         ("[trajectory]\nharmonics = 2.5", "harmonics = 2.5 is not possible"),
-        ("[trajectory]\nharmonics = true", "harmonics = true is not possible"),
+        ("[trajectory]\nharmonics = true", "harmonics = True is not possible"),
         ("[trajectory]\nharmonics = -1", r"harmonics >= 1.*\[trajectory\]"),
         ('[trajectory]\nrest = "ramp"\nomega0 = [0.5, 0.1]', "0.5..0.1"),
         ("[trajectory]\nduration = nan", "duration|omega0"),
@@ -81,9 +150,9 @@ def test_none_is_a_word_where_it_is_one() -> None:
         ("seed = -1", "seed = -1"),
         ('seed = "x"', "seed = 'x'"),
         ("seed = true", "seed = True"),
-        ("[trajectory\nharmonics = 5", "not TOML"),
-        ("\x00", "not TOML"),
-        ("seed = 1\nseed = 2", "not TOML"),
+        ("[trajectory\nharmonics = 5", "not valid TOML"),
+        ("\x00", "not valid TOML"),
+        ("seed = 1\nseed = 2", "not valid TOML"),
     ],
 )
 def test_impossible_edits_name_file_and_key(text: str, message: str) -> None:
@@ -93,7 +162,7 @@ def test_impossible_edits_name_file_and_key(text: str, message: str) -> None:
 
 
 def test_bytes_that_are_no_text_are_refused() -> None:
-    with pytest.raises(UsageError, match="not TOML"):
+    with pytest.raises(UsageError, match="not valid TOML"):
         parse_config(b"\xff\xfe", "lab/campaign.toml")
 
 

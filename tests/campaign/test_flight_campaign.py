@@ -10,7 +10,7 @@ import pytest
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
 from etude.campaign.flight import simulate as flight_simulate
-from etude.campaign.flight.learner import load_chosen
+from etude.campaign.flight.learner import load_chosen, told_flights
 from etude.campaign.flight.simulate import position_error
 from etude.campaign.folder import open_campaign
 from etude.campaign.simulate import simulate
@@ -20,6 +20,7 @@ from etude.control.flight_feedforward import PID_ALONE, flight_plan
 from etude.errors import DataError, UsageError
 from etude.logs.flight.log import FlightLog
 from etude.logs.flight.parquet import read_flight_parquet, write_flight
+from etude.models.physics.flight_linear import identify_linear
 from etude.plants.flight.disturbance import Disturbance
 from etude.plants.flight.record import flight_log
 from etude.plants.flight.registry import flight_plant
@@ -68,6 +69,16 @@ def test_learning_beats_feedback_alone(flown):
     assert rounds[-1].robot_seconds == pytest.approx(24.0, abs=0.5)
     learned = campaign.state().trained[-1].trained
     np.testing.assert_allclose(learned["drag"], [0.573, 0.573, 0.0], atol=0.03)
+
+
+def test_the_linear_baseline_has_not_seen_the_flight_that_it_is_scored_on(flown):
+    campaign, _ = flown
+    data, _ = told_flights(campaign, [1, 2])
+    known, new = data.take(data.group == 0), data.take(data.group == 1)
+    error = new.command - identify_linear(known.states, known.command).predict(new.states)
+    scored = campaign.state().rounds[2].trained["models"]["linear"]
+    expected = np.mean(error**2, axis=0) / np.var(new.command, axis=0)
+    np.testing.assert_allclose(scored["nmse"], expected, rtol=1e-6)
 
 
 def test_every_proposal_is_certified_from_its_bytes(flown):

@@ -16,6 +16,8 @@ from etude.campaign.learn import newest_model
 from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.errors import StopRuleReached
+from etude.logs.parquet import read_parquet
+from etude.models.preprocess import build_dataset
 from etude.trajectories.family import TrajectoryFamily
 from etude.trajectories.random import random_trajectory
 
@@ -62,6 +64,22 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
     assert max(third.trained["models"]["gp"]["nmse"]) < 0.2
     assert third.trained["logs"] == [1, 2, 3]
     assert third.trained["robot_seconds"] == pytest.approx(3 * 20.5, abs=2.0)
+
+
+def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: Campaign) -> None:
+    logs = {n: read_parquet(learned.run_file(n)) for n in (1, 2, 3)}
+    parts = [build_dataset(log, learned.spec, learned.config.data, group=n) for n, log in logs.items()]
+    inputs = [np.column_stack([p.q, p.qd, p.qdd, np.ones(len(p))]) for p in parts]
+    for newest in (1, 2):
+        known = np.vstack(inputs[:newest]), np.vstack([p.tau for p in parts[:newest]])
+        predicted = inputs[newest] @ np.linalg.lstsq(*known, rcond=None)[0]
+        new = parts[newest]
+        nmse = []
+        for tau, mean, stuck in zip(new.tau.T, predicted.T, new.stuck.T, strict=True):
+            error, moving = tau - mean, ~stuck
+            nmse.append(np.mean(error[moving] ** 2) / np.var(tau[moving]))
+        scored = learned.state().rounds[newest + 1].trained["models"]["linear"]  # type: ignore[index]
+        np.testing.assert_allclose(scored["nmse"], nmse, rtol=1e-6)
 
 
 def test_later_trajectories_are_designed(learned: Campaign) -> None:

@@ -80,6 +80,16 @@ def test_an_interrupted_test_is_made_up_for(arm: Campaign) -> None:
     assert len(arm.events()) == len(lines)
 
 
+def test_a_log_left_unlearned_is_learned_and_tested_first(arm: Campaign) -> None:
+    next(iter(simulate(arm, 1)))
+    path = arm.path / "journal.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    kinds = [event.event for event in arm.events()]
+    path.write_text("".join(lines[: kinds.index("trained")]))
+    list(simulate(arm, 0))
+    assert [event.event for event in arm.events()] == kinds
+
+
 def test_the_tests_are_fixed_by_the_seed_and_safe(arm: Campaign) -> None:
     one, two = motions_of(arm), motions_of(arm)
     assert list(one) == ["fourier", "moves"]

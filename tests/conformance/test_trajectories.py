@@ -1,26 +1,40 @@
-"""What every trajectory owes. A new kind is a row in TRAJECTORIES and, to be proposed, a certificate."""
+"""What every trajectory owes. A new form is a row in TRAJECTORIES."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from etude.robots.spec import Axis, RobotSpec
-from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
+from etude.limits.certificate import certify
+from etude.limits.feasible import FeasibleSet
+from etude.limits.library import AxisLimit
+from etude.limits.samplers import scaled
+from etude.trajectories.extremes import riesz_range
+from etude.trajectories.family import FourierConfig, FourierFamily
+from etude.trajectories.json_text import from_json
 from etude.trajectories.moves import random_moves
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.trajectory_file import from_json
 
-SPEC = RobotSpec(
-    "pair", (Axis("a", -1.0, 0.5, 0.6, 1.0, 9.0), Axis("b", 0.1, 2.0, 1.0, 3.0, 9.0)), "N m", 100.0
+NAMES = ("a", "b")
+LOWER, UPPER = np.array([-1.0, 0.1]), np.array([0.5, 2.0])
+SPEED, BEND = np.array([0.6, 1.0]), np.array([1.0, 3.0])
+LIMITS = (
+    AxisLimit("position", 0, NAMES, LOWER, UPPER),
+    AxisLimit("velocity", 1, NAMES, -SPEED, SPEED, rest=True),
+    AxisLimit("acceleration", 2, NAMES, -BEND, BEND),
 )
 RNG = np.random.default_rng(0)
-RAMPED = TrajectoryFamily(harmonics=2, duration=20.0, omega0=(0.4, 0.9), rest="ramp", ramp=2.0)
+
+
+def drawn(config: FourierConfig):
+    family = FourierFamily.of(config, 2).drawn(RNG)
+    feasible = FeasibleSet.of(LIMITS, family, 0.5 * (LOWER + UPPER))
+    return family.trajectory(scaled(RNG, feasible)[0])
+
+
 TRAJECTORIES = {
-    "fourier, null space": random_trajectory(RNG, SPEC, TrajectoryFamily(duration=20.0)),
-    "fourier, phase ramp": random_trajectory(RNG, SPEC, RAMPED),
-    "moves": random_moves(RNG, SPEC, 4),
+    "fourier, null space": drawn(FourierConfig(duration=20.0)),
+    "fourier, phase ramp": drawn(FourierConfig(2, 20.0, (0.4, 0.9), "ramp", 2.0)),
+    "moves": random_moves(RNG, LOWER, UPPER, SPEED, BEND, 4),
 }
 EVERY = pytest.mark.parametrize("motion", TRAJECTORIES.values(), ids=TRAJECTORIES.keys())
 
@@ -28,44 +42,80 @@ EVERY = pytest.mark.parametrize("motion", TRAJECTORIES.values(), ids=TRAJECTORIE
 @EVERY
 def test_rates_are_derivatives(motion) -> None:
     t, h = np.linspace(0.01, motion.duration - 0.01, 301), 1e-5
-    here, ahead, behind = motion.sample(t), motion.sample(t + h), motion.sample(t - h)
-    assert here.q.shape == here.qd.shape == here.qdd.shape == here.qddd.shape == (301, motion.dof)
-    for low, high in (("q", "qd"), ("qd", "qdd"), ("qdd", "qddd")):
-        slope, exact = (getattr(ahead, low) - getattr(behind, low)) / (2 * h), getattr(here, high)
+    here, ahead, behind = (motion.motion(t + s, 4).orders for s in (0.0, h, -h))
+    assert here.shape == (4, 301, 2)
+    for low in range(3):
+        slope, exact = (ahead[low] - behind[low]) / (2 * h), here[low + 1]
         wrong = np.abs(slope - exact).max(axis=1) > 1e-4 * np.abs(exact).max() + 1e-6
         # jerk may jump where a piece begins; nothing below it does
-        assert np.count_nonzero(wrong) <= (2 if low == "qdd" else 0)
+        assert np.count_nonzero(wrong) <= (2 if low == 2 else 0)
+
+
+@EVERY
+def test_fewer_orders_are_the_first_ones(motion) -> None:
+    t = np.linspace(0.0, motion.duration, 17)
+    for orders in (1, 2, 3):
+        np.testing.assert_array_equal(motion.motion(t, orders).orders, motion.motion(t, 4).orders[:orders])
+    assert motion.motion(t).orders.shape == (3, 17, 2)
 
 
 @EVERY
 def test_at_rest_at_both_ends_and_outside(motion) -> None:
-    ends = motion.sample(np.array([0.0, motion.duration]))
-    assert np.abs(ends.qd).max() < 1e-12
-    outside = motion.sample(np.array([-5.0, motion.duration + 5.0]))
-    np.testing.assert_allclose(outside.q, ends.q, atol=1e-12)
-    assert not outside.qd.any()
-    assert not outside.qdd.any()
+    ends = motion.motion(np.array([0.0, motion.duration]), 4).orders
+    assert np.abs(ends[1]).max() < 1e-12
+    outside = motion.motion(np.array([-5.0, motion.duration + 5.0]), 4).orders
+    np.testing.assert_allclose(outside[0], ends[0], atol=1e-12)
+    assert not outside[1:].any()
+
+
+@EVERY
+def test_its_bound_holds_at_a_hundred_thousand_instants(motion) -> None:
+    orders = motion.motion(np.linspace(0.0, motion.duration, 100_000), 4).orders
+    for order in range(4):
+        for degree in (1, 2):
+            values, amplitudes, kappa = motion.bound(order, degree)
+            low, high = riesz_range(values, kappa, amplitudes)
+            slack = 1e-12 * np.abs(orders[order]).max()
+            if degree == 1:
+                assert np.all(low - slack <= orders[order].min(axis=0))
+                assert np.all(orders[order].max(axis=0) <= high + slack)
+            largest = (orders[order] ** 2).sum(axis=1).max()
+            assert degree == 1 or largest <= (values**2).sum(axis=1).max() / kappa + slack
 
 
 @EVERY
 def test_its_limits_are_proved(motion) -> None:
-    certificate = certify(motion, SPEC)
+    certificate = certify(motion, LIMITS)
     assert certificate.ok
     assert [(r.axis, r.quantity) for r in certificate.rows] == [
-        (name, quantity) for name in SPEC.names for quantity in ("position", "velocity", "acceleration")
+        (name, quantity) for name in NAMES for quantity in ("position", "velocity", "acceleration")
     ]
 
 
 @EVERY
 def test_samples_do_not_depend_on_the_company_they_are_asked_in(motion) -> None:
     t = np.array([3.0, 1.0, 2.0, 1.0])
-    together = motion.sample(t)
-    np.testing.assert_array_equal(together.q[1], together.q[3])
-    np.testing.assert_allclose(motion.sample(t[2:3]).q[0], together.q[2], rtol=0, atol=1e-14)
+    together = motion.motion(t).orders[0]
+    np.testing.assert_array_equal(together[1], together[3])
+    np.testing.assert_allclose(motion.motion(t[2:3]).orders[0, 0], together[2], rtol=0, atol=1e-14)
 
 
 @EVERY
 def test_a_file_gives_it_back_bit_for_bit(motion) -> None:
     again, t = from_json(motion.to_json()), np.linspace(0.0, motion.duration, 99)
-    for name in ("q", "qd", "qdd", "qddd"):
-        np.testing.assert_array_equal(getattr(again.sample(t), name), getattr(motion.sample(t), name))
+    np.testing.assert_array_equal(again.motion(t, 4).orders, motion.motion(t, 4).orders)
+    assert again.form == motion.form
+
+
+@EVERY
+def test_slowed_down_it_keeps_limits_and_path(motion) -> None:
+    slow, t = motion.slowed(2.0), np.linspace(0.0, motion.duration, 99)
+    np.testing.assert_allclose(slow.motion(2.0 * t).orders[0], motion.motion(t).orders[0], atol=1e-12)
+    assert certify(slow, LIMITS).ok
+
+
+@EVERY
+def test_one_piece_is_itself(motion) -> None:
+    ((start, label, piece),) = motion.pieces()
+    assert (start, label) == (0.0, "segment")
+    assert piece is motion

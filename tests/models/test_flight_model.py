@@ -41,7 +41,8 @@ def test_a_process_predicts_a_flight_that_it_has_not_seen(kernel: str) -> None:
     assert score.mae[0] < 0.35 * fresh.command.std()
     mean, variance = model.predict(fresh.states)
     assert mean.shape == variance.shape == (len(fresh), 4)
-    np.testing.assert_array_equal(model.mean(fresh.states), mean)
+    # a BLAS may add up a product of one column and of four in another order
+    np.testing.assert_allclose(model.mean(fresh.states), mean, rtol=1e-13)
     assert len(model.posteriors) == 4
     assert model.shared is (kernel == "shared")
     # far away the process knows nothing but its prior

@@ -14,9 +14,10 @@ import pytest
 from page import Page
 
 from etude.campaign.ask import ask
+from etude.campaign.chain import chained
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
-from etude.campaign.journal import commit
+from etude.campaign.journal import commit, read_events
 from etude.campaign.simulate import simulate
 from etude.logs.flight.parquet import read_flight_parquet, write_flight
 from etude.models.calibration import NORMAL_95
@@ -91,7 +92,10 @@ def drawn(folder: Path) -> Page:
 def as_if_real(folder: Path) -> Path:
     """The folder without its tests, as a vehicle that is not simulated leaves it."""
     journal = folder / "journal.jsonl"
-    lines = [line for line in journal.read_text().splitlines() if '"event": "evaluated"' not in line]
+    lines: list[str] = []
+    for event in read_events(folder):
+        if event.event != "evaluated":
+            lines.append(chained(event.to_json(), lines))
     journal.write_text("\n".join(lines) + "\n")
     shutil.rmtree(folder / "tests")
     return folder

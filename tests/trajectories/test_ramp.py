@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.trajectories.ramp import PEAK_RATE, phase
+from etude.trajectories.ramp import PEAK_BEND, PEAK_PRODUCT, PEAK_RATE, phase
 
 
 def test_theta_advances_half_a_ramp_in_each_ramp() -> None:
@@ -26,7 +26,7 @@ def test_rates_are_derivatives_and_time_never_runs_backwards(duration: float, ra
     assert rate.min() >= 0.0
     assert rate.max() <= 1.0
     assert np.abs(second).max() <= PEAK_RATE / ramp
-    assert np.abs(third).max() <= 10.0 / np.sqrt(3.0) / ramp**2 * (1.0 + 1e-12)
+    assert np.abs(third).max() <= PEAK_BEND / ramp**2 * (1.0 + 1e-12)
 
 
 def test_the_peak_rate_is_reached_in_the_middle_of_a_ramp() -> None:
@@ -41,3 +41,9 @@ def test_without_a_ramp_theta_is_time() -> None:
     np.testing.assert_array_equal(rate, [0.0, 1.0, 1.0, 0.0])
     assert not second.any()
     assert not third.any()
+
+
+def test_the_largest_product_of_rate_and_second_derivative() -> None:
+    _, rate, second, _ = phase(np.linspace(0.0, 2.0, 100_001), 10.0, 2.0)
+    largest = float((rate * second * 2.0).max())
+    assert PEAK_PRODUCT - 1e-3 < largest <= PEAK_PRODUCT

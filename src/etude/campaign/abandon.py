@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from etude.campaign.folder import Campaign
-from etude.campaign.learn import learn_pending
-from etude.campaign.learner import Learner, Say
+from etude.campaign.folder import Campaign, Say
+from etude.campaign.learn import Learner, learn_pending
 
 
 def abandon(

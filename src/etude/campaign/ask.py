@@ -5,26 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.campaign.evidence import collect
-from etude.campaign.folder import Campaign
-from etude.campaign.kind_of import kind_of
-from etude.campaign.learn import learn_pending, newest_model
-from etude.campaign.learner import Learner, Say
+from etude.campaign.folder import Campaign, Say
+from etude.campaign.history import seen_by_the_rule
+from etude.campaign.journal import require_intact
+from etude.campaign.learn import Learner, learn_pending, newest_model
+from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
-from etude.deploy.trajectory_files import COEFFICIENTS, at_speed
+from etude.contracts import Trajectory
+from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
 from etude.storage import write_atomic
-from etude.trajectories.certificate import Certificate
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.samples import Trajectory
+from etude.trajectories.json_text import from_json
+
+if TYPE_CHECKING:
+    from etude.limits.certificate import Certificate
 
 ASK_STREAM = 1
 """Separates the random numbers of `ask` from those of training and testing."""
+FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
+"""What the first trajectory is, by the sampler that draws it."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +76,10 @@ def ask(
 
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
+        UsageError: a file of the open proposal is missing, or is not what was committed.
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
-    motions = load_tasks(tasks, campaign.spec) if tasks else ()
+    motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
     with campaign.writing():
         learn_pending(campaign, learner, say)
         state = campaign.state()
@@ -85,7 +91,7 @@ def ask(
         return _present(campaign, number, made, status, speed)
 
 
-def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> FourierTrajectory:
+def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:
     """The trajectory of a proposal, or its slowed copy, from its file.
 
     Raises:
@@ -93,7 +99,7 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Four
     """
     path = speed_folder(campaign, number, speed) / COEFFICIENTS
     try:
-        return FourierTrajectory.from_json(path.read_bytes())
+        return from_json(path.read_bytes())
     except FileNotFoundError:
         raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
 
@@ -115,30 +121,74 @@ def _propose(
 ) -> str:
     if not go_on:
         _check_stop(campaign, state, None)
-    rng = np.random.default_rng([state.seed, number, ASK_STREAM])
-    kind = kind_of(campaign.spec)
+    seed = [state.seed, number, ASK_STREAM]
+    rng = np.random.default_rng(seed)
     if state.trained:
         say(f"Designing trajectory {number}.")
-        trajectory, facts = kind.design(campaign, newest_model(campaign, state), rng, motions)
+        trajectory, facts = _designed(campaign, newest_model(campaign, state), rng, motions)
         if not go_on:
             _check_stop(campaign, state, facts["gain"])
     else:
-        trajectory, status = kind.first(campaign, rng)
-        facts = {"status": f"{status}: nothing has been learned yet", "gain": None}
-    files = kind.render(trajectory, campaign.spec).write(campaign.proposal(number))
+        trajectory, facts = _first(campaign, rng)
+    files = _files(campaign, trajectory)
+    written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
         write_atomic(copy, tasks.read_bytes())
-        files.append(copy)
-    seed = [state.seed, number, ASK_STREAM]
-    campaign.commit("asked", number, files, seed=seed, learned=len(state.trained), **facts)
+        written.append(copy)
+    at_limit = [list(pair) for pair in files.certificate.active()]
+    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained)}
+    campaign.commit("asked", number, written, **facts)
     return str(facts["status"])
+
+
+def _first(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, dict[str, Any]]:
+    """A random trajectory."""
+    status = f"{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
+    return typical_motions(campaign, rng, 1)[0], {"status": status, "gain": None}
+
+
+def _designed(
+    campaign: Campaign, model: Any, rng: np.random.Generator, tasks: Sequence[Trajectory]
+) -> tuple[Trajectory, dict[str, Any]]:
+    """The trajectory that teaches the model most, and the facts of its search."""
+    from etude.design.solve import design
+
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    found = design(
+        kind.family(spec, config),
+        campaign.limits(),
+        kind.home(spec),
+        model.inputs,
+        model,
+        config.design,
+        rng,
+        tasks,
+        rate=float(spec.rate),
+        physics=kind.physics(spec, config),
+    )
+    facts = {
+        "status": found.status,
+        "gain": found.variance_removed,
+        "criterion": found.criterion,
+        "value": found.value,
+        "baseline_value": found.baseline,
+        "deviation_before": found.deviation_before.tolist(),
+        "deviation_after": found.deviation_after.tolist(),
+        "evaluations": found.evaluations,
+        "seconds": found.seconds,
+    }
+    return found.trajectory, facts
+
+
+def _files(campaign: Campaign, trajectory: Trajectory) -> TrajectoryFiles:
+    return render(trajectory, campaign.kind, campaign.spec, campaign.config, campaign.limits())
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
     if not state.trained:
         return
-    verdict = judge(collect(campaign, state, gain), campaign.config.stop)
+    verdict = judge(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
     if verdict.stop:
         raise StopRuleReached(
             f"the stop rule fired ({verdict.rule}): {verdict.reason.rstrip('.')}",
@@ -148,10 +198,23 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 
 
 def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+    exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    shown = at_speed(full, speed) if speed != 100 else full
-    files = kind_of(campaign.spec).render(shown, campaign.spec)
-    if speed != 100 and not (folder / COEFFICIENTS).exists():
+    files = _files(campaign, at_speed(full, speed) if speed != 100 else full)
+    if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)
+
+
+def _check_files(campaign: Campaign, number: int, speed: int) -> bool:
+    """Holds the proposal's files, which a robot may run, against the journal; whether this speed is in it."""
+    own = [event for event in campaign.events() if event.number == number]
+    asked = [event for event in own if event.event == "asked"]
+    exported = [e for e in own if e.event == "exported" and e.facts.get("speed") == speed]
+    advice = (
+        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
+        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
+    )
+    require_intact(campaign.path, asked + exported, advice)
+    return bool(exported)

@@ -1,4 +1,4 @@
-"""What `init` writes beside each key of campaign.toml."""
+"""What `init` writes beside each key of campaign.toml; [trajectory] and [data] are explained by the kind."""
 
 from __future__ import annotations
 
@@ -10,47 +10,40 @@ HEAD = """\
 """
 
 COMMENTS: dict[str, dict[str, str]] = {
-    "trajectory": {
-        "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
-        "duration": "s of each trajectory",
-        "omega0": 'rad/s: a number, a range [low, high], or "none" for one period in the duration',
-        "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
-        "ramp": 's of each phase ramp, for rest = "ramp"',
-    },
-    "data": {
-        "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
-        "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
-        "rate_hz": "samples kept per second of log",
-        "least_samples": "of a short log more are kept per second, until there are this many",
-        "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
-        "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
-    },
     "model": {
-        "kind": '"gp", "identified", "identified+gp", or "auto": whichever predicts the newest log best',
-        "kernel": '"structured", or "ard_se", as the thesis',
+        "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": what predicts each command best',
+        "choose_by": '"squared" or "absolute" held-out error decides',
+        "process_from": "logs from which processes compete with physics alone",
+        "kernel": '"structured", or "ard_se", as the thesis; or a plug-in',
+        "sharing": '"separate" processes of the commands, or one kernel "shared" by all',
         "process": '"exact", or another member of docs/models.md, "dictionary_variance" for example',
-        "points": "samples each output is conditioned on, at most",
+        "points": "samples each process is conditioned on, at most",
         "basis": "inducing, spectral or basis points, at most, of a process that has them",
         "fit_points": "of these, samples that hyperparameters are fitted to, at most",
         "fit_spacing_s": "these are at least so many s apart",
         "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
         "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
-        "schedule": 'hyperparameters from log to log: "update", "constant" or "reinitialise" (thesis 6.1)',
+        "starts": "of the training; the best end wins",
+        "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
         "prior": '"weak" priors on the hyperparameters, or "none"',
-        "noise_floor": 'least noise, fraction of the command limit; or "auto"',
-        "friction_fraction": "width of the friction feature, fraction of the velocity limit; 0 for none",
+        "noise_floor": 'least noise, a part of what floor_of says; or "auto"',
+        "floor_of": '"limit" of the command, or "deviation" of what a process learns',
+        "stretch_s": "s of what is held out of a single log",
         "calibrate": "widen variances that held-out trajectories show to be too small",
-        "guard": "outputs that linear regression predicts better on held-out trajectories fall back to it",
+        "student_t": "fit the tails of held-out errors, for the reported density",
     },
     "design": {
         "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
+        "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and its edge',
         "candidates": "certified random candidates that are scored",
         "refine": "how many of the best are refined",
         "steps": "iterations of each refinement",
         "points": "planned samples along a trajectory",
-        "reference_points": "states per output at which the variance counts",
+        "planned_noise": "planned samples stand for all that will be logged, each with less noise",
+        "reference_points": "states per process at which the variance counts",
         "random_share": "part of these taken from random motions although tasks are given",
-        "raw_units": "add variances of different joints as they are, as the thesis",
+        "inducing": "exact processes with more samples are seen through so many; 0: as they are",
+        "raw_units": "add variances of different commands as they are, as the thesis",
     },
     "stop": {
         "command_tolerance": "good enough: forecast error as a fraction of the command limit; 0: off",

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from etude.campaign.stop_config import StopConfig
+from etude.contracts import Kind
 from etude.design.config import DesignConfig
-from etude.models.model_config import ModelConfig
-from etude.models.preprocess import DataConfig
-from etude.trajectories.family import TrajectoryFamily
+from etude.errors import UsageError
+from etude.models.config import ModelConfig
+from etude.robots.toml import read_table
 
-if TYPE_CHECKING:
-    from etude.campaign.flight.config import FlightConfig
+SHARED: dict[str, type] = {"model": ModelConfig, "design": DesignConfig, "stop": StopConfig}
+"""Tables that mean the same for every kind; [trajectory] and [data] are the kind's own."""
+SECTIONS = ("trajectory", "data", *SHARED)
 
 
 @dataclass(frozen=True)
@@ -20,29 +22,50 @@ class CampaignConfig:
     """The whole configuration; each table of the file is one frozen dataclass of the room that uses it.
 
     Attributes:
+        kind: of the robot, a name in the group etude.robots.
         preset: the named configuration that keys left out are taken from.
         seed: of every random number the campaign draws.
-        trajectory: which trajectories may be asked for.
-        data: how a log becomes a data set.
+        trajectory: which trajectories may be asked for; the kind's own dataclass.
+        data: how a log becomes samples; the kind's own dataclass.
         model: what is learned.
         design: how the next trajectory is chosen.
         stop: when another trajectory is not worth its robot time.
-        flight: of a flying vehicle, in place of trajectory, data, model and design; None for joints.
     """
 
+    kind: str
     preset: str
     seed: int
-    trajectory: TrajectoryFamily
-    data: DataConfig
+    trajectory: Any
+    data: Any
     model: ModelConfig
     design: DesignConfig
     stop: StopConfig
-    flight: FlightConfig | None = None
 
     @property
     def duration(self) -> float:
         """Of each trajectory, s."""
-        return self.trajectory.duration if self.flight is None else self.flight.trajectory.duration
+        return float(self.trajectory.duration)
 
 
-SECTIONS = ("trajectory", "data", "model", "design", "stop")
+def preset_config(kind: Kind, name: str, where: str = "") -> CampaignConfig:
+    """The kind's configuration of that name, with seed 0: its preset laid over the dataclasses' defaults.
+
+    Raises:
+        UsageError: the kind has no preset of that name, or the preset is impossible.
+    """
+    if name not in kind.presets:
+        raise UsageError(
+            f"unknown preset {name!r}", where=where, next_step=f"Use one of: {', '.join(kind.presets)}."
+        )
+    given = kind.presets[name]
+    classes = tables_of(kind)
+    tables = {
+        section: read_table(classes[section], given.get(section, {}), classes[section](), f"preset {name}")
+        for section in SECTIONS
+    }
+    return CampaignConfig(kind.name, name, 0, **tables)
+
+
+def tables_of(kind: Kind) -> dict[str, type]:
+    """The dataclass of each section of campaign.toml."""
+    return {**{name: kind.tables[name] for name in ("trajectory", "data")}, **SHARED}

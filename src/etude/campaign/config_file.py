@@ -4,22 +4,42 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from etude import plugins
 from etude.campaign.comments import COMMENTS, HEAD
-from etude.campaign.config import SECTIONS, CampaignConfig
-from etude.campaign.presets import preset
-from etude.robots.toml import read_table, refuse_unknown, write_table
+from etude.campaign.config import SECTIONS, CampaignConfig, preset_config, tables_of
+from etude.campaign.renamed import KINDS, modern
+from etude.contracts import Kind
 from etude.errors import UsageError
+from etude.robots.toml import decoded, read_table, refuse_unknown, write_table
 
 CONFIG = "campaign.toml"
-KINDS = ("joints", "vehicle")
+FIRST_KIND = "arm"
+"""Files of 0.1 name no kind for robots of joints."""
 
 
-def load_config(folder: Path) -> tuple[CampaignConfig, str]:
-    """The configuration in `folder` and the SHA-256 of campaign.toml's bytes.
+@dataclass(frozen=True)
+class ConfigFile:
+    """A campaign.toml, read.
+
+    Attributes:
+        config: what it says.
+        kind: of the robot.
+        sha256: of its bytes.
+        notes: one sentence for each key that was renamed since it was written.
+    """
+
+    config: CampaignConfig
+    kind: Kind
+    sha256: str
+    notes: tuple[str, ...]
+
+
+def load_config(folder: Path) -> ConfigFile:
+    """The campaign.toml in `folder`.
 
     Raises:
         UsageError: no campaign there, or a file edited into something impossible; names the file and the key.
@@ -33,47 +53,53 @@ def load_config(folder: Path) -> tuple[CampaignConfig, str]:
             where=str(path),
             next_step="Start one: etude init FOLDER --robot NAME.",
         ) from None
-    return parse_config(data, str(path)), hashlib.sha256(data).hexdigest()
+    return parse_config(data, str(path))
 
 
-def parse_config(data: bytes, where: str) -> CampaignConfig:
+def parse_config(data: bytes, where: str) -> ConfigFile:
     """The configuration in the bytes of a campaign.toml. Errors as `load_config`."""
-    import msgspec
-
     try:
-        table = msgspec.toml.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"this file is not TOML: {error}", where=where) from None
+        table = decoded(data.decode(), where)
+    except UnicodeDecodeError as error:
+        raise UsageError(f"not valid TOML: {error}", where=where) from None
     refuse_unknown(table, ["kind", "preset", "seed", *SECTIONS], where)
+    kind, notes = _kind(table, where)
+    known = {name: tuple(f.name for f in fields(cls)) for name, cls in tables_of(kind).items()}
+    table, renamed = modern(table, known, where)
+    config = _config(kind, table, where)
+    return ConfigFile(config, kind, hashlib.sha256(data).hexdigest(), (*notes, *renamed))
+
+
+def config_text(config: CampaignConfig, kind: Kind) -> str:
+    """campaign.toml with every value written out and explained."""
+    head = f'{HEAD}kind = "{config.kind}"\npreset = "{config.preset}"\nseed = {config.seed}\n'
+    comments = {name: {**COMMENTS.get(name, {}), **kind.comments.get(name, {})} for name in SECTIONS}
+    return "\n".join([head, *(write_table(n, getattr(config, n), comments[n]) for n in SECTIONS)])
+
+
+def _kind(table: Mapping[str, Any], where: str) -> tuple[Kind, tuple[str, ...]]:
+    name = table.get("kind", FIRST_KIND)
+    if not isinstance(name, str):
+        raise UsageError(f"kind = {name!r} must be the name of a kind of robot", where=f"{where} kind")
+    now = KINDS.get(name, name)
+    note = f'kind = "{name}" in campaign.toml is called "{now}" now; it was read as that.'
+    try:
+        return plugins.load("etude.robots", now), (note,) if now != name else ()
+    except UsageError as error:
+        raise UsageError(error.fact, where=f"{where} kind", next_step=error.next_step) from None
+
+
+def _config(kind: Kind, table: Mapping[str, Any], where: str) -> CampaignConfig:
     name, seed = table.get("preset", "default"), table.get("seed", 0)
-    if (kind := table.get("kind", "joints")) not in KINDS:
-        raise UsageError(f"kind = {kind!r} must be one of {', '.join(KINDS)}", where=f"{where} kind")
-    start = preset(name, where, flying=kind == "vehicle")
+    start = preset_config(kind, name, f"{where} preset") if isinstance(name, str) else None
+    if start is None:
+        raise UsageError(f"preset = {name!r} must be a name", where=f"{where} preset")
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise UsageError(f"seed = {seed!r} must be a whole number, 0 or more", where=f"{where} seed")
-    if start.flight is None:
-        return CampaignConfig(name, seed, **{s: _section(s, table, start, where) for s in SECTIONS})
-    parts = {field.name: _section(field.name, table, start.flight, where) for field in fields(start.flight)}
-    stop = _section("stop", table, start, where)
-    return replace(start, seed=seed, stop=stop, flight=replace(start.flight, **parts))
+    parts = {section: _section(section, table, start, where) for section in SECTIONS}
+    return replace(start, seed=seed, **parts)
 
 
 def _section(name: str, table: Mapping[str, Any], start: Any, where: str) -> Any:
     value = getattr(start, name)
     return read_table(type(value), table.get(name, {}), value, f"{where} [{name}]")
-
-
-def config_text(config: CampaignConfig) -> str:
-    """campaign.toml with every value written out and explained."""
-    owners: dict[str, tuple[Any, dict[str, str]]] = {s: (config, COMMENTS[s]) for s in SECTIONS}
-    kind = ""
-    if config.flight is not None:
-        from etude.campaign.flight.config import FLIGHT_COMMENTS
-
-        kind = 'kind = "vehicle"\n'
-        owners |= {
-            field.name: (config.flight, FLIGHT_COMMENTS[field.name]) for field in fields(config.flight)
-        }
-    head = HEAD + kind + f'preset = "{config.preset}"\nseed = {config.seed}\n'
-    tables = (write_table(name, getattr(owner, name), comments) for name, (owner, comments) in owners.items())
-    return "\n".join([head, *tables])

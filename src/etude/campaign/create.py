@@ -4,40 +4,41 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from etude import plugins
+from etude.campaign.config import preset_config
 from etude.campaign.config_file import CONFIG, config_text, load_config
-from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.journal import commit, read_events
-from etude.campaign.presets import preset
-from etude.campaign.robot_copy import copy_robot, robot_from
+from etude.contracts import Described, Kind
 from etude.errors import UsageError
 from etude.storage import write_atomic, writer_lock
-from etude.trajectories.family import suited_to
+
+GROUP = "etude.robots"
 
 
 def create_campaign(
     path: Path, robot: str, preset_name: str = "default", seed: int = 0
 ) -> tuple[Campaign, tuple[str, ...]]:
-    """Makes the folder: robot.toml, the robot's model file, campaign.toml, and the journal's first event.
+    """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
 
     Args:
         path: the folder; made if missing.
-        robot: a built-in robot's name, or the path of a robot TOML, a URDF or an MJCF.
-        preset_name: "default" or "thesis"; written out in full.
+        robot: a built-in robot's name, or the path of a description that some kind of robot recognises.
+        preset_name: of the kind, "default" or "thesis"; written out in full.
         seed: of every random number the campaign draws.
 
     Returns:
-        the campaign, and one sentence for each limit that a person should confirm.
+        the campaign, and one sentence for each assumption that a person should confirm.
 
     Raises:
         UsageError: there is a campaign already, or the robot is unknown or impossible.
     """
     path = Path(path)
-    spec, confirm = robot_from(robot)
-    flying = spec.flight is not None
-    start = preset(preset_name, flying=flying)
-    trajectory = start.trajectory if flying else suited_to(start.trajectory, spec)
-    config = replace(start, seed=seed, trajectory=trajectory)
+    kind, description = find_robot(robot)
+    described = kind.described(description)
+    config = replace(preset_config(kind, preset_name), seed=seed)
     if path.exists() and not path.is_dir():
         raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
     path.mkdir(parents=True, exist_ok=True)
@@ -46,10 +47,70 @@ def create_campaign(
             raise UsageError(
                 "there is a campaign here already", where=str(path), next_step="Name another folder."
             )
-        files = copy_robot(path, spec, confirm)
-        write_atomic(path / CONFIG, config_text(config).encode())
-        _, digest = load_config(path)
-        facts = {"seed": seed, "preset": preset_name, "robot": spec.name, "axes": list(spec.names)}
+        files = _written(path, described)
+        spec = kind.spec(path / ROBOT)
+        axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
+        write_atomic(path / CONFIG, config_text(config, kind).encode())
+        facts = {"seed": seed, "preset": preset_name, "kind": kind.name, "robot": spec.name}
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
-        commit(path, "created", None, digest, files, **facts)
-    return open_campaign(path), confirm
+        commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
+    return open_campaign(path), described.confirm
+
+
+def load_robot(robot: str | Path) -> Any:
+    """The description of a built-in robot's name, or of a file. Errors as `find_robot`."""
+    kind, path = find_robot(str(robot))
+    return kind.spec(path)
+
+
+def find_robot(robot: str) -> tuple[Kind, Path]:
+    """The kind and the description of a built-in name, or of a file that one kind recognises.
+
+    Raises:
+        UsageError: no such name or file, a folder, or a file that no kind, or more than one, recognises.
+    """
+    kinds, broken = _kinds()
+    names = {name: (kind, path) for kind in kinds[::-1] for name, path in kind.built_in().items()}
+    if robot in names:
+        return names[robot]
+    path = Path(robot)
+    known = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes yours."
+    if path.is_dir():
+        raise UsageError("this is a folder, not a robot's description", where=robot, next_step=known)
+    if not path.is_file():
+        raise UsageError(f"there is no robot and no file {robot!r}", next_step=known)
+    found = [kind for kind in kinds if kind.recognises(path)]
+    if not found:
+        hint = "".join(f" {name} could not be loaded: {why}." for name, why in broken.items())
+        raise UsageError(
+            f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
+            where=robot,
+            next_step=f"See docs/robots.md for what a description says.{hint}",
+        )
+    if len(found) > 1:
+        raise UsageError(
+            f"several kinds of robot recognise this file: {', '.join(k.name for k in found)}",
+            where=robot,
+            next_step='Write kind = "..." with one of them at its top.',
+        )
+    return found[0], path
+
+
+def _kinds() -> tuple[list[Kind], dict[str, str]]:
+    """All kinds that can be loaded, and why the others cannot; a broken plug-in harms no other kind."""
+    kinds: list[Kind] = []
+    broken: dict[str, str] = {}
+    for name in plugins.names(GROUP):
+        try:
+            kinds.append(plugins.load(GROUP, name))
+        except UsageError as error:
+            broken[name] = error.fact
+    return kinds, broken
+
+
+def _written(folder: Path, described: Described) -> list[Path]:
+    """Writes the description's files, robot.toml last: without it there is no campaign."""
+    names = sorted(described.files, key=lambda name: name == ROBOT)
+    for name in names:
+        write_atomic(folder / name, described.files[name])
+    return [folder / ROBOT, *(folder / name for name in names if name != ROBOT)]

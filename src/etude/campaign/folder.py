@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
 from etude.campaign.journal import Event, commit, read_events
-from etude.campaign.state import State, replay
+from etude.campaign.state import Round, State, replay
+from etude.contracts import Channel, Kind, Limit
 from etude.errors import UsageError
-from etude.robots.spec import RobotSpec
-from etude.robots.toml_file import load_robot
 from etude.storage import writer_lock
 
 ROBOT = "robot.toml"
 WAIT_S = 10.0
 """How long a second writer waits; a `tell` that trains holds the place for longer."""
+Say = Callable[[str], None]
+"""Receives one sentence per step."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +32,45 @@ class Campaign:
         path: the folder.
         config: campaign.toml.
         config_sha256: of campaign.toml's bytes.
-        spec: robot.toml.
+        kind: of the robot.
+        spec: robot.toml, as the kind describes its robots.
+        notes: what a reader of campaign.toml should know: a sentence for each key that was renamed.
     """
 
     path: Path
     config: CampaignConfig
     config_sha256: str
-    spec: RobotSpec
+    kind: Kind
+    spec: Any
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        return str(self.spec.name)
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """What a log of this robot may hold."""
+        return tuple(self.kind.channels(self.spec))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Coordinates of the path."""
+        return self.channel(self.kind.path).parts
+
+    @property
+    def command(self) -> Channel:
+        """What is learned."""
+        return next(c for c in self.channels if c.role == "command")
+
+    def channel(self, name: str) -> Channel:
+        """The channel of that name."""
+        return next(c for c in self.channels if c.name == name)
+
+    def limits(self) -> Sequence[Limit]:
+        """What no trajectory may exceed."""
+        return self.kind.limits(self.spec, self.config, None, {})
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"
@@ -67,7 +101,7 @@ class Campaign:
         with writer_lock(self.path, WAIT_S if wait_s is None else wait_s):
             yield
 
-    def round(self, number: int) -> Any:
+    def round(self, number: int) -> Round:
         """The round of that number.
 
         Raises:
@@ -89,18 +123,24 @@ def open_campaign(path: Path) -> Campaign:
         UsageError: there is none, its `init` was interrupted, or campaign.toml or robot.toml are impossible.
     """
     path = Path(path)
-    config, digest = load_config(path)
+    found = load_config(path)
     if not any(event.event == "created" for event in read_events(path)):
         raise UsageError(
             "this campaign was not finished being made",
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
-    spec = load_robot(path / ROBOT)
-    if (spec.flight is None) != (config.flight is None):
-        raise UsageError(
-            "robot.toml and campaign.toml describe different kinds of robot",
-            where=str(path / CONFIG),
-            next_step='A flying vehicle has kind = "vehicle" in both files.',
-        )
-    return Campaign(path, config, digest, spec)
+    return Campaign(path, found.config, found.sha256, found.kind, _spec(path, found.kind), found.notes)
+
+
+def _spec(path: Path, kind: Kind) -> Any:
+    try:
+        return kind.spec(path / ROBOT)
+    except UsageError:
+        if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
+            raise UsageError(
+                f"robot.toml does not describe a robot of the kind {kind.name!r}, which campaign.toml names",
+                where=str(path / ROBOT),
+                next_step="Both files name the same kind; put back the one that was changed.",
+            ) from None
+        raise

@@ -1,13 +1,19 @@
-"""The journal: one JSON object a line, append-only. It is the campaign's only memory of what happened."""
+"""The journal: one JSON object a line, append-only. It is the campaign's only memory of what happened.
+
+Its lines are a chain of hashes, checked whenever it is read; `chain` says what that finds and what not.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from etude.campaign.chain import PREVIOUS, SEAL, chained, check_chain, is_chained
 from etude.errors import UsageError
 from etude.storage import append_line, read_lines, sha256_of
 
@@ -35,7 +41,8 @@ class Event:
     files: dict[str, str] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
 
-    def to_line(self) -> str:
+    def to_json(self) -> str:
+        """The fact alone, without the hashes that make it a line of the journal."""
         own = {"event": self.event, "time": self.time, "number": self.number}
         return json.dumps(
             {**own, "config_sha256": self.config_sha256, "files": self.files, **self.facts}, allow_nan=False
@@ -46,10 +53,13 @@ def read_events(folder: Path) -> list[Event]:
     """Every committed event, oldest first. A torn last line was never committed and is left out.
 
     Raises:
-        UsageError: a whole line is not an event, so somebody edited the journal.
+        UsageError: somebody edited the journal: a whole line is not an event, or the chain is broken.
     """
     path = Path(folder) / JOURNAL
-    return [_parse(line, f"{path}:{number}") for number, line in enumerate(read_lines(path), 1)]
+    lines = read_lines(path)
+    events = [_parse(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
+    check_chain(lines, path)
+    return events
 
 
 def commit(
@@ -59,12 +69,12 @@ def commit(
 
     The caller holds the writer's lock. When this returns, the event survives any crash.
     """
-    if event not in EVENTS:
-        raise ValueError(f"{event!r} is not one of {EVENTS}")
+    if event not in EVENTS or {PREVIOUS, SEAL} & facts.keys():
+        raise ValueError(f"{event!r} is not one of {EVENTS}, or a fact is called {PREVIOUS} or {SEAL}")
     hashes = {str(path.relative_to(folder).as_posix()): sha256_of(path) for path in files}
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     fact = Event(event, now, number, config_sha256, hashes, facts)
-    append_line(folder / JOURNAL, fact.to_line())
+    append_line(folder / JOURNAL, chained(fact.to_json(), read_lines(folder / JOURNAL)))
     return fact
 
 
@@ -73,19 +83,35 @@ def damaged_files(folder: Path, events: list[Event]) -> list[str]:
     last = {name: digest for event in events for name, digest in event.files.items()}
     problems = []
     for name, digest in sorted(last.items()):
-        path = folder / name
-        if not path.exists():
+        try:
+            if sha256_of(folder / name) != digest:
+                problems.append(f"{name} was changed after it was committed")
+        except (FileNotFoundError, NotADirectoryError):
             problems.append(f"{name} is missing")
-        elif sha256_of(path) != digest:
-            problems.append(f"{name} was changed after it was committed")
+        except OSError as error:
+            problems.append(f"{name} cannot be read ({error.strerror or error})")
     return problems
+
+
+def require_intact(folder: Path, events: list[Event], next_step: str) -> None:
+    """The files that these events rest on, before somebody relies on them.
+
+    Raises:
+        UsageError: one is missing or was changed; says which.
+    """
+    problems = damaged_files(folder, events)
+    if problems:
+        raise UsageError("; ".join(problems), where=str(folder), next_step=next_step)
 
 
 def _parse(line: str, where: str) -> Event:
     try:
+        line.encode()  # bytes that are no text came as surrogates
         fields = json.loads(line)
         known = {name: fields.pop(name) for name in ("event", "time", "number", "config_sha256", "files")}
-    except (ValueError, KeyError, AttributeError, TypeError):
+        if not (_fits(known) and is_chained(line) == (PREVIOUS in fields) == (SEAL in fields)):
+            raise ValueError
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         raise UsageError(
             "this line of the journal is not an event",
             where=where,
@@ -93,4 +119,15 @@ def _parse(line: str, where: str) -> Event:
         ) from None
     if known["event"] not in EVENTS:
         raise UsageError(f"unknown event {known['event']!r}", where=where, next_step="Use the newer etude.")
-    return Event(**known, facts=fields)
+    return Event(**known, facts={name: fields[name] for name in fields if name not in (PREVIOUS, SEAL)})
+
+
+def _fits(known: dict[str, Any]) -> bool:
+    words = [known["event"], known["time"], known["config_sha256"], *known["files"].values()]
+    number = known["number"]
+    return all(isinstance(word, str) for word in words) and (number is None or type(number) is int)
+
+
+def jsonable(values: Iterable[float]) -> list[float | None]:
+    """Finite values as JSON numbers, the others as null: figures as the journal keeps them."""
+    return [float(v) if math.isfinite(v) else None for v in values]

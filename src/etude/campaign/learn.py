@@ -2,15 +2,52 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from etude.campaign.folder import Campaign
-from etude.campaign.kind_of import kind_of
-from etude.campaign.kinds import RobotKind
-from etude.campaign.learner import Learned, Learner, Say
-from etude.campaign.state import State
+import numpy as np
+
+from etude.campaign.folder import Campaign, Say, open_campaign
+from etude.campaign.forecast import forecast
+from etude.campaign.journal import jsonable
+from etude.campaign.state import Round, State
+from etude.contracts import Inputs, Samples
 from etude.errors import DataError, NumericalError, UsageError
+from etude.logs.log_file import read_log_file
+from etude.models.held_out import held_out_blocks, split_blocks
+from etude.models.ladder import Ladder, prequential, train_ladder
+from etude.models.linear import LinearPhysics
+from etude.models.model import LearnedModel
+from etude.models.score import Score, score
+from etude.models.store import load_model as read_model
+from etude.models.store import save_model
+
+MODEL = "model.npz"
+TRAIN_STREAM = 2
+"""Separates the random numbers of training from those of asking and testing."""
+LINEAR, MIXED = "linear", "mixed"
+"""What every rung has to beat, and what is said where commands were given different rungs."""
+BLOCKS = 20
+"""Parts of a log without proposal, some of which are held out."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What learning a log left.
+
+    Attributes:
+        files: stored models.
+        facts: of the `trained` event.
+    """
+
+    files: list[Path]
+    facts: dict[str, Any]
+
+
+Learner = Callable[[Campaign, State, int], Learned]
+"""Learns log `number` with all logs told before it; only tests give another one than `learn_log`."""
 
 
 def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
@@ -22,15 +59,15 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     Raises:
         DataError, NumericalError: not even all logs together can be learned.
     """
-    pending = [r.number for r in campaign.state().pending]
+    learn = learner or learn_log
     if learner is None:
-        learner = partial(_learn, kind_of(campaign.spec), say)
+        _renew(campaign, say)
     done: list[int] = []
     failure: DataError | NumericalError | None = None
-    for number in pending:
+    for number in [r.number for r in campaign.state().pending]:
         say(f"Learning log {number}.")
         try:
-            learned = learner(campaign, campaign.state(), number)
+            learned = learn(campaign, campaign.state(), number)
         except (DataError, NumericalError) as error:
             failure = error
             continue
@@ -42,18 +79,149 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     return done
 
 
-def newest_model(campaign: Campaign, state: State) -> Any:
-    """The model in use: the chosen one of the last training.
+def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
+    """Scores the newest model on log `number`, which it has not seen, then trains on all logs told."""
+    trained = [r for r in state.trained if r.number != number]
+    waiting = [r.number for r in state.pending if r.number < number]
+    logs = [*(r.number for r in trained), *waiting, number]
+    samples = told_samples(campaign, logs)
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    inputs = kind.inputs(spec, config).tuned(samples)
+    before = _comparable(campaign, trained, inputs)
+    rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
+    physics, limit = kind.physics(spec, config), kind.limit(spec)
+    ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
+    path = campaign.model_folder(number) / MODEL
+    save_model(path, ladder.model)
+    told = [r.told for r in state.told if r.told and r.number in logs]
+    facts: dict[str, Any] = {
+        "logs": logs,
+        "models": _scores(before, inputs, samples),
+        "held_out_mae": _left_out(ladder),
+        "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
+        "chosen": label(ladder.chosen),
+        "rungs": list(ladder.chosen),
+        "calibrated": ladder.model.calibrated,
+        "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
+        "inputs": {name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
+        "warnings": [*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings],
+        **forecast(ladder.model, before, campaign, state),
+    }
+    if (state.rounds[number].told or {}).get("foreign"):
+        facts["held_out"] = _held_out(campaign, told_samples(campaign, [number]), rng)
+    return Learned([path], facts)
+
+
+def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
+    """The samples of stored logs; the groups are their places in `numbers`."""
+    logs = [read_log_file(campaign.run_file(number)) for number in numbers]
+    groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
+    return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
+
+
+def newest_model(campaign: Campaign, state: State) -> LearnedModel:
+    """The model in use: that of the last training.
 
     Raises:
         UsageError: nothing was learned yet.
+        DataError: the file is damaged, or of another version.
     """
     if not state.trained:
         raise UsageError(
             "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
         )
-    return kind_of(campaign.spec).load_model(campaign.model_folder(state.trained[-1].number))
+    return _stored(campaign, state.trained[-1].number)
 
 
-def _learn(kind: RobotKind, say: Say, campaign: Campaign, state: State, number: int) -> Learned:
-    return kind.learn(campaign, state, number, say)
+def load_model(folder: str | Path) -> LearnedModel:
+    """The model in use in a campaign folder. Errors as `newest_model`."""
+    campaign = open_campaign(Path(folder))
+    return newest_model(campaign, campaign.state())
+
+
+def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
+    """The model with that rung for all commands; None if it was not trained for all."""
+    try:
+        return model.of_rung(rung)
+    except UsageError:
+        return None
+
+
+def label(rungs: Sequence[str]) -> str:
+    """One word for the rungs of all commands."""
+    return rungs[0] if len(set(rungs)) == 1 else MIXED
+
+
+def _stored(campaign: Campaign, number: int) -> LearnedModel:
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    inputs = kind.inputs(spec, config)
+    return read_model(campaign.model_folder(number) / MODEL, inputs.restore, kind.physics(spec, config))
+
+
+def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
+    """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
+    if not trained or not _is_stored(trained[-1]):
+        return None
+    before = _stored(campaign, trained[-1].number)
+    return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
+
+
+def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples) -> dict[str, Any]:
+    """Each rung of the earlier model on the newest log, and what every rung has to beat."""
+    newest = samples.group == samples.group.max()
+    new = samples.take(newest)
+    found: dict[str, Score] = {}
+    if before is not None:
+        found = prequential(before, new, samples.take(~newest))
+        if label(before.chosen) == MIXED:
+            found[MIXED] = score(new, *before.predict(new.log), samples.take(~newest))
+    if not newest.all():  # fitted to the earlier logs alone
+        mean = LinearPhysics(inputs)(samples.take(~newest))
+        found[LINEAR] = score(new, mean.predict(new.log))
+    return {rung: _plain(one) for rung, one in found.items()}
+
+
+def _plain(found: Score) -> dict[str, list[float | None]]:
+    return {name: jsonable(getattr(found, name)) for name in ("nmse", "z2", "coverage", "msll")}
+
+
+def _left_out(ladder: Ladder) -> dict[str, float | None]:
+    """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
+    errors = {rung: np.mean(held.errors("absolute")) for rung, held in ladder.held_out.items()}
+    return dict(zip(errors, jsonable(errors.values()), strict=True))
+
+
+def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dict[str, Any]:
+    """nMSE per command on held-out blocks of one log, of each rung and of linear regression."""
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    train, test = split_blocks(log)
+    inputs = kind.inputs(spec, config).tuned(train)
+    ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
+    scores = prequential(ladder.model, test)
+    nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
+    linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
+    nmse["linear regression"] = jsonable(score(test, linear).nmse)
+    return {
+        "blocks": list(held_out_blocks()),
+        "of": BLOCKS,
+        "chosen": label(ladder.chosen),
+        "nmse": nmse,
+    }
+
+
+def _is_stored(trained: Round) -> bool:
+    """Whether the model of a training is in the present form; 0.1 named no rungs."""
+    return "rungs" in (trained.trained or {})
+
+
+def _renew(campaign: Campaign, say: Say) -> None:
+    """Trains the model in use again if Étude 0.1 stored it; what was measured with it stays on record."""
+    state = campaign.state()
+    if not state.trained or _is_stored(state.trained[-1]):
+        return
+    newest = state.trained[-1]
+    old = newest.trained or {}
+    say("The model was stored by Étude 0.1: it is trained again from its logs.")
+    learned = learn_log(campaign, state, newest.number)
+    kept = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
+    campaign.commit("trained", newest.number, learned.files, **{**learned.facts, **kept})

@@ -2,160 +2,175 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
-from etude.campaign.folder import Campaign
-from etude.campaign.learn import newest_model
-from etude.campaign.learner import Say
-from etude.campaign.rounds import SimulatedRound, known_evaluation, robot_seconds
-from etude.campaign.tell import tell
-from etude.control.closed_loop import run_closed_loop, tracking_error
-from etude.control.feedforward import (
-    Feedforward,
-    model_feedforward,
-    no_feedforward,
-    perfect_feedforward,
+from etude.campaign.folder import ROBOT, Campaign, Say
+from etude.campaign.learn import newest_model, only_rung
+from etude.campaign.rounds import (
+    ERROR,
+    SimulatedRound,
+    interrupted_round,
+    known_evaluation,
+    measured,
+    robot_seconds,
 )
-from etude.errors import UsageError
-from etude.logs.log import RobotLog
-from etude.logs.parquet import write_parquet
-from etude.plants.registry import plant_names, simulated_robot
-from etude.plants.robot import SimulatedRobot
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.moves import random_moves
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.samples import Trajectory
+from etude.campaign.tell import tell
+from etude.contracts import Controller, Log, Robot, Trajectory
+from etude.errors import DataError, UsageError
+from etude.logs.log_file import write_log
 
-Array = NDArray[np.float64]
 RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
-MOVES = 12
-TEST_DURATION = 60.0  # s
+MOST_TRIES = 4
+"""Trajectories tried for each that is wanted."""
+IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
+"""The rung that a careful user has today, and what it is called as a baseline."""
 
 
 def simulate(
-    campaign: Campaign, rounds: int, engine: str = "compiled", say: Say = lambda _: None
+    campaign: Campaign, rounds: int, engine: str = "", say: Say = lambda _: None
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
-    Trajectories are collected under the robot's own PD control. The stop rule is not heeded: who simulates
-    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once.
+    Trajectories are collected under the robot's own feedback. The stop rule is not heeded: who simulates
+    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once. A run
+    whose log is refused is given up, and another trajectory asked for.
+
+    Args:
+        campaign: the folder.
+        rounds: trajectories to learn.
+        engine: of the simulation, where the robot has several; "": its own.
+        say: receives one sentence per step.
 
     Raises:
-        UsageError: the robot has no simulated plant.
+        UsageError: the robot has no simulated plant, or no such engine.
+        DataError: too many logs were refused.
     """
-    if campaign.spec.flight is not None:
-        from etude.campaign.flight.simulate import simulate_flights
-
-        yield from simulate_flights(campaign, rounds, say)
-        return
-    robot = _robot(campaign, engine)
-    tests = test_motions(campaign)
-    _evaluate_baselines(campaign, robot, tests)
-    if campaign.state().trained:  # a run that was stopped between learning and testing
-        _evaluate_round(campaign, robot, tests, campaign.state().trained[-1].number)
-    for _ in range(rounds):
-        number = ask(campaign, go_on=True, say=say).number
-        say(f"Running trajectory {number} on the simulated {robot.name}.")
-        trajectory = stored_trajectory(campaign, number)
-        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
-        log = run_closed_loop(robot, trajectory, no_feedforward(campaign.spec), rng)
-        path = campaign.path / "simulated" / f"{number:04d}.parquet"
-        write_parquet(log, path)
-        tell(campaign, path, number=number, say=say)
-        yield _evaluate_round(campaign, robot, tests, number)
-
-
-def test_motions(campaign: Campaign) -> dict[str, Trajectory]:
-    """The campaign's test motions by name; fixed by its seed, never trained on.
-
-    They do not depend on which family the campaign trains on, so that settings can be compared: the thesis's
-    own form (3.5) with N = 2, one to two periods long, and point-to-point moves.
-    """
-    rng = np.random.default_rng([campaign.state().seed, TEST_STREAM])
-    period = 2.0 * np.pi / TEST_DURATION
-    thesis = TrajectoryFamily(2, TEST_DURATION, (period, 2.0 * period), rest="ramp", ramp=2.0)
-    return {
-        "fourier": random_trajectory(rng, campaign.spec, thesis),
-        "moves": random_moves(rng, campaign.spec, MOVES),
-    }
-
-
-def _robot(campaign: Campaign, engine: str) -> SimulatedRobot:
-    plant = campaign.spec.plant
-    if plant is None:
-        raise UsageError(
-            f"robot '{campaign.spec.name}' has no simulated plant",
-            where=str(campaign.path / "robot.toml"),
-            next_step=f'Write plant = "..." with one of {", ".join(plant_names())}, or run the real robot.',
+    loop = _Loop.of(campaign, engine)
+    for name, controller in loop.baselines.items():
+        loop.evaluate(0, controller, name)
+    left = interrupted_round(campaign, say)
+    if left is not None:  # or its tests would be missing from the curve
+        loop.evaluate_round(left)
+    done = 0
+    for _ in range(MOST_TRIES * rounds):
+        if done == rounds:
+            return
+        number = loop.learned_one(say)
+        if number is not None:
+            done += 1
+            yield loop.evaluate_round(number)
+    if done < rounds:
+        raise DataError(
+            f"only {done} of {rounds} runs left a log that can be used",
+            where=str(campaign.path),
+            next_step=f"The feedback cannot follow: lower the limits in {ROBOT}, or leave more room.",
         )
-    return simulated_robot(plant, engine, campaign.spec)
 
 
-def _evaluate_baselines(campaign: Campaign, robot: SimulatedRobot, tests: dict[str, Trajectory]) -> None:
-    feedforwards = {"pd": no_feedforward(campaign.spec), "perfect": perfect_feedforward(robot)}
-    for name, feedforward in feedforwards.items():
-        _evaluate(campaign, robot, tests, 0, feedforward, baseline=name)
+def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
+    """The campaign's test motions by name; fixed by its seed, never trained on."""
+    rng = np.random.default_rng([campaign.state().seed, TEST_STREAM])
+    return campaign.kind.tests(campaign.spec, campaign.config, rng)
 
 
-def _evaluate_round(
-    campaign: Campaign, robot: SimulatedRobot, tests: dict[str, Trajectory], number: int
-) -> SimulatedRound:
-    state = campaign.state()
-    model = newest_model(campaign, state)
-    errors = _evaluate(campaign, robot, tests, number, model_feedforward(model, campaign.spec))
-    identified = _identified(campaign, number)
-    if identified is not None:
-        rigid = model_feedforward(identified, campaign.spec, fade=False)
-        _evaluate(campaign, robot, tests, number, rigid, baseline="rigid_body")
-    return SimulatedRound(number, robot_seconds(campaign), errors, "deg")
+@dataclass(frozen=True)
+class _Loop:
+    """A campaign and the simulated robot that stands in for the real one."""
+
+    campaign: Campaign
+    robot: Robot
+    tests: Mapping[str, Trajectory]
+    baselines: Mapping[str, Controller | None]
+
+    @classmethod
+    def of(cls, campaign: Campaign, engine: str) -> _Loop:
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config
+        robot = kind.robot(spec, config)
+        if robot is None:
+            raise UsageError(
+                f"robot '{campaign.name}' has no simulated plant",
+                where=str(campaign.path / ROBOT),
+                next_step='Write plant = "..." there if it has one, or run the real robot.',
+            )
+        if engine:
+            robot = _with_engine(robot, engine, campaign.name)
+        return cls(campaign, robot, test_motions(campaign), kind.baselines(spec, config))
+
+    def learned_one(self, say: Say) -> int | None:
+        """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
+        campaign = self.campaign
+        number = ask(campaign, go_on=True, say=say).number
+        say(f"Running trajectory {number} on the simulated {campaign.name}.")
+        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
+        log = self.robot.run(stored_trajectory(campaign, number), None, rng)
+        path = campaign.path / "simulated" / f"{number:04d}.parquet"
+        write_log(path, log)
+        try:
+            tell(campaign, path, number=number, say=say)
+        except DataError as refused:  # it broke off: what a person would give up too
+            say(f"Trajectory {number} is given up: {refused.fact}.")
+            abandon(campaign, number)
+            return None
+        return number
+
+    def evaluate_round(self, number: int) -> SimulatedRound:
+        """Tests the model of that round, and what its identified physics alone would do."""
+        campaign = self.campaign
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config
+        model = newest_model(campaign, campaign.state())
+        errors, unit = self.evaluate(number, kind.controller(spec, config, model))
+        identified = only_rung(model, IDENTIFIED)
+        if identified is not None:
+            self.evaluate(number, kind.controller(spec, config, identified), RIGID_BODY)
+        return SimulatedRound(number, robot_seconds(campaign), errors, unit, len(campaign.axes))
+
+    def evaluate(
+        self, number: int, controller: Controller | None, baseline: str | None = None
+    ) -> tuple[dict[str, list[float]], str]:
+        """Runs each test once, unless it was run before; commits and returns the errors and their unit."""
+        errors, unit = {}, ""
+        for index, (name, motion) in enumerate(self.tests.items()):
+            facts = known_evaluation(self.campaign, name, number, baseline)
+            if facts is None:
+                rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
+                facts = self._commit(number, baseline, name, self._tried(motion, controller, rng))
+            errors[name], unit = measured(facts)
+        return errors, unit
+
+    def _tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        """A test run: to its end, however badly it goes, where the robot knows how."""
+        run = getattr(self.robot, "test", self.robot.run)
+        log: Log = run(motion, controller, rng)
+        return log
+
+    def _commit(self, number: int, baseline: str | None, test: str, log: Log) -> dict[str, object]:
+        error, units = self.robot.error(log)
+        facts = {"test": test, "robot_seconds": robot_seconds(self.campaign)}
+        facts |= {} if baseline is None else {"baseline": baseline}
+        facts[ERROR + (units[0] if len(set(units)) == 1 else "mixed")] = error.tolist()
+        with self.campaign.writing():
+            self.campaign.commit("evaluated", number, self._kept(number, baseline, test, log), **facts)
+        return facts
+
+    def _kept(self, number: int, baseline: str | None, test: str, log: Log) -> list[Path]:
+        """Stores the runs that the report draws: the learned controller's, and the feedback's alone."""
+        if baseline not in (None, next(iter(self.baselines), None)):
+            return []
+        path = self.campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.{test}.parquet"
+        write_log(path, log)
+        return [path]
 
 
-def _identified(campaign: Campaign, number: int) -> Any:
-    """The identified rigid-body model of that round, what a careful user has today; None if there is none."""
-    from etude.campaign.ladder_files import load_kind
-
-    return load_kind(campaign.model_folder(number), "identified")
-
-
-def _evaluate(
-    campaign: Campaign,
-    robot: SimulatedRobot,
-    tests: dict[str, Trajectory],
-    number: int,
-    feedforward: Feedforward,
-    **facts: Any,
-) -> dict[str, list[float]]:
-    """Runs each test motion once, unless it was before; commits and returns the errors in degrees."""
-    run = partial(run_closed_loop, robot, feedforward=feedforward)
-    errors = {}
-    for index, (name, motion) in enumerate(tests.items()):
-        before = known_evaluation(campaign, name, number, facts.get("baseline"))
-        if before is None:
-            rng = np.random.default_rng([campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-            log = run(trajectory=motion, rng=rng)
-            error = np.rad2deg(tracking_error(log)).tolist()
-            measured = {**facts, "test": name, "robot_seconds": robot_seconds(campaign)}
-            with campaign.writing():
-                files = _kept(campaign, log, number, facts.get("baseline")) if index == 0 else []
-                campaign.commit("evaluated", number, files, **measured, tracking_error_deg=error)
-        else:
-            error = before["tracking_error_deg"]
-        errors[name] = list(error)
-    return errors
-
-
-def _kept(campaign: Campaign, log: RobotLog, number: int, baseline: str | None) -> list[Path]:
-    """Stores a test run that the report draws: the learned controller's, and PD alone to hold it against."""
-    if baseline not in (None, "pd"):
-        return []
-    path = campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.parquet"
-    write_parquet(log, path)
-    return [path]
+def _with_engine(robot: Robot, engine: str, name: str) -> Robot:
+    """The same robot on another engine."""
+    if not hasattr(robot, "engine"):
+        raise UsageError(f"the simulated {name} has one engine only", next_step="Leave --engine out.")
+    made: Robot = replace(robot, engine=engine)  # type: ignore[type-var]
+    return made

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from etude.campaign.evidence import calibration_factor, collect
 from etude.campaign.folder import Campaign
+from etude.campaign.history import calibration_factor, seen_by_the_rule
 from etude.campaign.journal import damaged_files
 from etude.campaign.state import Round, State
 from etude.campaign.stopping import judge
@@ -14,22 +14,23 @@ from etude.campaign.stopping import judge
 def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
-    Keys: robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds, prequential
-    (newest scores of each model before it learned the newest log), chosen, calibration_factor,
+    Keys: kind, robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds,
+    prequential (newest scores of each model before it learned the newest log), chosen, calibration_factor,
     forecast_fraction, next_gain, held_out (of the newest log without proposal), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()
-    evidence = collect(campaign, state)
+    evidence = seen_by_the_rule(campaign, state)
     verdict = judge(evidence, campaign.config.stop)
     trained = state.trained
     newest = (trained[-1].trained or {}) if trained else {}
     return {
         "folder": str(campaign.path),
-        "robot": campaign.spec.name,
-        "axes": list(campaign.spec.names),
-        "outputs": list(campaign.spec.outputs),
-        "command_unit": campaign.spec.command_unit,
+        "kind": campaign.kind.name,
+        "robot": campaign.name,
+        "axes": list(campaign.axes),
+        "outputs": list(campaign.command.parts),
+        "command_unit": campaign.command.units[0],
         "preset": campaign.config.preset,
         "seed": state.seed,
         "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from etude.campaign.ask import speed_folder, stored_trajectory
-from etude.campaign.folder import Campaign
-from etude.campaign.kind_of import kind_of
-from etude.campaign.learn import learn_pending
-from etude.campaign.learner import Learner, Say
+from etude.campaign.folder import Campaign, Say
+from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.state import Round, State
+from etude.contracts import Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
+from etude.logs.identity import align
+from etude.logs.log_file import log_bytes
+from etude.logs.read import read_log
+from etude.logs.units import start_at_zero
 from etude.storage import sha256_of, write_atomic
 
 
@@ -28,7 +32,7 @@ class Told:
         foreign: it answers no proposal.
         repairs: one sentence for each repair made while reading it.
         learned: numbers of the logs that were learned now.
-        warnings: a sentence for each output of the model in use that lost to linear regression.
+        warnings: what the newest training has to say: inputs that logs lack, for example.
     """
 
     number: int
@@ -85,7 +89,7 @@ def tell(
 
 
 def _warnings(campaign: Campaign) -> tuple[str, ...]:
-    """Of the newest training; journals older than the guard have none."""
+    """Of the newest training; the oldest journals have none."""
     trained = campaign.state().trained
     facts = trained[-1].trained if trained else None
     return tuple((facts or {}).get("warnings", ()))
@@ -93,10 +97,9 @@ def _warnings(campaign: Campaign) -> tuple[str, ...]:
 
 def _identify(
     campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, degrees: bool
-) -> tuple[Any, int | None, int]:
+) -> tuple[Log, int | None, int]:
     """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
-    kind = kind_of(campaign.spec)
-    log = kind.read(path, campaign.spec, degrees)
+    log = read(campaign, path, degrees=degrees)
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
         _check_asked(state, number)
@@ -111,11 +114,11 @@ def _identify(
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)
-                return kind.align(log, trajectory, campaign.spec), candidate, speed
+                return _aligned(campaign, log, trajectory), candidate, speed
             except DataError as error:
                 refused = refused or error
     if refused is None or (number is None and not open_numbers):
-        return log, None, 100
+        return start_at_zero(log), None, 100
     raise DataError(
         refused.fact,
         where=refused.where or str(path),
@@ -123,12 +126,41 @@ def _identify(
     )
 
 
+def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
+    expected = campaign.kind.expected(campaign.spec)
+    path = campaign.kind.path
+    return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
+
+
+def read(campaign: Campaign, path: Path, *, degrees: bool = False) -> Log:
+    """The cleaned log in a file, by its own clock.
+
+    Raises:
+        DataError: it cannot be used; by the doctor of all logs, or by what the kind looks for.
+    """
+    expected = campaign.kind.expected(campaign.spec)
+    log = read_log(
+        path,
+        campaign.channels,
+        rate=expected.rate,
+        degrees=degrees,
+        limits=expected.limits,
+        own_clock=True,
+    )
+    found = campaign.kind.checks(campaign.spec, log)
+    for finding in found:
+        if finding.light == "red":
+            raise DataError(finding.sentence, where=path.name, next_step=finding.step)
+    return log.repaired(*(finding.sentence for finding in found if finding.light == "yellow"))
+
+
 def _store(
-    campaign: Campaign, number: int, log: Any, path: Path, digest: str, foreign: bool, speed: int
+    campaign: Campaign, number: int, log: Log, path: Path, digest: str, foreign: bool, speed: int
 ) -> None:
-    """Writes the cleaned log and its origin, then commits; refuses a log that gives no data."""
-    taken = kind_of(campaign.spec).take_in(campaign, number, log, path.name)
-    write_atomic(campaign.run_file(number), taken.content)
+    """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
+    group = np.zeros(len(log), dtype=np.int64)
+    campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+    write_atomic(campaign.run_file(number), log_bytes(replace(log, source=path.name)))
     origin = {
         "path": str(path.resolve()),
         "sha256": digest,
@@ -143,11 +175,17 @@ def _store(
         "source": path.name,
         "foreign": foreign,
         "speed": speed,
-        "robot_seconds": taken.seconds,
-        "rows": taken.rows,
+        "robot_seconds": _seconds(log),
+        "rows": len(log),
         "repairs": list(log.repairs),
     }
     campaign.commit("told", number, files, **facts)
+
+
+def _seconds(log: Log) -> float:
+    """Recorded motion, s: what was logged before the start is none."""
+    moving = log.t[log.t >= 0.0]
+    return float(moving[-1] - moving[0]) if len(moving) else 0.0
 
 
 def _check_same_number(known: Round, number: int | None, path: Path) -> None:

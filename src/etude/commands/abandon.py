@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say
 
 
@@ -21,8 +21,7 @@ class Abandon(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.abandon import abandon
-        from etude.campaign.folder import open_campaign
 
-        changed = abandon(open_campaign(self.folder), self.number, say=say)
+        changed = abandon(opened(self.folder, say), self.number, say=say)
         text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."
         return Outcome(text, {"number": self.number, "changed": changed})

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
-    from etude.trajectories.certificate import Certificate
+    from etude.limits.certificate import Certificate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,8 @@ class Ask(Common):
     speed: Literal[25, 50, 100] = 100
     """Per cent. Below 100 the same path is written slowed down, for a first careful run."""
     tasks: Path | None = None
-    """What the robot will do with the model: a trajectory.json, or a CSV with time and q_<axis> columns."""
+    """What the robot will do with the model: a trajectory.json, or a CSV with the time and a
+    column for each axis."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -31,9 +32,9 @@ class Ask(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ask import ask
-        from etude.campaign.folder import open_campaign
+        from etude.limits.certificate import spare, use
 
-        campaign = open_campaign(self.folder)
+        campaign = opened(self.folder, say)
         found = ask(campaign, new=self.new, go_on=self.go_on, speed=self.speed, tasks=self.tasks, say=say)
         files = [
             str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
@@ -44,9 +45,9 @@ class Ask(Common):
                 row.quantity,
                 f"{row.proved_lower:.4g}",
                 f"{row.proved_upper:.4g}",
-                f"{100 * row.use:.1f} %",
+                f"{100 * use(row):.1f} %",
             ]
-            for row in found.certificate.rows
+            for row in found.certificate.seen
         ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
@@ -63,7 +64,7 @@ class Ask(Common):
             "speed": self.speed,
             "files": files,
             "certified": found.certificate.ok,
-            "margins": {f"{r.axis} {r.quantity}": r.margin for r in found.certificate.rows},
+            "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
         }
         return Outcome("\n".join(lines), data)
 

@@ -10,6 +10,7 @@ import tyro
 
 from etude.commands.common import Common
 from etude.commands.outcome import Outcome, Say
+from etude.commands.studies import run_study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +35,7 @@ class Bench(Common):
     """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
 
     def run(self, _: Say) -> Outcome:
-        from etude_studies.registry import run_bench
-
-        run_bench(
-            self.name, json=self.json, seed=self.seed, quick=self.quick, pythons=self.python, logs=self.logs
-        )
+        options = {"json": self.json, "seed": self.seed}
+        optional = {"quick": self.quick, "pythons": self.python, "logs": self.logs}
+        run_study("bench", self.name, options, optional)
         return Outcome("")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
+
+if TYPE_CHECKING:
+    from etude.campaign.folder import Campaign
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="The campaign folder.", metavar="FOLDER")]
 
@@ -17,3 +21,13 @@ class Common:
 
     json: bool = False
     """Print one line of JSON on stdout instead of text."""
+
+
+def opened(folder: Path, say: Callable[[str], None]) -> Campaign:
+    """The campaign in a folder; says what a reader of its campaign.toml should know."""
+    from etude.campaign.folder import open_campaign
+
+    campaign = open_campaign(folder)
+    for note in campaign.notes:
+        say(note)
+    return campaign

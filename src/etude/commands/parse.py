@@ -13,6 +13,7 @@ from etude.commands.bench import Bench
 from etude.commands.demo import Demo
 from etude.commands.init import Init
 from etude.commands.outcome import Command
+from etude.commands.plugins import Plugins
 from etude.commands.report import Report
 from etude.commands.simulate import Simulate
 from etude.commands.status import Status
@@ -21,7 +22,8 @@ from etude.commands.tell import Tell
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
-    "Étude never commands a robot: it writes trajectory files and reads logs."
+    "Étude never commands a robot: it writes trajectory files and reads logs. "
+    "etude --version says which one this is."
 )
 
 AnyCommand = (
@@ -35,6 +37,7 @@ AnyCommand = (
     | Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Study, tyro.conf.subcommand("study")]
+    | Annotated[Plugins, tyro.conf.subcommand("plugins")]
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say
 
 
@@ -15,10 +15,9 @@ class Report(Common):
     folder: Folder
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.folder import open_campaign
         from etude.report.build import build_report
 
-        open_campaign(self.folder)
+        opened(self.folder, say)
         say("Drawing the report.")
         path = build_report(self.folder)
         return Outcome(f"Written: {path}", {"report": str(path)})

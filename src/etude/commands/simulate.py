@@ -2,74 +2,80 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
+
+if TYPE_CHECKING:
+    from etude.campaign.rounds import SimulatedRound
+
+BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
+"""What the errors along the axes are called, by their unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(Common):
-    """Close the loop with the robot's simulated plant, and test the controller after every trajectory."""
+    """Close the loop with a simulated robot, and test what was learned after every trajectory."""
 
     folder: Folder
     rounds: int = 4
     """Trajectories to ask for, run and learn."""
-    engine: Literal["compiled", "mujoco"] = "compiled"
-    """Two independent implementations of the same physics; mujoco is slower."""
+    engine: Literal["compiled", "mujoco", ""] = ""
+    """Of an arm: two independent implementations of the same physics; compiled if not given, mujoco is
+    slower."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.folder import open_campaign
-        from etude.campaign.rounds import SimulatedRound
         from etude.campaign.simulate import simulate
         from etude.errors import UsageError
 
         if self.rounds < 0:
             raise UsageError(f"the number of rounds must be 0 or more, not {self.rounds}")
         rounds: list[SimulatedRound] = []
-        campaign = open_campaign(self.folder)
+        campaign = opened(self.folder, say)
         for done in simulate(campaign, self.rounds, self.engine, say):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
-        baselines = _baselines(campaign.state().evaluated)
-        rows = [[name, "", *(f"{e:.3f}" for e in errors.values())] for name, errors in baselines.items()]
-        rows += [
-            [
-                f"after {r.number}",
-                f"{r.robot_seconds:.0f}",
-                *(f"{e:.3f}" for e in r.mean_errors().values()),
-            ]
-            for r in rounds
-        ]
+        state = campaign.state()
+        baselines, unit = _baselines(state.evaluated, len(campaign.axes))
         data = {
-            "robot": campaign.spec.name,
-            "seed": campaign.state().seed,
-            "rounds": [
-                {
-                    "number": r.number,
-                    "robot_seconds": r.robot_seconds,
-                    f"tracking_error_{r.unit}": r.mean_errors(),
-                    "joints_deg" if r.unit == "deg" else "xyz_and_distance_m": r.errors,
-                }
-                for r in rounds
-            ],
+            "robot": campaign.name,
+            "seed": state.seed,
+            "rounds": [_figures(done) for done in rounds],
             "baselines": baselines,
         }
-        unit = "m" if campaign.spec.flight is not None else "deg"
-        tests = list(next(iter(baselines.values()), {}))
-        return Outcome(table([f"tracking error, {unit}", "robot s", *tests], rows), data)
+        return Outcome(_table(baselines, rounds, unit), data)
 
 
-def _baselines(evaluated: tuple[dict[str, Any], ...]) -> dict[str, dict[str, float]]:
-    """Newest error by baseline and test."""
-    from etude.campaign.rounds import summary
+def _figures(done: SimulatedRound) -> dict[str, Any]:
+    return {
+        "number": done.number,
+        "robot_seconds": done.robot_seconds,
+        f"tracking_error_{done.unit}": done.mean_errors(),
+        BY_AXIS.get(done.unit, f"axes_{done.unit}"): done.errors,
+    }
+
+
+def _table(baselines: dict[str, dict[str, float]], rounds: Sequence[SimulatedRound], unit: str) -> str:
+    rows = [[name, "", *(f"{e:.3f}" for e in errors.values())] for name, errors in baselines.items()]
+    rows += [
+        [f"after {r.number}", f"{r.robot_seconds:.0f}", *(f"{e:.3f}" for e in r.mean_errors().values())]
+        for r in rounds
+    ]
+    return table([f"tracking error, {unit}", "robot s", *next(iter(baselines.values()), {})], rows)
+
+
+def _baselines(evaluated: Sequence[dict[str, Any]], axes: int) -> tuple[dict[str, dict[str, float]], str]:
+    """Newest error by baseline and test, and its unit."""
+    from etude.campaign.rounds import measured, summary
 
     found: dict[str, dict[str, float]] = {}
+    unit = ""
     for event in evaluated:
         if event.get("baseline"):
-            unit = "m" if "tracking_error_m" in event else "deg"
-            value = summary(event[f"tracking_error_{unit}"], unit)
-            found.setdefault(event["baseline"], {})[event["test"]] = value
-    return found
+            errors, unit = measured(event)
+            found.setdefault(event["baseline"], {})[event["test"]] = summary(errors, axes)
+    return found, unit

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 
@@ -16,11 +16,10 @@ class Status(Common):
 
     folder: Folder
 
-    def run(self, _: Say) -> Outcome:
-        from etude.campaign.folder import open_campaign
+    def run(self, say: Say) -> Outcome:
         from etude.campaign.status import status
 
-        found = status(open_campaign(self.folder))
+        found = status(opened(self.folder, say))
         return Outcome("\n".join(_lines(found)), found)
 
 

@@ -10,6 +10,7 @@ import tyro
 
 from etude.commands.common import Common
 from etude.commands.outcome import Outcome, Say
+from etude.commands.studies import run_study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,6 @@ class Study(Common):
     """Where campaigns are kept; a study that was interrupted goes on from there."""
 
     def run(self, _: Say) -> Outcome:
-        from etude_studies.registry import run_study
-
-        run_study(self.name, json=self.json, seed=self.seed, seeds=self.seeds, folder=self.folder)
+        options = {"json": self.json, "seed": self.seed, "seeds": self.seeds}
+        run_study("study", self.name, options, {}, folder=self.folder / self.name)
         return Outcome("")

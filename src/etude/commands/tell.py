@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from etude.commands.common import Common, Folder
+from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say
 
 
@@ -18,20 +18,19 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV or Parquet with time and, by name, positions and commands of every axis; of a vehicle
-    accelerometer, gyroscope and commands, and if known position and attitude."""
+    """CSV or Parquet with the time and, by name, what the robot measures: of an arm positions and commands of
+    every joint; of a quadrotor accelerometer, gyroscope and commands, and if known position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False
     """The log answers no proposal."""
     degrees: bool = False
-    """The log's angles (of a vehicle, its rates) are degrees."""
+    """All angles and rates of the log are in degrees."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.folder import open_campaign
         from etude.campaign.tell import tell
 
-        campaign = open_campaign(self.folder)
+        campaign = opened(self.folder, say)
         found = tell(
             campaign, self.log, number=self.number, foreign=self.foreign, degrees=self.degrees, say=say
         )

@@ -1,27 +1,42 @@
-"""What leaves for the robot: exact coefficients, a table at the robot's rate, and the certificate of both."""
+"""What leaves for the robot: exact coefficients, a table of set-points, and the certificate of both."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Channel, Inputs, Kind, Limit, Log, Motion, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.robots.spec import RobotSpec
+from etude.limits.certificate import Certificate, require_certified
 from etude.storage import write_atomic
-from etude.trajectories.certificate import Certificate, certify_bytes, require_certified
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import PointToPoint
-from etude.trajectories.trajectory_file import from_json
+from etude.trajectories.json_text import from_json
 
-Array = NDArray[np.float64]
 COEFFICIENTS, TABLE, CERTIFICATE = "trajectory.json", "trajectory.csv", "certificate.json"
 SPEEDS = (25, 50, 100)
 """Per cent: the ladder on which a motion is tried for the first time."""
+PLANNED = "_des"
+"""Ends the names of channels of a plan; in a table of set-points all are planned, so there it is left out."""
+SHORT = {
+    "position": "{}",
+    "velocity": "v{}",
+    "acceleration": "a{}",
+    "attitude": "{}",
+    "rates": "w{}",
+    "thrust": "thrust",
+}
+"""Columns of motions in space, as autopilots name them: x, vx, ax, roll, wx; others are CHANNEL_PART."""
+LOOKED_AT = 4
+"""Orders of motion that limits look at: up to jerk."""
+ROUNDING = 1e-9
+"""Part of a limit by which the table may exceed it: its numbers are exact at its times, times are rounded."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +49,7 @@ class TrajectoryFiles:
         coefficients, table, proof: contents of trajectory.json, trajectory.csv and certificate.json.
     """
 
-    trajectory: FourierTrajectory | PointToPoint
+    trajectory: Trajectory
     certificate: Certificate
     coefficients: bytes
     table: bytes
@@ -48,73 +63,115 @@ class TrajectoryFiles:
         return [folder / name for name in contents]
 
 
-def render(trajectory: FourierTrajectory | PointToPoint, spec: RobotSpec) -> TrajectoryFiles:
+def render(
+    trajectory: Trajectory, kind: Kind, spec: Any, config: Any, limits: Sequence[Limit]
+) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
+
+    Args:
+        trajectory: what to run.
+        kind, spec, config: of the robot; the table holds the plans of its inputs.
+        limits: what may not be exceeded.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    require_certified(written, spec)
-    certificate = certify_bytes(coefficients, spec)
-    table = csv_bytes(written, spec)
-    _check_table(table, spec)
+    certificate = require_certified(written, limits)
+    inputs = kind.inputs(spec, config)
+    table = csv_bytes(written, inputs, table_rate(spec))
+    _check_table(table, written, kind, inputs, limits, spec.name)
     proof = {"trajectory": COEFFICIENTS, "robot": spec.name, **json.loads(certificate.to_json())}
     text = json.dumps(proof, indent=1) + "\n"
     return TrajectoryFiles(written, certificate, coefficients, table, text.encode())
 
 
-def csv_bytes(trajectory: FourierTrajectory | PointToPoint, spec: RobotSpec) -> bytes:
-    """`time, q_<axis>.., qd_<axis>.., qdd_<axis>..` at the robot's rate; every float reads back exactly."""
-    count = math.floor(trajectory.duration * spec.rate + 1e-9) + 1
-    samples = trajectory.sample(np.arange(count) / spec.rate)
-    header = ["time", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in spec.names)]
-    rows = np.column_stack([samples.t, samples.q, samples.qd, samples.qdd])
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
-    return ("\n".join(lines) + "\n").encode()
+def table_rate(spec: Any) -> float:
+    """Hz at which the robot takes set-points: that of its logs, unless its description says another."""
+    return float(getattr(spec, "table_rate", spec.rate))
+
+
+def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float) -> bytes:
+    """`time` and all planned channels at `rate` Hz; every float reads back exactly."""
+    count = math.floor(trajectory.duration * rate + ROUNDING) + 1
+    t = np.minimum(np.arange(count) / rate, trajectory.duration)
+    log = inputs.states(trajectory.motion(t, inputs.orders))
+    planned = [channel for channel in log.channels.values() if channel.role == "plan"]
+    text = io.StringIO()
+    header = csv.writer(text, lineterminator="\n")
+    header.writerow(["time", *(name for channel in planned for name in column_names(channel))])
+    rows = np.column_stack([t, *(log[channel.name] for channel in planned)])
+    text.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+    return text.getvalue().encode()
+
+
+def column_names(channel: Channel) -> list[str]:
+    """The columns of a planned channel in a table of set-points."""
+    name = channel.name.removesuffix(PLANNED)
+    return [SHORT.get(name, name + "_{}").format(part) for part in channel.parts]
 
 
 def read_table(data: bytes) -> tuple[list[str], Array]:
     """Header and numbers of a table that `csv_bytes` made."""
-    header, *lines = data.decode().splitlines()
-    return header.split(","), np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    lines = list(csv.reader(io.StringIO(data.decode())))
+    return lines[0], np.array([[float(cell) for cell in line] for line in lines[1:]])
 
 
-def at_speed(trajectory: FourierTrajectory, per_cent: float) -> FourierTrajectory:
-    """The same path run at a fraction of the speed: q(t s), with s = per_cent / 100.
-
-    In the product form of thesis (3.5) the coefficients a, b and omega0 scale with s, times with 1/s.
+def at_speed(trajectory: Trajectory, per_cent: float) -> Trajectory:
+    """The same path run at a fraction of the speed.
 
     Raises:
-        UsageError: the speed is not above 0 and at most 100 %, or the trajectory is not a Fourier series.
+        UsageError: the speed is not above 0 and at most 100 %.
     """
-    if not isinstance(trajectory, FourierTrajectory):
-        raise UsageError("only Fourier trajectories have a speed ladder")
     if not 0 < per_cent <= 100:
         raise UsageError(f"the speed must be above 0 and at most 100 per cent, not {per_cent}")
-    s = per_cent / 100
-    coefficients = trajectory.coefficients.copy()
-    coefficients[1:] *= s
-    return replace(
-        trajectory,
-        coefficients=coefficients,
-        omega0=trajectory.omega0 * s,
-        duration=trajectory.duration / s,
-        ramp=trajectory.ramp / s,
-    )
+    return trajectory.slowed(100 / per_cent)
 
 
-def _check_table(table: bytes, spec: RobotSpec) -> None:
-    """Reads the table back and holds every row against the limits; the coefficients are proved elsewhere."""
-    _, rows = read_table(table)
-    q, qd, qdd = np.split(rows[:, 1:], 3, axis=1)
-    low = np.concatenate([spec.lower, -spec.velocity, -spec.acceleration])
-    high = np.concatenate([spec.upper, spec.velocity, spec.acceleration])
-    values = np.hstack([q, qd, qdd])
-    outside = (values < low) | (values > high)
-    if bool(outside.any()) or not bool(np.isfinite(values).all()):
-        row = int(np.flatnonzero(outside.any(axis=1))[0]) if outside.any() else 0
-        raise UnsafeTrajectoryError(
-            f"row {row + 2} of the table leaves the limits of '{spec.name}'", where=TABLE
-        )
+def _check_table(
+    table: bytes, written: Trajectory, kind: Kind, inputs: Inputs, limits: Sequence[Limit], robot: str
+) -> None:
+    """Reads the table back and holds every row against the limits; the coefficients are proved elsewhere.
+
+    Orders that the table does not hold are taken from the trajectory.
+    """
+    names, rows = read_table(table)
+    place = {name: j for j, name in enumerate(names)}
+    motion = written.motion(rows[:, 0], max(inputs.orders, LOOKED_AT))
+    orders = motion.orders.copy()
+    for i, channel in enumerate(_path_orders(kind.path, inputs.states(motion_of_one(written, inputs)))):
+        orders[i] = rows[:, [place[name] for name in column_names(channel)]]
+    bad = ~np.isfinite(rows).all(axis=1)
+    for limit in limits:
+        bad |= _outside(limit, Motion(rows[:, 0], orders), written)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise UnsafeTrajectoryError(f"row {row + 2} of the table leaves the limits of '{robot}'", where=TABLE)
+
+
+def motion_of_one(trajectory: Trajectory, inputs: Inputs) -> Motion:
+    """The first instant of a trajectory."""
+    return trajectory.motion(np.zeros(1), inputs.orders)
+
+
+def _path_orders(path: str, log: Log) -> list[Channel]:
+    """The planned path and its derivatives, as far as the plan has them."""
+    found = [log.channels[path + PLANNED]] if path + PLANNED in log.channels else []
+    while found:
+        following = [c for c in log.channels.values() if c.derivative_of == found[-1].name]
+        if not following:
+            break
+        found.append(following[0])
+    return found
+
+
+def _outside(limit: Limit, motion: Motion, written: Trajectory) -> Any:
+    """(T,) where a row of what is limited leaves its interval."""
+    values = limit.of_motion(motion)
+    proofs = limit.prove(written.pieces()[0][2])
+    bad = np.zeros(len(motion.t), dtype=np.bool_)
+    for column, proof in zip(values.T, proofs, strict=True):
+        slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
+        bad |= (column < proof.lower - slack) | (column > proof.upper + slack)
+    return bad

@@ -1,16 +1,16 @@
-"""Delay between two recorded signals, by cross-correlation of their rates of change."""
+"""Delays at which one recorded signal follows another, by cross-correlation of their rates of change."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
+from etude.contracts import Array, Index
 
 LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
+MOST = 64  # delays that are worth a closer look
+WORTH = 0.5  # of the best correlation
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,16 @@ class Delay:
     correlation: float
 
 
-def measure_delay(
+def likely_delays(
     reference: Array, response: Array, rate: float, lags: tuple[float, float] = (-1.0, 1.0)
-) -> Delay:
-    """The lag in `lags` (s) at which the columns of two signals (T, k) and (S, k) at `rate` Hz fit best.
+) -> list[Delay]:
+    """The lags in `lags` (s) at which the columns of two signals (T, k) and (S, k) at `rate` Hz fit, best
+    first: a motion that repeats itself fits at several.
 
     Both are differenced, so that offsets do not count, and scaled per column, so that units do not. The
-    correlation coefficient over the overlap decides, which is at least LEAST_OVERLAP of the shorter signal;
-    a parabola through its three best values refines the lag below a sample. Signals may differ in length:
-    row 0 of both is the same instant at lag 0.
+    correlation coefficient over the overlap counts, which is at least LEAST_OVERLAP of the shorter signal; a
+    parabola through three neighbours refines each lag below a sample. Signals may differ in length: row 0 of
+    both is the same instant at lag 0.
     """
     a, b = _rates(reference), _rates(response)
     overlap = max(2, int(LEAST_OVERLAP * min(len(a), len(b))))
@@ -42,12 +43,23 @@ def measure_delay(
     high = min(int(np.ceil(lags[1] * rate)), len(b) - overlap)
     shifts = np.arange(low, max(high, low) + 1)
     values = _correlations(a, b, shifts)
-    best = int(np.argmax(values))
-    seconds = (shifts[best] + _parabola_top(values, best)) / rate
-    return Delay(float(seconds), float(values[best]))
+    padded = np.concatenate([[-np.inf], values, [-np.inf]])
+    tops = np.flatnonzero((values >= padded[:-2]) & (values > padded[2:]))
+    tops = tops[np.argsort(-values[tops], kind="stable")][:MOST]
+    worth = [int(top) for top in tops if values[top] >= WORTH * values[tops[0]]]
+    return [
+        Delay(float((shifts[top] + _parabola_top(values, top)) / rate), float(values[top])) for top in worth
+    ]
 
 
-def _correlations(a: Array, b: Array, shifts: NDArray[np.int64]) -> Array:
+def measure_delay(
+    reference: Array, response: Array, rate: float, lags: tuple[float, float] = (-1.0, 1.0)
+) -> Delay:
+    """The best of `likely_delays`."""
+    return likely_delays(reference, response, rate, lags)[0]
+
+
+def _correlations(a: Array, b: Array, shifts: Index) -> Array:
     """Correlation coefficient of a[i] with b[i + shift] over their overlap, for each shift."""
     n = 1 << (len(a) + len(b)).bit_length()
     spectrum = np.conj(np.fft.rfft(a, n, axis=0)) * np.fft.rfft(b, n, axis=0)

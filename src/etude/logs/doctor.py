@@ -1,23 +1,20 @@
 """Repairs of rows: what is dropped, and when a log is refused instead. Nothing is interpolated here.
 
-Each repair adds one sentence to `RobotLog.repairs`.
+Each repair adds one sentence to `Log.repairs`.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Channel, Index, Log, Mask
 from etude.errors import DataError
+from etude.logs.ranges import RARE, bounded, top_speed
 from etude.logs.smoothing import segments
-from etude.logs.log import RobotLog
-from etude.logs.parquet import CHANNELS
-from etude.robots.spec import RobotSpec
-
-Array = NDArray[np.float64]
+from etude.logs.units import Limits
 
 LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
 LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
@@ -25,35 +22,30 @@ JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion
 REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
 
 
-def take_rows(log: RobotLog, index: NDArray[np.int64] | NDArray[np.bool_]) -> RobotLog:
-    """The log's rows at `index`, in all channels."""
-    kept = {c: getattr(log, c)[index] for c in CHANNELS if getattr(log, c) is not None}
-    return replace(log, t=log.t[index], **kept)
+def drop_unreadable(log: Log) -> Log:
+    """Drops optional channels that are mostly empty, then rows with an empty, NaN or infinite cell.
 
-
-def add_repair(log: RobotLog, sentence: str) -> RobotLog:
-    """The log with one more repair on record."""
-    return replace(log, repairs=(*log.repairs, sentence))
-
-
-def drop_unreadable(log: RobotLog) -> RobotLog:
-    """Drops optional channels without a single number, then rows with an empty, NaN or infinite cell."""
-    for channel in CHANNELS[2:]:
-        values = getattr(log, channel)
-        if values is not None and not np.isfinite(values).any(axis=0).all():
-            kept = {c: getattr(log, c) for c in CHANNELS[2:] if c != channel}
-            log = replace(log, **{**kept, channel: None})
-            log = add_repair(log, f"Channel {channel} has a column without numbers and was dropped.")
+    Raises:
+        DataError: too many rows would go.
+    """
+    for name, channel in log.channels.items():
+        if channel.required or channel.role == "command":
+            continue
+        finite = np.isfinite(log[name])
+        if not finite.any(axis=0).all():
+            log = log.without(name).repaired(f"Channel {name} has a column without numbers and was dropped.")
+        elif (share := 1.0 - finite.all(axis=1).mean()) > LARGEST_LOSS:
+            log = log.without(name).repaired(
+                f"Channel {name} has empty cells in {100 * share:.0f} % of the rows and was dropped."
+            )
     bad = ~np.isfinite(log.t)
     worst, count = "time", int(bad.sum())
-    for channel in CHANNELS:
-        values = getattr(log, channel)
-        if values is not None:
-            cells = ~np.isfinite(values)
-            j = int(np.argmax(cells.sum(axis=0)))
-            if cells[:, j].sum() > count:
-                worst, count = f"{channel} of joint {log.names[j]}", int(cells[:, j].sum())
-            bad |= cells.any(axis=1)
+    for name, values in log.values.items():
+        cells = ~np.isfinite(values)
+        j = int(np.argmax(cells.sum(axis=0)))
+        if cells[:, j].sum() > count:
+            worst, count = f"{name} of {log.channels[name].parts[j]}", int(cells[:, j].sum())
+        bad |= cells.any(axis=1)
     if not bad.any():
         return log
     if bad.mean() > LARGEST_LOSS:
@@ -62,23 +54,20 @@ def drop_unreadable(log: RobotLog) -> RobotLog:
             where=log.source,
             next_step="Export the log again, with all channels at the same times.",
         )
-    return add_repair(
-        take_rows(log, ~bad),
-        f"{bad.sum()} rows with empty, NaN or infinite cells (most in {worst}) were dropped.",
-    )
+    sentence = f"{bad.sum()} rows with empty, NaN or infinite cells (most in {worst}) were dropped."
+    return log.take(~bad).repaired(sentence)
 
 
-def order_rows(log: RobotLog) -> RobotLog:
+def order_rows(log: Log) -> Log:
     """Keeps the longest run of rows whose time increases: drops repeats, and stamps that jump or run back.
 
     Raises:
         DataError: time restarts (two recordings in one file), or too many stamps are out of order.
     """
-    repeats = np.concatenate([[False], np.diff(log.t) == 0])
+    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
     if repeats.any():
-        log = add_repair(
-            take_rows(log, ~repeats), f"{repeats.sum()} rows that repeat the time before were dropped."
-        )
+        sentence = f"{repeats.sum()} rows that repeat the time before were dropped."
+        log = log.take(~repeats).repaired(sentence)
     if len(log.t) < 2:
         raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
     steps = np.diff(log.t)
@@ -92,10 +81,10 @@ def order_rows(log: RobotLog) -> RobotLog:
         advice = "Cut the file there, and tell each recording on its own." if restart else "Sort it by time."
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
-    return add_repair(take_rows(log, keep), f"{lost} rows whose time jumps or runs backwards were dropped.")
+    return log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
 
 
-def increasing_rows(t: Array) -> NDArray[np.int64]:
+def increasing_rows(t: Array) -> Index:
     """Row numbers of a longest strictly increasing subsequence of t (T,) (patience sorting)."""
     tails: list[float] = []
     tail_rows: list[int] = []
@@ -116,7 +105,7 @@ def increasing_rows(t: Array) -> NDArray[np.int64]:
     return np.array(keep[::-1], dtype=np.int64)
 
 
-def note_pauses(log: RobotLog) -> RobotLog:
+def note_pauses(log: Log) -> Log:
     """Reports pauses, which split the log; refuses a log that is mostly pauses."""
     pieces = segments(log.t)
     if len(pieces) == 1:
@@ -133,33 +122,44 @@ def note_pauses(log: RobotLog) -> RobotLog:
         )
     where = ", ".join(f"{log.t[s - 1]:.2f}" for s in starts[:5])
     more = ", ..." if len(starts) > 5 else ""
-    return add_repair(
-        log,
+    return log.repaired(
         f"{len(starts)} pauses without samples (together {lengths.sum():.3g} s, after t = {where}{more} s) "
         "split the log.",
     )
 
 
-def drop_spikes(log: RobotLog, spec: RobotSpec) -> RobotLog:
-    """Drops single rows in which a position leaps out and back faster than the joint can move."""
-    leap = _leaps(log, spec)
+def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
+    """Drops single rows in which a position leaps out and back faster than the robot can move.
+
+    Raises:
+        DataError: positions leap and stay, or leap too often.
+    """
+    for channel in bounded(log, limits):
+        top = top_speed(channel, channels, limits)
+        if top is not None:
+            lower, upper = limits[channel.name]
+            log = _without_spikes(log, channel, top, upper - lower)
+    return log
+
+
+def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
+    leap = _leaps(log, channel, top, size)
     rows = np.flatnonzero(leap.any(axis=1))
     spikes = rows[np.isin(rows + 1, rows)] + 1
     # The row between a leap out and a leap back; a run of leaps is no single spike and stays.
-    if len(spikes) and len(spikes) <= 0.01 * len(log.t):
+    if len(spikes) and len(spikes) <= RARE * len(log.t):
         keep = np.ones(len(log.t), dtype=bool)
         keep[spikes] = False
-        log = add_repair(
-            take_rows(log, keep), f"{len(spikes)} rows with a single wild position were dropped."
-        )
-        leap = _leaps(log, spec)
+        log = log.take(keep).repaired(f"{len(spikes)} rows with a single wild position were dropped.")
+        leap = _leaps(log, channel, top, size)
     if leap.any():
         row, j = (int(k[0]) for k in np.nonzero(leap))
-        size = log.q[row + 1, j] - log.q[row, j]
-        turn = abs(abs(size) - 2 * np.pi) < 0.2
+        step = log[channel.name][row + 1, j] - log[channel.name][row, j]
+        turn = abs(abs(step) - 2 * np.pi) < 0.2
         raise DataError(
-            f"the position jumps by {size:.3g} rad at t = {log.t[row]:.3f} s, faster than the joint can move",
-            where=f"{log.source}, joint {log.names[j]}",
+            f"the position jumps by {step:.3g} {channel.units[j]} at t = {log.t[row]:.3f} s, faster than it "
+            "can move",
+            where=f"{log.source}, {channel.parts[j]}",
             next_step="Unwrap the angle (it jumps by one turn)."
             if turn
             else "Is this several recordings in one file, another robot, or a wrong unit?",
@@ -167,29 +167,33 @@ def drop_spikes(log: RobotLog, spec: RobotSpec) -> RobotLog:
     return log
 
 
-def _leaps(log: RobotLog, spec: RobotSpec) -> NDArray[np.bool_]:
-    """(T-1, dof) True where the step is no motion: beyond the velocity limit and a hundredth of the range."""
-    steps = np.diff(log.t)[:, None]
-    allowed = JUMP_FACTOR * spec.velocity * steps + 0.01 * (spec.upper - spec.lower)
-    return np.asarray(np.abs(np.diff(log.q, axis=0)) > allowed)
+def _leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
+    """(T-1, k) True where the step is no motion: beyond the velocity limit and a hundredth of the range."""
+    allowed = JUMP_FACTOR * top * np.diff(log.t)[:, None] + 0.01 * size
+    return np.asarray(np.abs(np.diff(log[channel.name], axis=0)) > allowed)
 
 
-def check_constant(log: RobotLog) -> RobotLog:
-    """Refuses a log where nothing moved or a moving joint's command is constant; notes joints at rest."""
-    moved = np.ptp(log.q, axis=0) > 0
-    commanded = np.ptp(log.tau, axis=0) > 0
-    if not moved.any():
-        raise DataError(
-            "no joint moved: every position column is constant",
-            where=log.source,
-            next_step="Record the motion itself, and check the position channel.",
-        )
-    for j in np.flatnonzero(moved & ~commanded):
-        raise DataError(
-            f"the command is constant ({log.tau[0, j]:g}) although the joint moved",
-            where=f"{log.source}, joint {log.names[j]}",
-            next_step="Log this joint's command, or leave the joint out of the robot file.",
-        )
-    for j in np.flatnonzero(~moved):
-        log = add_repair(log, f"Joint {log.names[j]} did not move in this log.")
+def check_constant(log: Log) -> Log:
+    """Refuses a log where nothing moved or a moving joint's command is constant; notes joints at rest.
+
+    Raises:
+        DataError: what is commanded did not move, or moved without a command.
+    """
+    for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
+        q, command = log[channel.acts_on], log[channel.name]
+        moved, commanded = np.ptp(q, axis=0) > 0, np.ptp(command, axis=0) > 0
+        if not moved.any():
+            raise DataError(
+                "nothing moved: every position column is constant",
+                where=log.source,
+                next_step="Record the motion itself, and check the position channel.",
+            )
+        for j in np.flatnonzero(moved & ~commanded):
+            raise DataError(
+                f"the command is constant ({command[0, j]:g}) although it moved",
+                where=f"{log.source}, {channel.parts[j]}",
+                next_step="Log this command, or leave the joint out of the robot file.",
+            )
+        for j in np.flatnonzero(~moved):
+            log = log.repaired(f"{channel.parts[j]} did not move in this log.")
     return log

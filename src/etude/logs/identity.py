@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Channel, Log, Trajectory
 from etude.errors import DataError
-from etude.logs.delay import measure_delay
-from etude.logs.smoothing import median_rate, resample, uniform_grid
-from etude.logs.doctor import add_repair
-from etude.logs.log import RobotLog
-from etude.robots.spec import RobotSpec
-from etude.trajectories.samples import Trajectory
-
-Array = NDArray[np.float64]
+from etude.logs.read import ending
+from etude.logs.smoothing import median_rate
+from etude.logs.starts import LONGEST_LAG, Plan, best_start, covered_seconds
+from etude.logs.units import start_at_zero
 
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
@@ -23,103 +20,166 @@ LARGEST_MISMATCH = 0.85
 CLEAR_MATCH = 0.5
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
+BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
+LONGEST_MARKED_LAG = 2.0  # s: a clock that marks its 0 is believed over a robot that follows late
 
 
-def align_with(log: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> RobotLog:
-    """The log with t = 0 at the trajectory's start and the desired motion filled in.
+def align(
+    log: Log,
+    trajectory: Trajectory,
+    channels: Sequence[Channel],
+    path: str,
+    scale: Array,
+    *,
+    rest: bool = True,
+) -> Log:
+    """The log with t = 0 at the trajectory's start and the planned motion filled in.
 
-    A log with negative times marks its own start: its clock is kept if the motion fits. Otherwise the best
-    correlation decides, of the log's desired positions if it has them, else of the measured ones (the start
-    is then late by the controller's lag). The motion is judged over all joints together, in parts of their
-    ranges: one joint alone may be stuck.
+    Starts at which the recorded motion correlates with the proposal are compared over the whole log: inside
+    the proposal it has to follow, outside to rest, and as little of the proposal as possible may be missing.
+    Of starts that fit alike (the proposal repeats itself) the one of the log's own clock counts, and what a
+    controller lags is no shift of a clock that begins and ends with the proposal, or marks its 0 by negative
+    times. Otherwise the lag counts into the start, unless the log has the planned motion. The motion is
+    judged over all coordinates together, in parts of `scale`: one joint alone may be stuck. A log without
+    the channel `path` is taken at its word: its clock then has to start with the trajectory.
+
+    Args:
+        channels: the robot's; its plan is `<path>_des`, and what is its derivative.
+        path: the channel that is compared with the trajectory.
+        scale: (k,) sizes of its coordinates.
+        rest: rows before and after the trajectory are kept.
 
     Raises:
         DataError: the motion is another one, or less than half of it is in the log.
     """
-    if log.dof != trajectory.dof:
-        raise DataError(f"the log has {log.dof} joints, the proposal {trajectory.dof}", where=log.source)
-    rate = median_rate(log.t)
-    grid = uniform_grid(log.t, rate)
-    motion = resample(log.t, log.q if log.q_des is None else log.q_des, grid)
-    wanted = trajectory.sample(np.arange(0.0, trajectory.duration, 1.0 / rate)).q
-    span = (-trajectory.duration, float(grid[-1] - grid[0]))
-    delay = measure_delay(wanted, motion, rate, span).seconds
-    shift = float(log.t[0] + delay)
-    marked = log.t[0] < 0 and _mismatch(log, trajectory, spec)[0] <= LARGEST_MISMATCH
-    moved = not marked and abs(shift) > 0.5 / rate
-    shifted = replace(log, t=log.t - shift) if moved else log
-    _check_match(shifted, log, trajectory, spec)
-    _check_coverage(shifted, trajectory)
-    aligned = _with_desired(shifted, trajectory)
-    if not moved:
-        return aligned
-    return add_repair(
-        aligned, f"The proposal starts {shift:.3f} s into the log's time; t = 0 was moved there."
-    )
-
-
-def _check_coverage(log: RobotLog, trajectory: Trajectory) -> None:
-    covered = min(log.t[-1], trajectory.duration) - max(log.t[0], 0.0)
-    if covered < LEAST_COVERAGE * trajectory.duration:
+    if path not in log:
+        return start_at_zero(log)
+    plan = Plan.of(trajectory, median_rate(log.t), scale)
+    if log[path].shape[1] != plan.values.shape[1]:
         raise DataError(
-            f"the log holds {max(covered, 0.0):.3g} of the proposal's {trajectory.duration:.3g} s, "
-            "or another motion",
+            f"the log has {log[path].shape[1]} coordinates, the proposal {plan.values.shape[1]}",
             where=log.source,
-            next_step="Tell the log of this proposal, recorded from start to end.",
         )
+    measured = log[path] if f"{path}_des" not in log else log[f"{path}_des"]
+    best = best_start(log.t, measured, plan)
+    shifted, own = (_Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
+    start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
+    covered = covered_seconds(log.t - best, plan.duration)
+    _check_match(shifted, own, _allowed(covered / plan.duration), log.channels[path].parts, log)
+    aligned = log if start == 0.0 else replace(log, t=log.t - start)
+    _check_coverage(aligned, plan.duration)
+    half = 0.5 / plan.rate
+    if not rest:
+        aligned = aligned.take((aligned.t >= -half) & (aligned.t <= plan.duration + half))
+    aligned = _with_plan(aligned, trajectory, channels, path)
+    if start == 0.0:
+        return aligned
+    return aligned.repaired(f"The proposal starts {start:.3f} s into the log's time; t = 0 was moved there.")
 
 
-def _check_match(log: RobotLog, unshifted: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> None:
+def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) -> bool:
+    """Whether the log's clock starts with the proposal, so that what is left is the controller's lag.
+
+    Args:
+        best: the start that fits best, s; shifted: the mismatch there.
+        own: the mismatch by the log's clock.
+    """
+    step = 1.0 / plan.rate
+    if abs(best) <= 0.5 * step:
+        return True
+    if t[0] < -0.5 * step:
+        late = -2.0 * step <= best <= LONGEST_MARKED_LAG
+        return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
+    spans = abs(t[0]) <= 1.5 * step and abs(t[-1] - plan.duration) <= 2.5 * step
+    return spans and -2.0 * step <= best <= LONGEST_LAG
+
+
+@dataclass(frozen=True)
+class _Overlap:
+    """motion, wanted (n, k) at the log's times within the proposal; their root mean square deviation over
+    the proposal's spread, pooled in parts of the scale and for each coordinate.
+    """
+
+    motion: Array
+    wanted: Array
+    pooled: float
+    each: Array
+
+    @staticmethod
+    def of(t: Array, measured: Array, plan: Plan) -> _Overlap:
+        inside = plan.inside(t)
+        motion, wanted = measured[inside], plan.at(t[inside])
+        if not inside.any():
+            return _Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf))
+        error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
+        spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
+        return _Overlap(motion, wanted, float(np.linalg.norm(error) / np.linalg.norm(spread)), error / spread)
+
+
+def _allowed(coverage: float) -> float:
+    """The largest mismatch of a log that holds that part of the proposal: a part alone fits by chance."""
+    lacking = min(max((1.0 - coverage) / (1.0 - LEAST_COVERAGE), 0.0), 1.0)
+    return LARGEST_MISMATCH - (LARGEST_MISMATCH - CLEAR_MATCH) * lacking
+
+
+def _check_match(best: _Overlap, unshifted: _Overlap, allowed: float, parts: Sequence[str], log: Log) -> None:
     """Refuses another motion. A wrong sign or order spoils the alignment; the log's own clock may show it."""
-    pooled, mismatch = _mismatch(log, trajectory, spec)
-    cause = _cause(log, trajectory, mismatch)
-    if pooled > CLEAR_MATCH and not cause:
-        cause = _cause(unshifted, trajectory, _mismatch(unshifted, trajectory, spec)[1])
-    if pooled <= LARGEST_MISMATCH and not cause:
+    cause = _cause(best, parts)
+    if best.pooled > CLEAR_MATCH and not cause:
+        cause = _cause(unshifted, parts)
+    if best.pooled <= allowed and not cause:
         return
     raise DataError(
         "this is not the log of the proposed trajectory: the motion deviates from it by "
-        f"{pooled:.2g} times its spread{cause}",
+        f"{best.pooled:.2g} times its spread{cause}",
         where=log.source,
         next_step="Tell the log of this proposal, or the number of the proposal that was run.",
     )
 
 
-def _motions(log: RobotLog, trajectory: Trajectory) -> tuple[Array, Array]:
-    """(motion, proposal) at the log's times within the proposal."""
-    inside = (log.t >= 0) & (log.t <= trajectory.duration)
-    motion = (log.q if log.q_des is None else log.q_des)[inside]
-    return motion, trajectory.sample(log.t[inside]).q
-
-
-def _mismatch(log: RobotLog, trajectory: Trajectory, spec: RobotSpec) -> tuple[float, Array]:
-    """Root mean square deviation over the proposal's spread: pooled in parts of the ranges, and (dof,)."""
-    motion, wanted = _motions(log, trajectory)
-    size = spec.upper - spec.lower
-    error = np.sqrt((((motion - wanted) / size) ** 2).mean(axis=0))
-    spread = np.maximum((wanted / size).std(axis=0), 1e-12)
-    return float(np.linalg.norm(error) / np.linalg.norm(spread)), error / spread
-
-
-def _cause(log: RobotLog, trajectory: Trajectory, mismatch: Array) -> str:
-    """A guess in words (sign, degrees, exchanged joints) for the first joint that has one; else empty."""
-    motion, wanted = _motions(log, trajectory)
-    a, b = motion - motion.mean(axis=0), wanted - wanted.mean(axis=0)
+def _cause(overlap: _Overlap, parts: Sequence[str]) -> str:
+    """A guess in words (sign, degrees, exchanged joints) for the first coordinate that has one."""
+    if len(overlap.motion) < 2:
+        return ""
+    a, b = (values - values.mean(axis=0) for values in (overlap.motion, overlap.wanted))
     norms = np.outer(np.sqrt((a * a).sum(axis=0)), np.sqrt((b * b).sum(axis=0))) + 1e-300
     likeness = (a.T @ b) / norms
     slope = (a * b).sum(axis=0) / ((b * b).sum(axis=0) + 1e-300)
-    for j in np.flatnonzero(mismatch > CLEAR_MATCH):
+    for j in np.flatnonzero(overlap.each > CLEAR_MATCH).tolist():
         other = int(np.argmax(likeness[j]))
         if likeness[j, j] < -ALIKE:
-            return f"; joint {log.names[j]} moves in the opposite direction (sign?)"
+            return f"; {parts[j]} moves in the opposite direction (sign?)"
         if likeness[j, j] > ALIKE and 40 < slope[j] < 80:
-            return f"; joint {log.names[j]} looks like degrees"
+            return f"; {parts[j]} looks like degrees"
         if likeness[j, j] < 0.5 and likeness[j, other] > ALIKE:
-            return f"; joint {log.names[j]} does what was proposed for {log.names[other]} (joints exchanged?)"
+            return f"; {parts[j]} does what was proposed for {parts[other]} (exchanged?)"
     return ""
 
 
-def _with_desired(log: RobotLog, trajectory: Trajectory) -> RobotLog:
-    """The exact desired motion at the log's times; before and after, a trajectory rests."""
-    samples = trajectory.sample(log.t)
-    return replace(log, q_des=samples.q, qd_des=samples.qd, qdd_des=samples.qdd)
+def _check_coverage(log: Log, duration: float) -> None:
+    covered = covered_seconds(log.t, duration)
+    if covered < LEAST_COVERAGE * duration:
+        raise DataError(
+            f"the log holds {covered:.3g} of the proposal's {duration:.3g} s, or another motion. "
+            f"{ending(log)}".rstrip(" ."),
+            where=log.source,
+            next_step="Tell the log of this proposal, recorded from start to end; if it broke off, run it "
+            "again, gentler if it hit something.",
+        )
+
+
+def _with_plan(log: Log, trajectory: Trajectory, channels: Sequence[Channel], path: str) -> Log:
+    """The exact planned motion at the log's times; before and after, a trajectory rests."""
+    known = {c.name: c for c in channels}
+    first = f"{path}_des"
+    own = log.channels[path]
+    plans = [known.get(first, Channel(first, own.parts, own.units, "plan"))]
+    while len(plans) < 3 and (rates := [c for c in channels if c.derivative_of == plans[-1].name]):
+        plans.append(rates[0])
+    t = np.clip(log.t, 0.0, trajectory.duration)
+    orders = trajectory.motion(t, len(plans)).orders
+    outside = np.abs(log.t - t) > 1e-9
+    for order, channel in enumerate(plans):
+        values = orders[order] if order == 0 else np.where(outside[:, None], 0.0, orders[order])
+        log = log.put(channel, np.ascontiguousarray(values))
+    return log

@@ -16,7 +16,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Log, Role
 from etude.errors import DataError
-from etude.logs.polars_files import parquet_frame, parquet_metadata
+from etude.logs.frames import parquet_frame, parquet_metadata
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:

@@ -1,190 +1,166 @@
-"""From a file to a cleaned RobotLog: columns matched, units checked, rows repaired, motion identified."""
+"""From a file to a cleaned Log: columns matched, units checked, rows repaired, for the channels of any robot.
+
+Times begin at 0 unless the log itself marks its 0; `identity.align` puts it where the trajectory starts.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Channel, Finding, Log
 from etude.errors import DataError
-from etude.logs.columns import Matching, match_columns, normal, split_unit
-from etude.logs.doctor import (
-    add_repair,
-    check_constant,
-    drop_spikes,
-    drop_unreadable,
-    note_pauses,
-    order_rows,
-)
-from etude.logs.identity import align_with
-from etude.logs.log import RobotLog
-from etude.logs.parquet import is_cleaned, read_parquet
-from etude.logs.table import Table, read_table
-from etude.logs.units import (
-    TIME_UNITS,
-    check_commands,
-    check_consistency,
-    check_positions,
-    start_at_zero,
-    time_factor,
-)
-from etude.robots.spec import RobotSpec
-from etude.trajectories.samples import Trajectory
+from etude.logs.columns import match_columns
+from etude.logs.doctor import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
+from etude.logs.headers import Column
+from etude.logs.log_file import is_log_file, read_log_file
+from etude.logs.ranges import check_commands, check_consistency, check_positions, looks_scaled
+from etude.logs.readers import file_head, read_raw
+from etude.logs.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
+from etude.logs.words import is_time
 
-Array = NDArray[np.float64]
-
-TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
-STAMP_WORDS = {"sec": ("header_stamp_sec", "stamp_sec", "sec"), "nanosec": ("nanosec", "stamp_nanosec")}
 LEAST_ROWS = 50
-ANGLE_CHANNELS = ("q", "qd", "qdd", "q_des", "qd_des", "qdd_des", "q_true")
 
 
 def read_log(
-    path: str | Path, spec: RobotSpec, *, trajectory: Trajectory | None = None, degrees: bool = False
-) -> RobotLog:
-    """Reads, checks and repairs a recorded motion of the robot `spec`.
+    path: str | Path,
+    channels: Sequence[Channel],
+    *,
+    rate: float,
+    degrees: bool = False,
+    limits: Limits | None = None,
+    topics: Sequence[str] = (),
+    own_clock: bool = False,
+    checks: Callable[[Log], Sequence[Finding]] | None = None,
+) -> Log:
+    """Reads, checks and repairs a recorded motion.
 
     Args:
-        path: CSV or Parquet (`logs.table.READERS`); headers as `logs.columns` describes.
-        spec: whose joints, units and limits the log must fit.
-        trajectory: the proposal that was run, if there was one; the log must be of it.
-        degrees: the file's angles are degrees; convert them.
+        path: CSV, Parquet, or what another package's reader takes; headers as `logs.columns` describes.
+        channels: of the robot: what a log may hold, and must (`Channel.required`).
+        rate: Hz at which such logs are usually recorded; tells the unit of the times.
+        degrees: the file's angles and their rates are degrees; convert them all.
+        limits: lower and upper (parts,) by channel. Of positions, they tell another unit; of their rates,
+            wild cells; of commands, another unit and saturation.
+        topics: of a file that holds several.
+        own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
+            that answers no trajectory then needs `units.start_at_zero`.
+        checks: the robot's own; what they find certain is refused (red) or noted (yellow).
 
     Raises:
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
-    if path.suffix.lower() == ".parquet" and is_cleaned(path):
-        log = _same_axes(read_parquet(path), spec)
-    else:
-        table = read_table(path)
-        log = _assemble(table, match_columns(_signal_headers(table), spec, path.name), spec, path)
-    if degrees:
-        log = _from_degrees(log)
-    return clean_log(log, spec, trajectory=trajectory)
+    log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
+    with np.errstate(all="ignore"):  # wild numbers are judged below
+        if degrees:
+            log = from_degrees(log, stated)
+        log = clean_log(log, channels, limits, stated)
+        log = log if own_clock else start_at_zero(log)
+        return log if checks is None else _judged(log, checks(log))
 
 
-def clean_log(log: RobotLog, spec: RobotSpec, *, trajectory: Trajectory | None = None) -> RobotLog:
-    """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there."""
+def clean_log(
+    log: Log, channels: Sequence[Channel], limits: Limits | None = None, stated: Collection[str] = ()
+) -> Log:
+    """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there.
+
+    Args:
+        stated: names of channels whose unit the file states, which is believed.
+    """
+    limits = limits or {}
     log = order_rows(drop_unreadable(log))
-    if len(log.t) < LEAST_ROWS:
+    if len(log) < LEAST_ROWS:
         raise DataError(
-            f"only {len(log.t)} usable rows; a log needs at least {LEAST_ROWS}",
+            f"only {len(log)} usable rows; a log needs at least {LEAST_ROWS}. {ending(log)}".rstrip(" ."),
             where=log.source,
             next_step="Was the recording cut? Export it again.",
         )
-    log = note_pauses(start_at_zero(log))
-    check_consistency(log, spec)
+    log = note_pauses(log)
+    check_consistency(log)
     # A wild cell must not decide the unit, and a wrong unit must not look like wild cells.
-    if _looks_scaled(log, spec):
-        log = drop_spikes(check_positions(log, spec), spec)
+    if looks_scaled(log, channels, limits):
+        log = drop_spikes(check_positions(log, limits), channels, limits)
     else:
-        log = check_positions(drop_spikes(log, spec), spec)
-    log = check_constant(check_commands(log, spec))
-    return log if trajectory is None else align_with(log, trajectory, spec)
+        log = check_positions(drop_spikes(log, channels, limits), limits)
+    return check_lengths(check_constant(check_commands(log, limits)), stated)
 
 
-def _looks_scaled(log: RobotLog, spec: RobotSpec) -> bool:
-    """Whether positions are mostly outside the limits, or move mostly faster than the robot can."""
-    outside = (log.q < spec.lower) | (log.q > spec.upper)
-    fast = np.abs(np.diff(log.q, axis=0)) > 2 * spec.velocity * np.diff(log.t)[:, None]
-    return bool(max(outside.mean(axis=0).max(), fast.mean(axis=0).max()) > 0.1)
+def _judged(log: Log, findings: Sequence[Finding]) -> Log:
+    """DataError for the first that is certain and red; those that are yellow are noted."""
+    for finding in findings:
+        if finding.light == "red" and not finding.flag:
+            raise DataError(finding.sentence, where=log.source, next_step=finding.step)
+    return log.repaired(*(f.sentence for f in findings if f.light == "yellow" and not f.flag))
 
 
-def _same_axes(log: RobotLog, spec: RobotSpec) -> RobotLog:
-    if set(log.names) != set(spec.names):
+def ending(log: Log) -> str:
+    """The sentence that says why and where a run broke off, or nothing."""
+    return " ".join(sentence for sentence in log.repairs if "was cut" in sentence)
+
+
+def _is_stored(path: Path) -> bool:
+    return path.suffix.lower() == ".parquet" and bool(file_head(path)) and is_log_file(path)
+
+
+def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
+    """A log that Étude wrote, with the robot's own channels, and the channels whose unit is known: all."""
+    log = read_log_file(path)
+    values = {}
+    for channel in channels:
+        if channel.name in log:
+            values[channel.name] = _in_order(log, channel)
+        elif channel.required:
+            raise DataError(f"the log has no channel {channel.name}", where=log.source, next_step=OTHER)
+    known = {c.name: c for c in channels if c.name in values}
+    return replace(log, channels=known, values=values), set(known)
+
+
+OTHER = "Tell a log of this robot."
+
+
+def _in_order(log: Log, channel: Channel) -> Array:
+    """The values of a channel in the order of the robot's parts."""
+    own = log.channels[channel.name].parts
+    if set(own) != set(channel.parts):
         raise DataError(
-            f"the log has the joints {', '.join(log.names)}, the robot {', '.join(spec.names)}",
+            f"the log has {', '.join(own)} in its channel {channel.name}, "
+            f"the robot {', '.join(channel.parts)}",
             where=log.source,
-            next_step="Tell a log of this robot.",
+            next_step=OTHER,
         )
-    return log
+    order = [own.index(part) for part in channel.parts]
+    return log[channel.name] if order == sorted(order) else log[channel.name][:, order]
 
 
-def _signal_headers(table: Table) -> list[str]:
-    return [name for name in table.columns if not _is_time(name)]
-
-
-def _is_time(header: str) -> bool:
-    text = normal(split_unit(header)[0])
-    stamps = [word for words in STAMP_WORDS.values() for word in words]
-    return _time_word(text) in TIME_WORDS or text in stamps or text.endswith("stamp_nanosec")
-
-
-def _time_word(text: str) -> str:
-    for unit in TIME_UNITS:
-        if text.endswith(f"_{unit}"):
-            return text.removesuffix(f"_{unit}")
-    return text
-
-
-def _assemble(table: Table, matching: Matching, spec: RobotSpec, path: Path) -> RobotLog:
-    t, time_repairs = read_time(table, spec.rate, path.name)
-    repairs = [*table.repairs, *time_repairs, *matching.repairs]
-    channels = {}
-    for channel, columns in matching.channels.items():
-        factors = np.array([column.factor for column in columns])
-        channels[channel] = np.column_stack([table.columns[column.name] for column in columns]) * factors
-        if np.any(factors != 1.0):
-            repairs.append(f"Channel {channel} was converted from the unit in its headers.")
-    return RobotLog(
-        names=spec.names,
-        command_unit=spec.command_unit,
+def _recorded(
+    path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str]
+) -> tuple[Log, set[str]]:
+    """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
+    raw = read_raw(path, topics)
+    matching = match_columns([name for name in raw.values if not is_time(name)], channels, path.name)
+    t, time_repairs = read_time(raw, rate, path.name)
+    repairs = [*raw.repairs, *time_repairs, *matching.repairs]
+    values = {}
+    for name, columns in matching.channels.items():
+        values[name] = _values(raw, columns)
+        if any(column.factor != 1.0 for column in columns):
+            repairs.append(f"Channel {name} was converted from the unit in its headers.")
+    log = Log(
         t=t,
-        q=channels.pop("q"),
-        tau=channels.pop("tau"),
-        **channels,
+        channels={c.name: c for c in channels if c.name in values},
+        values=values,
         source=path.name,
         repairs=tuple(repairs),
     )
+    stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
+    return log, stated
 
 
-def read_time(table: Table, rate: float, where: str) -> tuple[Array, list[str]]:
-    """Time (T,) in s, from whichever columns hold it, and a sentence for each thing that was done.
-
-    Raises:
-        DataError: there is no time column, it has no numbers, or its steps fit no unit at `rate` Hz.
-    """
-    headers = [name for name in table.columns if _is_time(name)]
-    by_word = {normal(split_unit(name)[0]): name for name in headers}
-    sec = next((by_word[w] for w in STAMP_WORDS["sec"] if w in by_word), None)
-    nanosec = next((name for word, name in by_word.items() if word.endswith("nanosec")), None)
-    if sec is not None and nanosec is not None:
-        seconds, nanos = table.columns[sec], table.columns[nanosec]
-        # Whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first.
-        return seconds - np.nanmin(seconds) + 1e-9 * nanos, [f"Time is {sec} and {nanosec} together."]
-    plain = [name for name in headers if _time_word(normal(split_unit(name)[0])) in TIME_WORDS]
-    if not plain:
-        raise DataError(
-            "there is no time column",
-            where=where,
-            next_step=f"Name it one of {', '.join(TIME_WORDS)}; the file has {', '.join(table.columns)}.",
-        )
-    first, repairs = plain[0], []
-    if len(plain) > 1:
-        repairs.append(f"Of the time columns {', '.join(plain)} the first was used.")
-    values = table.columns[first]
-    finite = values[np.isfinite(values)]
-    if len(finite) < 2:
-        raise DataError(
-            "the time column has no numbers",
-            where=f"{where}, column {first}",
-            next_step="Write time as a number of seconds.",
-        )
-    bare, unit = split_unit(first)
-    stated = unit or next((u for u in TIME_UNITS if normal(bare).endswith(f"_{u}")), "")
-    factor, name = (TIME_UNITS[stated], stated) if stated in TIME_UNITS else time_factor(finite, rate, where)
-    if name != "s":
-        repairs.append(f"Time was converted from {name} (column {first}).")
-    if factor == 1.0:
-        return values, repairs
-    # Nanoseconds since 1970 lose digits when scaled: subtract the start first.
-    start = finite[0] if abs(finite[0]) * factor > 1e6 else 0.0
-    return (values - start) * factor, repairs
-
-
-def _from_degrees(log: RobotLog) -> RobotLog:
-    converted = {c: np.deg2rad(getattr(log, c)) for c in ANGLE_CHANNELS if getattr(log, c) is not None}
-    return add_repair(replace(log, **converted), "Angles were converted from degrees, as asked.")
+def _values(raw: Log, columns: Sequence[Column]) -> Array:
+    factors = np.array([column.factor for column in columns])
+    with np.errstate(all="ignore"):
+        return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)

@@ -1,97 +1,174 @@
-"""Raw tables: what a reader makes of a file, before anything is matched, converted or repaired."""
+"""From a file to its raw columns: a reader for each format, built in or brought by another package.
+
+A reader is a function (path, topics) -> a Log for each topic, of raw columns: nothing is matched, converted
+or repaired here. A log whose times are row numbers has them in one of its columns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import csv
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.errors import DataError
+from etude import plugins
+from etude.contracts import Array, Channel, Log, Reader
+from etude.errors import DataError, EtudeError
+from etude.logs.frames import frame_log, guarded, parquet_frame
+from etude.logs.log_file import column_names
 
-if TYPE_CHECKING:
-    import polars as pl
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Table:
-    """The columns of a file by header, all of one length; unreadable cells are NaN.
-
-    Attributes:
-        columns: header -> (T,) values.
-        repairs: sentences on what was dropped while reading.
-    """
-
-    columns: dict[str, Array]
-    repairs: tuple[str, ...] = ()
+GROUP = "etude.readers"
+READERS: Mapping[str, str] = {".csv": "csv", ".tsv": "csv", ".txt": "csv", ".parquet": "parquet"}
+"""Suffix -> name of the reader; files of other suffixes are shown to those of other packages."""
+HEAD = 4096
+AGAIN = "Export the log again."
 
 
-Reader = Callable[[Path], Table]
-
-
-def read_table(path: Path) -> Table:
-    """The file's raw columns, by the reader of its suffix.
+def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
+    """The file's raw columns, as one log.
 
     Raises:
-        DataError: no such file, unknown kind, empty, truncated, or not what its suffix says.
+        DataError: no such file, unknown format, empty, truncated, or not what its suffix says.
     """
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    path = Path(path)
+    head = file_head(path)
+    name = _reader_of(path, head)
+    if not head:
+        raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
+    log = _joined(_topics(plugins.load(GROUP, name), name, path, topics))
+    if len(log) < 2:
+        raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
+    return log
+
+
+def file_head(path: Path) -> bytes:
+    """The first HEAD bytes of a file.
+
+    Raises:
+        DataError: there is none, it is a folder, or it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return file.read(HEAD)
+    except IsADirectoryError:
+        fact, step = "this is a folder, not a log file", "Name the file in it."
+    except (FileNotFoundError, NotADirectoryError):
+        fact, step = "there is no such log file", "Check the path."
+    except PermissionError:
+        fact, step = "the log file may not be read", "Change its permissions, or its folder's."
+    except (OSError, ValueError) as problem:
+        fact, step = f"the log file cannot be read ({problem})", "Check the path and the disk."
+    raise DataError(fact, where=str(path), next_step=step)
+
+
+def _reader_of(path: Path, head: bytes) -> str:
+    built_in = READERS.get(path.suffix.lower())
+    if built_in is not None:
+        return built_in
+    brought = [name for name in plugins.names(GROUP) if name not in READERS.values()]
+    for name in brought:
+        recognises = getattr(plugins.load(GROUP, name), "recognises", None)
+        if recognises is not None and recognises(path, head):
+            return name
+    raise DataError(
+        f"there is no reader for '{path.suffix}' files",
+        where=str(path),
+        next_step=f"Convert the log to one of: {', '.join((*READERS, *brought))}.",
+    )
+
+
+def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Mapping[str, Log]:
+    """What the reader gives; a reader of another package may fail with anything."""
+    try:
+        found = reader(path, topics)
+    except EtudeError:
+        raise
+    except Exception as problem:
         raise DataError(
-            f"there is no reader for '{path.suffix}' files",
+            f"the reader '{name}' failed ({type(problem).__name__}: {problem})",
             where=str(path),
-            next_step=f"Convert the log to one of: {', '.join(READERS)}.",
-        )
-    if not path.is_file():
-        raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
-    if path.stat().st_size == 0:
-        raise DataError("the log file is empty (0 bytes)", where=str(path), next_step="Export the log again.")
-    table = reader(path)
-    rows = len(next(iter(table.columns.values()), []))
-    if rows < 2:
-        raise DataError(
-            f"the log file has {rows} rows of data", where=str(path), next_step="Export the log again."
-        )
-    return table
+            next_step="Convert the log to CSV or Parquet, or report it to the reader's authors.",
+        ) from problem
+    if not found:
+        raise DataError("the file holds no log", where=str(path), next_step=AGAIN)
+    return found
 
 
-def read_csv(path: Path) -> Table:
+def _joined(topics: Mapping[str, Log]) -> Log:
+    """One log of all topics, at the times of the one with the most rows; the others are interpolated."""
+    if len(topics) == 1:
+        return next(iter(topics.values()))
+    leader = max(topics, key=lambda name: len(topics[name]))
+    base = topics[leader]
+    log = Log(base.t, {}, {}, base.source, base.repairs)
+    for topic, part in topics.items():
+        for name, values in part.values.items():
+            channel = part.channels[name]
+            for column, signal in zip(column_names(channel), values.T, strict=True):
+                at_base = signal if topic == leader else _interpolated(base.t, part.t, signal)
+                header = f"{topic}/{column}"
+                log = log.put(Channel(header, ("",), ("",), "aside"), at_base[:, None])
+    return log.repaired(f"Topics {', '.join(topics)} were joined at the times of {leader}.")
+
+
+def _interpolated(times: Array, t: Array, signal: Array) -> Array:
+    if len(t) < 2:
+        return np.full(len(times), np.nan)
+    return np.interp(times, t, signal, left=np.nan, right=np.nan)
+
+
+def read_parquet(path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
+    """All columns of a Parquet file; it has one topic, whatever is asked for."""
+    del topics
+    return {"": frame_log(parquet_frame(path), path)}
+
+
+def read_csv(path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
     """Comma, semicolon or tab separated text with one header row; lines that start with # are skipped."""
     import polars as pl
 
+    del topics
     text, repairs = _csv_text(path)
     header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "")
     separator = max(",;\t", key=header.count)
-    names = [name.strip().strip('"') for name in header.split(separator)]
-    if all(_is_number(name) for name in names):
-        raise DataError(
-            "the first line has numbers where the column names should be",
-            where=str(path),
-            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
-        )
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise DataError(
-            f"column '{double[0]}' appears twice", where=str(path), next_step="Remove one of them."
-        )
-    try:
-        frame = pl.read_csv(
+    names = _header(header, separator, str(path))
+    frame = guarded(
+        lambda: pl.read_csv(
             text.encode(),
             separator=separator,
             comment_prefix="#",
             infer_schema=False,
             truncate_ragged_lines=True,
-        )
-    except pl.exceptions.PolarsError as problem:
+        ),
+        path,
+        "CSV",
+    )
+    if frame.width != len(names):
         raise DataError(
-            f"the file cannot be read as CSV ({problem})", where=str(path), next_step="Export the log again."
-        ) from None
-    return Table(_numbers(frame, names), repairs)
+            f"the header names {len(names)} columns, the table has {frame.width}",
+            where=str(path),
+            next_step="Check the quotes and line breaks in the header.",
+        )
+    frame.columns = names
+    return {"": frame_log(frame, path, repairs)}
+
+
+def _header(line: str, separator: str, where: str) -> list[str]:
+    try:
+        names = [name.strip().strip('"') for name in next(csv.reader([line], delimiter=separator), [])]
+    except csv.Error as problem:
+        raise DataError(f"the header cannot be read ({problem})", where=where, next_step=AGAIN) from None
+    if all(_is_number(name) for name in names):
+        raise DataError(
+            "the first line has numbers where the column names should be",
+            where=where,
+            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
+        )
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
+    return names
 
 
 def _csv_text(path: Path) -> tuple[str, tuple[str, ...]]:
@@ -110,15 +187,13 @@ def _csv_text(path: Path) -> tuple[str, tuple[str, ...]]:
         )
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
-        raise DataError("the log file is blank", where=str(path), next_step="Export the log again.")
+        raise DataError("the log file is blank", where=str(path), next_step=AGAIN)
     if text.endswith("\n"):
         return text, ()
     # A line without its end may have lost part of its last number; nothing in it can be trusted.
     complete = text[: text.rfind("\n") + 1]
     if not complete.strip():
-        raise DataError(
-            "the log file has no complete line", where=str(path), next_step="Export the log again."
-        )
+        raise DataError("the log file has no complete line", where=str(path), next_step=AGAIN)
     return complete, ("The last line has no end (a cut file?) and was dropped.",)
 
 
@@ -128,44 +203,3 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def read_parquet_table(path: Path) -> Table:
-    """All numeric columns of a Parquet file."""
-    import polars as pl
-
-    try:
-        frame = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError) as problem:
-        reason = str(problem).split("\n")[0]
-        raise DataError(
-            f"the file cannot be read as Parquet ({reason})",
-            where=str(path),
-            next_step="It is truncated or another kind of file; export the log again.",
-        ) from None
-    return Table(_numbers(frame, frame.columns))
-
-
-def _numbers(frame: pl.DataFrame, names: list[str]) -> dict[str, Array]:
-    """Columns that hold at least one number; text cells and empty cells become NaN."""
-    import polars as pl
-
-    columns = {}
-    for name, series in zip(names, frame.iter_columns(), strict=True):
-        if series.dtype == pl.String:
-            series = series.str.strip_chars()
-        if series.dtype.is_temporal():
-            series = (
-                series.cast(pl.Datetime("ns")).dt.timestamp("ns") if series.dtype == pl.Datetime else series
-            )
-        values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
-        columns[name] = np.array(values, dtype=np.float64)
-    return columns
-
-
-READERS: dict[str, Reader] = {
-    ".csv": read_csv,
-    ".tsv": read_csv,
-    ".txt": read_csv,
-    ".parquet": read_parquet_table,
-}

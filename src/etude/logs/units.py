@@ -1,33 +1,93 @@
-"""Units that a log does not state: time by its steps, degrees and milli-units by the robot's limits."""
+"""Units that a log does not state: time by its steps, degrees and milli-units by limits and consistency."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
-from etude.logs.doctor import add_repair
-from etude.logs.log import RobotLog
-from etude.robots.spec import RobotSpec
-
-Array = NDArray[np.float64]
-
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-SMALLER_POSITIONS = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
-FAR = 2.0  # ranges outside the limits: no other robot, another unit
-OVERSHOOT = 0.1  # of a joint's range: a controller may overshoot, a spec may be a little tight
-COMMAND_EXCESS = (
-    1.5  # times the command limit: measured effort exceeds its rating, another unit exceeds it more
+from etude.logs.words import (
+    GRAVITY,
+    STAMP_WORDS,
+    TIME_UNITS,
+    TIME_WORDS,
+    is_time,
+    normal,
+    split_unit,
+    time_word,
 )
+
+Limits = Mapping[str, tuple[Array, Array]]
+
+ANGLES = ("rad", "rad/s", "rad/s^2", "rad/s2", "rad/s²")
+"""Units of angles and their rates: what `degrees` converts."""
+LENGTH = {"specific_force": GRAVITY}
+"""Channels whose length is this in the median: in flight the thrust carries the weight."""
+FASTEST = {"rates": 10.0}
+"""Channels whose root mean square is no larger, rad/s: more is degrees."""
+TURN = {"attitude": ("roll", "pitch")}
+"""Angles within a half turn."""
+CLOCK_FACTOR = 50.0  # the log's rate over the usual one, or its inverse: beyond, no unit of time fits
+
+
+def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
+    """Time (T,) in s of raw columns, from whichever hold it, and a sentence for each thing that was done.
+
+    A reader that knows the times needs no column for them.
+
+    Raises:
+        DataError: there is no time column, it has no numbers, or its steps fit no unit at `rate` Hz.
+    """
+    headers = [name for name in raw.values if is_time(name)]
+    by_word = {normal(split_unit(name)[0]): name for name in headers}
+    sec = next((by_word[w] for w in STAMP_WORDS["sec"] if w in by_word), None)
+    nanosec = next((name for word, name in by_word.items() if word.endswith("nanosec")), None)
+    if sec is not None and nanosec is not None and np.isfinite(raw[sec]).any():
+        seconds, nanos = raw[sec][:, 0], raw[nanosec][:, 0]
+        # Whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first.
+        return seconds - np.nanmin(seconds) + 1e-9 * nanos, [f"Time is {sec} and {nanosec} together."]
+    plain = [name for name in headers if time_word(normal(split_unit(name)[0])) in TIME_WORDS]
+    if not plain:
+        if not np.array_equal(raw.t, np.arange(len(raw))):
+            return raw.t, []
+        has = ", ".join(list(raw.values)[:40])
+        raise DataError(
+            "there is no time column",
+            where=where,
+            next_step=f"Name it one of {', '.join(TIME_WORDS)}; the file has {has}.",
+        )
+    repairs = [f"Of the time columns {', '.join(plain)} the first was used."] if len(plain) > 1 else []
+    t, sentences = _seconds(plain[0], raw[plain[0]][:, 0], rate, where)
+    return t, [*repairs, *sentences]
+
+
+def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array, list[str]]:
+    finite = values[np.isfinite(values)]
+    if len(finite) < 2:
+        raise DataError(
+            "the time column has no numbers",
+            where=f"{where}, column {header}",
+            next_step="Write time as a number of seconds.",
+        )
+    bare, unit = split_unit(header)
+    stated = unit or next((u for u in TIME_UNITS if normal(bare).endswith(f"_{u}")), "")
+    factor, name = (TIME_UNITS[stated], stated) if stated in TIME_UNITS else time_factor(finite, rate, where)
+    repairs = [] if name == "s" else [f"Time was converted from {name} (column {header})."]
+    if factor == 1.0:
+        return values, repairs
+    # Nanoseconds since 1970 lose digits when scaled: subtract the start first.
+    start = finite[0] if abs(finite[0]) * factor > 1e6 else 0.0
+    return (values - start) * factor, repairs
 
 
 def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
-    """Factor to seconds and the unit's name, from the typical step of t (T,) against the robot's rate in Hz.
+    """Factor to seconds and the unit's name, from the typical step of t (T,) against the usual rate in Hz.
 
     Raises:
-        DataError: no unit brings the steps within a factor 50 of the rate.
+        DataError: no unit brings the steps within CLOCK_FACTOR of the rate.
     """
     steps = np.diff(t)
     steps = steps[steps > 0]
@@ -38,7 +98,7 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
     step = float(np.median(steps))
     distance = {unit: abs(np.log(step * factor * rate)) for unit, factor in TIME_UNITS.items()}
     unit = min(distance, key=lambda name: distance[name])
-    if distance[unit] > np.log(50.0):
+    if not distance[unit] <= np.log(CLOCK_FACTOR):
         raise DataError(
             f"the time step {step:g} fits no unit at {rate:g} Hz",
             where=f"{where}, time column",
@@ -47,97 +107,74 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
     return TIME_UNITS[unit], unit
 
 
-def start_at_zero(log: RobotLog) -> RobotLog:
+def start_at_zero(log: Log) -> Log:
     """Shifts time to begin at 0 unless the log itself contains t = 0 (then earlier samples are lead-in)."""
     if log.t[0] <= 0 <= log.t[-1]:
         return log
     shifted = replace(log, t=log.t - log.t[0])
     if abs(log.t[0]) < float(np.median(np.diff(log.t))):
         return shifted
-    return add_repair(shifted, f"Time begins at {log.t[0]:.3f} s and was shifted to 0.")
+    return shifted.repaired(f"Time begins at {log.t[0]:.3f} s and was shifted to 0.")
 
 
-def position_suspicion(values: Array, spec: RobotSpec) -> str:
-    """The unit ("degrees", ...) that positions (T, dof) outside the limits seem to have, else ''."""
-    excess = np.maximum(values.max(axis=0) - spec.upper, spec.lower - values.min(axis=0))
-    far = (excess > FAR * (spec.upper - spec.lower)).any() and np.abs(values).max() > np.pi
-    if not far:
-        return ""
-    for unit, factor in SMALLER_POSITIONS.items():
-        if _fits(values * factor, spec):
-            return unit
-    return ""
+def from_degrees(log: Log, stated: Collection[str] = ()) -> Log:
+    """Every channel of angles or their rates, from degrees; all of them, but those whose unit is stated.
+
+    Args:
+        stated: names of channels whose unit the file states, which is believed.
+    """
+    convertible = {n: c for n, c in log.channels.items() if any(unit in ANGLES for unit in c.units)}
+    values = dict(log.values)
+    for name, channel in convertible.items():
+        if name not in stated:
+            angle = np.array([unit in ANGLES for unit in channel.units])
+            values[name] = np.where(angle, np.deg2rad(log[name]), log[name])
+    believed = [name for name in convertible if name in stated]
+    sentences = ["Angles were converted from degrees, as asked."] if len(believed) < len(convertible) else []
+    if believed:
+        sentences.append(f"The file states the unit of {', '.join(believed)}, which was believed.")
+    return replace(log, values=values).repaired(*sentences)
 
 
-def _fits(values: Array, spec: RobotSpec) -> bool:
-    slack = OVERSHOOT * (spec.upper - spec.lower)
-    return bool(np.all((values >= spec.lower - slack) & (values <= spec.upper + slack)))
+def check_lengths(log: Log, stated: Collection[str] = ()) -> Log:
+    """Accelerations in g are converted; other lengths, and rates and attitude in degrees, are refused.
 
-
-def check_positions(log: RobotLog, spec: RobotSpec) -> RobotLog:
-    """Notes positions a little outside the limits; refuses degrees and positions far outside."""
-    unit = position_suspicion(log.q, spec)
-    if unit:
-        raise DataError(
-            f"the positions look like {unit}, not radians: they reach {np.abs(log.q).max():.4g} "
-            f"where the limits are within {max(np.abs(spec.lower).max(), np.abs(spec.upper).max()):.4g} rad",
-            where=log.source,
-            next_step="Convert them, name the unit in the header (q_joint [deg]), or ask for the conversion.",
-        )
-    over = np.maximum(log.q.max(axis=0) - spec.upper, spec.lower - log.q.min(axis=0))
-    if not _fits(log.q, spec):
-        j = int(np.argmax(over / (spec.upper - spec.lower)))
-        raise DataError(
-            f"the position reaches {log.q[np.argmax(np.abs(log.q[:, j])), j]:.4g} rad, outside the limits "
-            f"{spec.lower[j]:.4g} to {spec.upper[j]:.4g} rad",
-            where=f"{log.source}, joint {log.names[j]}",
-            next_step="Is this log of another robot or in another unit? If not, correct the robot's limits.",
-        )
-    for k in np.flatnonzero(over > 0):
-        log = add_repair(
-            log, f"Joint {log.names[k]} went {over[k]:.2g} rad outside its position limits; kept."
-        )
+    Raises:
+        DataError: a sensor is in another unit than SI.
+    """
+    for name in LENGTH:
+        if name in log:
+            log = _checked_length(log, name, LENGTH[name], name in stated)
+    for name, largest in FASTEST.items():
+        mean = float(np.sqrt(np.mean(log[name] ** 2))) if name in log else 0.0
+        if not mean <= largest and name not in stated:
+            raise _degrees(log, name, f"{name} of {mean:.3g} rad/s on average look like degrees per second")
+    for name, parts in TURN.items():
+        if name in log and name not in stated:
+            own = [j for j, part in enumerate(log.channels[name].parts) if part in parts]
+            largest = float(np.abs(log[name][:, own]).max(initial=0.0))
+            if largest > 1.05 * np.pi:
+                raise _degrees(log, name, f"the {name} reaches {largest:.4g} rad and looks like degrees")
     return log
 
 
-def check_consistency(log: RobotLog, spec: RobotSpec) -> None:
-    """Refuses positions whose slope is 57 or 1000 times the logged velocity (mixed units)."""
-    if log.qd is None:
-        return
-    slope = np.gradient(log.q, log.t, axis=0)
-    for j in np.flatnonzero(np.abs(log.qd).max(axis=0) > 0):
-        factor = float(slope[:, j] @ log.qd[:, j] / (log.qd[:, j] @ log.qd[:, j]))
-        for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
-            for text, expected in (
-                (f"position in {unit}", ratio),
-                (f"velocity in {unit} per second", 1 / ratio),
-            ):
-                if 0.8 < abs(factor) / expected < 1.25:
-                    raise DataError(
-                        f"position and velocity disagree by a factor {factor:.3g}: {text}?",
-                        where=f"{log.source}, joint {spec.names[j]}",
-                        next_step="Convert it to radians, or name the unit in the header.",
-                    )
+def _degrees(log: Log, name: str, fact: str) -> DataError:
+    return DataError(
+        fact,
+        where=f"{log.source}, {name}",
+        next_step="State the unit in the header, gyro_x [deg/s] for example, or tell with --degrees.",
+    )
 
 
-def check_commands(log: RobotLog, spec: RobotSpec) -> RobotLog:
-    """Notes commands above their limit; refuses commands so far above that the unit must be another."""
-    largest = np.abs(log.tau).max(axis=0)
-    for j in np.flatnonzero(largest > spec.command):
-        place = f"{log.source}, joint {log.names[j]}"
-        if largest[j] > COMMAND_EXCESS * spec.command[j]:
-            milli = largest[j] * 1e-3 <= spec.command[j] and largest[j] > 30 * spec.command[j]
-            raise DataError(
-                f"the command reaches {largest[j]:.4g}, "
-                f"its limit is {spec.command[j]:.4g} {spec.command_unit}",
-                where=place,
-                next_step=f"It looks like a thousandth of the unit: convert it to {spec.command_unit}."
-                if milli
-                else f"Is it in {spec.command_unit}? If so, correct the command limit in the robot file.",
-            )
-        log = add_repair(
-            log,
-            f"The command of joint {log.names[j]} reached {largest[j]:.4g} {spec.command_unit}, "
-            f"above its limit {spec.command[j]:.4g}; kept.",
-        )
-    return log
+def _checked_length(log: Log, name: str, usual: float, stated: bool) -> Log:
+    size = float(np.median(np.linalg.norm(log[name], axis=1)))
+    if 0.5 * usual < size < 2.0 * usual:
+        return log
+    if not stated and 0.5 < size < 2.0:
+        channel: Channel = log.channels[name]
+        return log.put(channel, usual * log[name]).repaired("Accelerations were converted from g.")
+    raise DataError(
+        f"the accelerometer's length is {size:.3g} m/s^2, not about {usual}",
+        where=f"{log.source}, {name}",
+        next_step="State the unit in the header, acc_x [g] for example; cut take-off and landing away.",
+    )

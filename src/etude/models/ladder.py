@@ -1,118 +1,268 @@
-"""The model ladder: every kind of model the robot allows, and the one that predicts new motion best."""
+"""The ladder: every rung that a robot allows, and for each command the one that predicts new motion best.
+
+A rung is a mean function (none, linear regression, identified or nominal physics), with a process on what it
+leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
+where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
+linear regression is a rung like the others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.models.blocks import split_blocks
-from etude.models.calibration import Score, score
-from etude.models.dataset import Dataset
-from etude.models.inverse_dynamics import InverseDynamicsModel, physics_alone, train_model
-from etude.models.model_config import PHYSICS, Kind, ModelConfig
-from etude.models.physics.geometry import Geometry, read_geometry
-from etude.models.selection import in_order
-from etude.robots.spec import RobotSpec
+from etude.contracts import Array, Inputs, Physics, Samples
+from etude.errors import DataError, UsageError
+from etude.models.choice import TRAJECTORIES, choices, warnings_of
+from etude.models.config import ModelConfig
+from etude.models.fit import Folds, Rows, rows_of
+from etude.models.held_out import Base, HeldOut, fitted_base, fold_numbers, independence
+from etude.models.linear import LinearPhysics
+from etude.models.model import LearnedModel
+from etude.models.rows import in_order
+from etude.models.rungs import Learned, alone, base_of, earlier_of, rows_only, with_process
+from etude.models.score import Score, figures, score, trivial_prediction
+from etude.models.student_t import StudentT, fit_student
 
-Array = NDArray[np.float64]
+OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
+"""Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
+LEAST_CALIBRATED = 4
+"""Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
+uncalibrated."""
 
-FORCES = ("N m", "N")
-"""Command units that a model file's inertial parameters predict by themselves."""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ladder:
-    """All trained models and the choice among them.
+    """All trained rungs and the choice among them.
 
     Attributes:
-        models: by kind.
-        chosen: the kind in use.
-        scores: by kind, of models that had not seen the motion they are scored on.
+        model: with every rung, weighted by the choice.
+        errors: by rung, (J,) held-out error that decided; "linear" is there even if it was not offered.
+        held_out: by rung, what it says of each sample without having seen its trajectory.
+        scores: by rung, of the same.
     """
 
-    models: dict[Kind, InverseDynamicsModel]
-    chosen: Kind
+    model: LearnedModel
+    errors: dict[str, Array]
+    held_out: dict[str, HeldOut]
     scores: dict[str, Score]
 
     @property
-    def model(self) -> InverseDynamicsModel:
-        """The model in use."""
-        return self.models[self.chosen]
-
-
-def prequential(models: Mapping[Kind, InverseDynamicsModel], new: Dataset) -> dict[str, Score]:
-    """Score of each model on a motion that none of them has seen."""
-    moving = ~new.stuck
-    return {
-        kind: score(new.tau, *model.predict(new.q, new.qd, new.qdd), moving) for kind, model in models.items()
-    }
+    def chosen(self) -> tuple[str, ...]:
+        """The rung of each command."""
+        return self.model.chosen
 
 
 def train_ladder(
-    dataset: Dataset,
-    spec: RobotSpec,
+    samples: Samples,
+    inputs: Inputs,
+    physics: Mapping[str, Physics],
+    limit: Array,
     config: ModelConfig,
     rng: np.random.Generator,
-    previous: Mapping[Kind, InverseDynamicsModel] | None = None,
+    previous: LearnedModel | None = None,
 ) -> Ladder:
-    """Trains every kind that `config` and the robot allow, and chooses one.
+    """Trains every rung that `config` and the robot allow, and chooses for each command.
 
-    The choice is by error on the newest trajectory, predicted before it was learned: by the `previous` models
-    if there are any, else by models of the earlier trajectories; of a single trajectory, blocks are held out.
+    Args:
+        samples: of one or more trajectories, in any order.
+        inputs: the robot's; what the samples tell of them is set first.
+        physics: of the robot, by rung: "identified", "nominal". "linear" may be overridden.
+        limit: (J,) of the commands, the scale of a noise floor.
+        rng: draws the offsets of the thinning.
+        previous: an earlier model; training goes on from its rungs, as `config.schedule` says.
 
     Raises:
-        UsageError: a kind is named that the robot does not allow.
-        DataError: an axis never moved.
+        UsageError: a rung without its physics, a plug-in that does not work, limits of another robot.
+        DataError: no sample, an input that the samples lack, or an axis that never moved.
     """
-    dataset = in_order(dataset)
-    geometry = None if config.kind == "gp" else read_geometry(spec)
-    kinds = _kinds(config, spec, geometry)
-    if len(kinds) == 1 and not previous:
-        return Ladder(_train(kinds, dataset, spec, config, rng, geometry, {}), kinds[0], {})
-    newest = dataset.group == dataset.group.max()
-    if previous:
-        scores = prequential(previous, dataset.take(newest))
-    else:
-        known, new = split_blocks(dataset) if newest.all() else (dataset.take(~newest), dataset.take(newest))
-        scores = prequential(_train(kinds, known, spec, config, rng, geometry, {}), new)
-    models = _train(kinds, dataset, spec, config, rng, geometry, previous or {})
-    return Ladder(models, _choose(kinds, scores), scores)
+    folds = _folds(samples, inputs, limit, config)
+    offered = _offered(config, physics)
+    known = {"linear": LinearPhysics(folds.inputs), **physics}
+    names = dict.fromkeys(["linear", *(base_of(rung) for rung in offered)])
+    bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
+    baseline = bases["linear"].held_out(folds)
+    groups = []
+    for group in folds.groups:
+        rows = rows_of(folds, group, rng)
+        groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
+    return _assembled(folds, groups, baseline)
 
 
-def _kinds(config: ModelConfig, spec: RobotSpec, geometry: Geometry | None) -> tuple[Kind, ...]:
-    """The rungs; the model file alone predicts commands only where they are forces."""
-    if config.kind != "auto":
-        return (config.kind,)
-    if geometry is None:
-        return ("gp",)
-    rungs: tuple[Kind, ...] = ("gp", "identified+gp", "identified")
-    return (*rungs, "nominal") if spec.command_unit in FORCES else rungs
+def prequential(model: LearnedModel, new: Samples, trained: Samples | None = None) -> dict[str, Score]:
+    """Score of each rung of an earlier model on motion that it has not seen.
+
+    Args:
+        trained: what it had seen, for the log loss.
+    """
+    complete = [rung for rung in model.rungs if _covers(model, rung)]
+    return {rung: score(new, *model.of_rung(rung).predict(new.log), trained) for rung in complete}
 
 
-def _train(
-    kinds: tuple[Kind, ...],
-    dataset: Dataset,
-    spec: RobotSpec,
-    config: ModelConfig,
+def _covers(model: LearnedModel, rung: str) -> bool:
+    return {j for c in model.candidates if c.rung == rung for j in c.commands} == set(
+        range(len(model.commands))
+    )
+
+
+def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) -> Folds:
+    if not len(samples):
+        raise DataError("there is no sample to learn from", next_step="Tell a log first.")
+    samples = in_order(samples)
+    commands = samples.log.channels["command"].parts
+    limit = np.asarray(limit, dtype=float)
+    if limit.shape != (len(commands),) or not bool(np.all(limit > 0.0)):
+        raise UsageError(
+            f"the samples have {len(commands)} commands, the robot's limits are {limit.tolist()}",
+            next_step="Use the robot that the logs were recorded with.",
+        )
+    if not np.isfinite(samples.command[samples.usable]).all():
+        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
+    inputs = inputs.tuned(samples)
+    try:
+        X = np.asarray(inputs.of_log(samples.log), dtype=float)
+    except KeyError as error:
+        raise DataError(
+            f"the samples lack an input ({error.args[0]})", next_step="Turn that input off, or log it."
+        ) from error
+    if X.shape != (len(samples), len(inputs.columns)) or not np.isfinite(X).all():
+        raise DataError(
+            f"the inputs of {len(samples)} samples are no numbers, or of shape {X.shape}",
+            next_step="Repair the log, or turn the input off that it lacks.",
+        )
+    fold = fold_numbers(samples, config.stretch_s)
+    return Folds(samples, inputs, X, fold, limit, config, commands)
+
+
+def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
+    """The rungs to train; those of one name alone bring the process that designs see."""
+    there = ("", "linear", *physics)
+    possible = [rung for rung in OFFERED if base_of(rung) in there]
+    if config.rung == "auto":
+        return possible
+    if base_of(config.rung) not in there:
+        raise UsageError(
+            f"there are no {base_of(config.rung)} physics of this robot",
+            where=f"model.rung = {config.rung!r}",
+            next_step=f"Describe the robot's body, or use one of {', '.join(possible)}.",
+        )
+    return [config.rung]
+
+
+def _train_group(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    offered: Sequence[str],
+    bases: Mapping[str, Base],
     rng: np.random.Generator,
-    geometry: Geometry | None,
-    previous: Mapping[Kind, InverseDynamicsModel],
-) -> dict[Kind, InverseDynamicsModel]:
-    models: dict[Kind, InverseDynamicsModel] = {}
-    for kind in kinds:
-        twin = models.get("identified+gp")
-        if kind in PHYSICS and twin is not None and geometry is not None:
-            models[kind] = physics_alone(twin, kind, dataset, spec, geometry)
-            continue
-        own = replace(config, kind=kind)
-        models[kind] = train_model(dataset, spec, own, rng, previous.get(kind), geometry)
-    return models
+    previous: LearnedModel | None,
+) -> dict[str, Learned]:
+    """Every rung of a group, the first the one that is taken if nothing was held out."""
+    auto = folds.config.rung == "auto"
+    found: dict[str, Learned] = {}
+
+    def process(rung: str) -> Learned:
+        base = bases.get(base_of(rung))
+        start = earlier_of(previous, rung, group, folds)
+        return with_process(folds, group, rows, rung, base, start, rng)
+
+    late = ["linear+gp"] if auto else []
+    for rung in [rung for rung in offered if rung.endswith("gp") and rung not in late]:
+        found[rung] = process(rung)
+    if auto and _loses(folds, group, rows, found, bases):
+        found["linear+gp"] = process("linear+gp")
+    for rung in [rung for rung in offered if not rung.endswith("gp")]:
+        twins = (f"{rung}+gp", *(() if rung == "linear" else ("identified+gp",)), "gp")
+        twin = next((twin for twin in twins if twin in found), None)
+        if twin is None:
+            twin = f"{rung}+gp"
+            found[twin] = process(twin)
+        found[rung] = alone(folds, group, rows, rung, bases[rung], found[twin].candidate)
+    order = [rung for rung in (*offered, *found) if rung in found]
+    return {rung: found[rung] for rung in dict.fromkeys(order)}
 
 
-def _choose(kinds: tuple[Kind, ...], scores: Mapping[str, Score]) -> Kind:
-    """The kind with the least nMSE, averaged over the outputs; the first of `kinds` if nothing was scored."""
-    known = [kind for kind in kinds if kind in scores and np.isfinite(scores[kind].nmse).any()]
-    return min(known, key=lambda kind: float(np.nanmean(scores[kind].nmse)), default=kinds[0])
+def _loses(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    found: Mapping[str, Learned],
+    bases: Mapping[str, Base],
+) -> bool:
+    """Whether linear regression predicts a command of the group better than everything else."""
+    if folds.trajectories < TRAJECTORIES:
+        return False
+    held = {rung: learned.held for rung, learned in found.items()}
+    for name, base in bases.items():
+        held[name] = rows_only(base.held_out(folds), group, rows)
+    errors = {rung: own.errors(folds.config.choose_by) for rung, own in held.items()}
+    best = np.nanmin(np.stack([error for name, error in errors.items() if name != "linear"]), axis=0)
+    return bool(np.any(errors["linear"] < best))
+
+
+def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: HeldOut) -> Ladder:
+    """The model of all groups, with the choice for each command."""
+    samples, config = folds.samples, folds.config
+    pairs = list(zip(folds.groups, groups, strict=True))
+    rungs = list(dict.fromkeys(rung for _, own in pairs for rung in own))
+    held = {rung: _joined(folds, rung, pairs) for rung in rungs}
+    kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
+    held.setdefault("linear", baseline.at(kept))
+    scale = {rung: _scales(folds, rung, pairs) for rung in held}
+    errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
+    candidates = []
+    trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
+    chosen = choices(folds, trained, errors)
+    for group, own in pairs:
+        for rung, learned in own.items():
+            weights = np.array([float(chosen[j] == rung) for j in group])
+            candidates.append(replace(learned.candidate, weights=weights))
+    columns = range(len(chosen))
+    error = np.column_stack([held[chosen[j]].error[:, j] for j in columns])
+    spread = np.column_stack([(scale[chosen[j]] * held[chosen[j]].variance)[:, j] for j in columns])
+    model = LearnedModel(
+        inputs=folds.inputs,
+        candidates=tuple(candidates),
+        commands=folds.commands,
+        ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
+        calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
+        independence=independence(error, samples),
+        member=config.process,
+        student=_student(error, spread) if config.student_t else None,
+        warnings=warnings_of(folds, trained, chosen, held),
+    )
+    trivial = trivial_prediction(samples)
+    scores = {}
+    for rung, own_held in held.items():
+        use = np.isfinite(own_held.error)
+        predicted = np.where(use, samples.command - own_held.error, 0.0)
+        found = figures(samples.command, predicted, scale[rung] * own_held.variance, use, trivial)
+        scores[rung] = Score(**vars(found), usable=found)
+    return Ladder(model, errors, held, scores)
+
+
+def _joined(
+    folds: Folds, rung: str, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]
+) -> HeldOut:
+    """What a rung says of all commands; NaN for those that it was not trained for."""
+    error, variance = (np.full_like(folds.samples.command, np.nan) for _ in range(2))
+    for group, own in pairs:
+        if rung in own:
+            error[:, list(group)], variance[:, list(group)] = own[rung].held.error, own[rung].held.variance
+    return HeldOut(error, variance, folds.fold)
+
+
+def _scales(folds: Folds, rung: str, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]) -> Array:
+    scale = np.ones(len(folds.commands))
+    for group, own in pairs:
+        if rung in own:
+            scale[list(group)] = own[rung].candidate.calibration
+    return scale
+
+
+def _student(error: Array, variance: Array) -> StudentT | None:
+    told = np.isfinite(error)
+    return fit_student(error[told] / np.sqrt(variance[told]))

@@ -6,16 +6,17 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.contracts import FitData, Index
+from etude.errors import UsageError
+from etude.models.fit import columns, counted, initial_process, trained_process
 from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.lesson import Lesson, Member, Trained, initial_process, trained_process
+from etude.models.process import Posteriors
 
-Index = NDArray[np.int64]
 Rule = Literal["variance", "error"]
 
 
-def thesis_dictionary(rule: Rule) -> Member:
+def thesis_dictionary(rule: Rule, fit: FitData) -> tuple[ExactGP, Index]:
     """Exact regression on a dictionary of `points` samples that each new trajectory is offered to.
 
     The first trajectory fills it, evenly spread. The samples of a later one are offered with the
@@ -23,44 +24,55 @@ def thesis_dictionary(rule: Rule) -> Member:
     says) on the members themselves: thesis 6.1.1. The rule is bare: a swap needs no gain, and errors (2.8)
     count in full, so outliers are hoarded and the trained noise is too large. `chosen` and `kept` are not
     used. With several logs to begin with, the later ones are offered together.
+
+    Raises:
+        UsageError: several commands: a member is chosen for the errors of one.
     """
+    if fit.Y.shape[1] > 1 and rule == "error":
+        raise UsageError(
+            "the error rule chooses members for one command",
+            where="model.process = 'thesis_dictionary_error'",
+            next_step="Set model.sharing = 'separate', or use the variance rule.",
+        )
+    members = _carried(fit)
+    first = not len(members)
+    if first:
+        members = _filled(fit)
+        learned = _on(fit, members)
+        begun = learned.condition(fit.X[members], columns(fit.Y[members, :1]))
+        fit = replace(fit, start=Posteriors((begun,)), config=replace(fit.config, schedule="update"))
+    moving = counted(fit)
+    new = moving[fit.group[moving] > fit.group[members].max()]
+    if len(new):
+        # the last training's hyperparameters, whatever the schedule makes of them afterwards
+        config = replace(fit.config, schedule="update")
+        gp = initial_process(replace(fit, config=config, chosen=members))
+        members = _selected(gp, fit, rule, members, new)
+    elif first:
+        return learned, members
+    return _on(fit, members), members
 
-    def train(lesson: Lesson) -> Trained:
-        members = _carried(lesson)
-        first = not len(members)
-        if first:
-            members = _filled(lesson)
-            learned = _on(lesson, members)
-            begun = learned.condition(lesson.X[members], lesson.y[members])
-            lesson = replace(lesson, start=begun, before=begun)
-        new = lesson.moving[lesson.group[lesson.moving] > lesson.group[members].max()]
-        if len(new):
-            gp = initial_process(replace(lesson, start=lesson.before, chosen=members))
-            members = _selected(gp, lesson, rule, members, new)
-        elif first:
-            return Trained(learned.condition, members)
-        return Trained(_on(lesson, members).condition, members)
 
-    return train
-
-
-def _on(lesson: Lesson, members: Index) -> ExactGP:
+def _on(fit: FitData, members: Index) -> ExactGP:
     """The process trained on the members."""
-    return trained_process(replace(lesson, chosen=members))
+    return trained_process(replace(fit, chosen=members))
 
 
-def _carried(lesson: Lesson) -> Index:
-    """Positions of the earlier posterior's points, as far as they are still among the samples."""
-    points = lesson.before.X if isinstance(lesson.before, ExactPosterior) else lesson.X[:0]
-    place = {row.tobytes(): i for i, row in zip(lesson.moving, lesson.X[lesson.moving], strict=True)}
+def _carried(fit: FitData) -> Index:
+    """Positions of the earlier process's points, as far as they are still among the samples."""
+    earlier = fit.start.own[0] if isinstance(fit.start, Posteriors) else None
+    points = earlier.X if isinstance(earlier, ExactPosterior) else fit.X[:0]
+    moving = counted(fit)
+    place = {row.tobytes(): i for i, row in zip(moving, fit.X[moving], strict=True)}
     found = np.unique([place[row.tobytes()] for row in points if row.tobytes() in place]).astype(np.int64)
-    return _spread(found, lesson.points)
+    return _spread(found, fit.config.points)
 
 
-def _filled(lesson: Lesson) -> Index:
+def _filled(fit: FitData) -> Index:
     """`points` samples of the first trajectory, evenly spread: each so-manieth, thesis 6.2."""
-    group = lesson.group[lesson.moving]
-    return _spread(lesson.moving[group == group.min()], lesson.points)
+    moving = counted(fit)
+    group = fit.group[moving]
+    return _spread(moving[group == group.min()], fit.config.points)
 
 
 def _spread(positions: Index, count: int) -> Index:
@@ -69,11 +81,12 @@ def _spread(positions: Index, count: int) -> Index:
     return np.asarray(positions[np.arange(count) * len(positions) // max(count, 1)])
 
 
-def _selected(gp: ExactGP, lesson: Lesson, rule: Rule, members: Index, new: Index) -> Index:
+def _selected(gp: ExactGP, fit: FitData, rule: Rule, members: Index, new: Index) -> Index:
     """The members that are left when the new samples have been offered, thesis (2.7) or (2.8)."""
     from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 
-    config = DictionaryConfig(size=lesson.points, rule=rule, guard=None, gain=0.0)
+    config = DictionaryConfig(size=fit.config.points, rule=rule, guard=None, gain=0.0)
     pool = np.concatenate([members, new])  # of later trajectories, so the positions still increase
-    chosen = DictionaryGP(gp, config).select(lesson.X[pool], lesson.y[pool], start=np.arange(len(members)))
+    y = columns(fit.Y[pool, :1])
+    chosen = DictionaryGP(gp, config).select(fit.X[pool], y, start=np.arange(len(members)))
     return np.sort(pool[chosen.kept])

@@ -1,1 +1,1 @@
-"""See docs/architecture.md."""
+"""The kinds of robots: a package each, and what they share to be read from files."""

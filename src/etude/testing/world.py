@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
@@ -60,16 +62,19 @@ class World:
 def world(kind: Kind, robot: str | Path, name: str = "default") -> World:
     """The robot (built-in name, or a file that the kind recognises) with the tables of a preset."""
     path = kind.built_in().get(str(robot), Path(robot))
-    with tempfile.TemporaryDirectory() as folder:
-        for file, content in kind.described(path).files.items():
-            (Path(folder) / file).write_bytes(content)
-        spec = kind.spec(Path(folder) / "robot.toml")
-        config = preset(kind, name)
-        return World(
-            kind=kind,
-            spec=spec,
-            config=config,
-            family=kind.family(spec, config),
-            limits=tuple(kind.limits(spec, config, None, {})),
-            inputs=kind.inputs(spec, config),
-        )
+    folder = Path(tempfile.mkdtemp(prefix="etude-testing-"))
+    atexit.register(
+        shutil.rmtree, folder, ignore_errors=True
+    )  # physics read the model file when they are asked
+    for file, content in kind.described(path).files.items():
+        (folder / file).write_bytes(content)
+    spec = kind.spec(folder / "robot.toml")
+    config = preset(kind, name)
+    return World(
+        kind=kind,
+        spec=spec,
+        config=config,
+        family=kind.family(spec, config),
+        limits=tuple(kind.limits(spec, config, None, {})),
+        inputs=kind.inputs(spec, config),
+    )

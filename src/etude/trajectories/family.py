@@ -86,6 +86,11 @@ class FourierConfig:
         """Ramp length of the family's trajectories, s; 0 unless rest = "ramp"."""
         return self.ramp if self.rest == "ramp" else 0.0
 
+    @property
+    def choices(self) -> tuple[float, ...]:
+        """The base frequencies: each whole number of periods, or the ends of the range, rad/s."""
+        return self.whole_periods if self.rest == "nullspace" else self.omega0_range
+
     def draw_omega0(self, rng: np.random.Generator) -> float:
         """One omega0 in range, uniformly; with rest = "nullspace", one of the whole periods."""
         if self.rest == "nullspace":
@@ -164,7 +169,7 @@ class FourierFamily:
             first += part.shape[1]
         offset = np.zeros((len(whole), axes))
         offset[0] = [0.0 if c is None else c for c in fixed]
-        choices = config.whole_periods if config.rest == "nullspace" else config.omega0_range
+        choices = config.choices
         return cls(config, choices[len(choices) // 2], basis_, offset, samples)
 
     @property
@@ -178,7 +183,9 @@ class FourierFamily:
         return self.config.duration
 
     def drawn(self, rng: np.random.Generator) -> FourierFamily:
-        """The family with a base frequency drawn from its range; itself where that is no other."""
+        """The family with a base frequency drawn from its range; itself, and no draw, if there is only one."""
+        if len(set(self.config.choices)) == 1:
+            return self
         omega0 = self.config.draw_omega0(rng)
         return self if omega0 == self.omega0 else replace(self, omega0=omega0)
 

@@ -65,6 +65,11 @@ class FourierTrajectory:
         """N."""
         return (len(self.coefficients) - 1) // 2
 
+    @property
+    def sampled(self) -> bool:
+        """Whether the values of `bound` are its own, and not only what a phase ramp stays between."""
+        return self.ramp == 0.0
+
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
         """Itself, one segment from 0 s on."""
         return ((0.0, "segment", self),)

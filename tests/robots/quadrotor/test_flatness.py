@@ -1,17 +1,15 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from etude.contracts import Motion
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.robots.vehicle import GRAVITY
-from etude.trajectories.flight.flatness import FlatMotion, flat_motion
-from etude.trajectories.flight.motion import ORDERS, FlightMotion, motion_of, motion_rows
-from etude.trajectories.flight.states import FlightStates
+from etude.robots.quadrotor.flatness import FlatMotion, flat_motion, roll_pitch_yaw
+from etude.robots.quadrotor.vehicle import GRAVITY
 from etude.trajectories.fourier import FourierTrajectory
 
 DRAGS = [(0.0, 0.0, 0.0), (0.57, 0.57, 0.57), (0.6, 0.4, 0.1)]
@@ -24,7 +22,7 @@ def flight(seed: int = 0, harmonics: int = 3, size: float = 2.0) -> FourierTraje
 
 
 def flown(t: np.ndarray, drag, seed: int = 0) -> FlatMotion:
-    return flat_motion(motion_of(flight(seed), t), drag)
+    return flat_motion(flight(seed).motion(t, 5), drag)
 
 
 def hat(w: np.ndarray) -> np.ndarray:
@@ -32,18 +30,12 @@ def hat(w: np.ndarray) -> np.ndarray:
     return np.cross(w[:, None, :], np.eye(3)[None]).swapaxes(1, 2)
 
 
-def still(count: int = 4, **parts) -> FlightMotion:
+def still(count: int = 4, **parts) -> Motion:
     """`count` samples at rest, with some derivatives replaced by one vector."""
-    zero = {name: np.zeros((count, 3)) for name in ORDERS}
-    zero |= {name: np.tile(np.asarray(value, float), (count, 1)) for name, value in parts.items()}
-    return FlightMotion(np.arange(count, dtype=float), **zero)
-
-
-def test_rows_are_derivatives_up_to_snap() -> None:
-    t, h = np.linspace(1.0, 5.0, 40), 1e-4
-    rows, ahead, behind = (motion_rows(t + shift, 4, 0.8) for shift in (0.0, h, -h))
-    for k in range(4):
-        np.testing.assert_allclose((ahead[k] - behind[k]) / (2 * h), rows[k + 1], atol=1e-6)
+    orders = np.zeros((5, count, 3))
+    for name, value in parts.items():
+        orders[("position", "velocity", "acceleration", "jerk", "snap").index(name)] = value
+    return Motion(np.arange(count, dtype=float), orders)
 
 
 @EVERY_DRAG
@@ -51,8 +43,8 @@ def test_newton_holds_with_the_drag_given(drag) -> None:
     flat = flown(np.linspace(0.0, 12.0, 200), drag)
     R, m = flat.R_world_body, flat.motion
     thrust = flat.thrust[:, None] * R[:, :, 2]
-    pull = np.einsum("tij,j,tkj,tk->ti", R, np.array(drag), R, m.velocity)
-    np.testing.assert_allclose(thrust - pull - [0.0, 0.0, GRAVITY], m.acceleration, atol=1e-12)
+    pull = np.einsum("tij,j,tkj,tk->ti", R, np.array(drag), R, m.orders[1])
+    np.testing.assert_allclose(thrust - pull - [0.0, 0.0, GRAVITY], m.orders[2], atol=1e-12)
 
 
 @EVERY_DRAG
@@ -69,27 +61,35 @@ def test_rates_and_angular_acceleration_are_derivatives(drag) -> None:
     t, h = np.linspace(0.5, 12.0, 60), 1e-5
     here, ahead, behind = flown(t, drag), flown(t + h, drag), flown(t - h, drag)
     turned = (ahead.R_world_body - behind.R_world_body) / (2 * h)
-    np.testing.assert_allclose(here.R_world_body @ hat(here.states.rates), turned, atol=1e-6)
-    faster = (ahead.states.rates - behind.states.rates) / (2 * h)
-    np.testing.assert_allclose(here.states.angular_acceleration, faster, atol=1e-6)
+    np.testing.assert_allclose(here.R_world_body @ hat(here.states["rates"]), turned, atol=1e-6)
+    faster = (ahead.states["rates"] - behind.states["rates"]) / (2 * h)
+    np.testing.assert_allclose(here.states["angular_acceleration"], faster, atol=1e-6)
 
 
 @EVERY_DRAG
 def test_states_are_the_motion_seen_from_the_body(drag) -> None:
     flat = flown(np.linspace(0.0, 12.0, 30), drag)
     m, s, back = flat.motion, flat.states, flat.R_world_body.swapaxes(1, 2)
-    np.testing.assert_array_equal(s.altitude, m.position[:, 2])
-    np.testing.assert_allclose(s.velocity, (back @ m.velocity[:, :, None])[:, :, 0], atol=1e-13)
-    np.testing.assert_allclose(s.acceleration, (back @ m.acceleration[:, :, None])[:, :, 0], atol=1e-13)
+    np.testing.assert_array_equal(s["altitude"][:, 0], m.orders[0, :, 2])
+    np.testing.assert_allclose(s["body_velocity"], (back @ m.orders[1][:, :, None])[:, :, 0], atol=1e-13)
+    np.testing.assert_allclose(s["body_acceleration"], (back @ m.orders[2][:, :, None])[:, :, 0], atol=1e-13)
     # an accelerometer reads thrust and drag, along the body's axes
-    expected = -np.array(drag) * s.velocity
+    expected = -np.array(drag) * s["body_velocity"]
     expected[:, 2] += flat.thrust
-    np.testing.assert_allclose(s.specific_force, expected, atol=1e-12)
+    np.testing.assert_allclose(s["specific_force"], expected, atol=1e-12)
+
+
+def test_angles_are_those_of_the_rotation() -> None:
+    R = flown(np.linspace(0.0, 12.0, 50), DRAGS[2]).R_world_body
+    turned = Rotation.from_euler("Z", 0.4).as_matrix() @ R
+    for frame in (R, turned):
+        angles = Rotation.from_matrix(frame).as_euler("ZYX")[:, ::-1]
+        np.testing.assert_allclose(roll_pitch_yaw(frame), angles, atol=1e-14)
 
 
 def test_without_drag_specific_force_is_thrust_alone() -> None:
     states = flown(np.linspace(0.0, 12.0, 30), DRAGS[0]).states
-    np.testing.assert_allclose(states.specific_force[:, :2], 0.0, atol=1e-13)
+    np.testing.assert_allclose(states["specific_force"][:, :2], 0.0, atol=1e-13)
 
 
 def test_fast_level_flight_leans_as_far_as_drag_asks() -> None:
@@ -105,42 +105,39 @@ def test_hover() -> None:
     flat = flat_motion(still(position=(1.0, 2.0, 3.0)), (0.5, 0.4, 0.3))
     np.testing.assert_allclose(flat.R_world_body, np.tile(np.eye(3), (4, 1, 1)))
     np.testing.assert_allclose(flat.thrust, GRAVITY)
-    np.testing.assert_allclose(flat.states.specific_force, [[0.0, 0.0, GRAVITY]] * 4)
-    assert not flat.states.rates.any()
-    assert not flat.states.angular_acceleration.any()
+    np.testing.assert_allclose(flat.states["specific_force"], [[0.0, 0.0, GRAVITY]] * 4)
+    assert not flat.states["rates"].any()
+    assert not flat.states["angular_acceleration"].any()
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from(DRAGS))
-def test_pullback_is_the_derivative_of_any_function_of_the_states(seed: int, drag) -> None:
+def test_pull_is_the_derivative_of_any_function_of_the_states(seed: int, drag) -> None:
     rng = np.random.default_rng(seed)
-    motion = motion_of(flight(seed, size=0.5), np.linspace(0.0, 12.0, 7))
+    motion = flight(seed, size=0.5).motion(np.linspace(0.0, 12.0, 7), 6)
     weights = {
-        name: rng.standard_normal(part.shape) for name, part in vars(flat_motion(motion).states).items()
+        name: rng.standard_normal(part.shape)
+        for name, part in flat_motion(motion, drag, check=False).states.items()
     }
 
-    def total(moved: FlightMotion) -> float:
-        states: FlightStates = flat_motion(moved, drag, check=False).states
-        return sum(float(np.sum(weights[name] * part)) for name, part in vars(states).items())
+    def total(orders: np.ndarray) -> float:
+        states = flat_motion(Motion(motion.t, orders), drag, check=False).states
+        return sum(float(np.sum(weights[name] * part)) for name, part in states.items())
 
-    pulled = flat_motion(motion, drag, check=False).pullback(FlightStates(**weights))
-    for name, gradient in zip(ORDERS, pulled, strict=True):
-        direction = rng.standard_normal((7, 3))
-        base, h = getattr(motion, name), 1e-5
-        ahead, behind = (total(replace(motion, **{name: base + s * direction})) for s in (h, -h))
-        assert float(np.sum(gradient * direction)) == pytest.approx(
-            (ahead - behind) / (2 * h), rel=1e-6, abs=1e-6
-        )
+    pulled = flat_motion(motion, drag, check=False).pull(weights)
+    for order in range(6):
+        direction, h = np.zeros(motion.orders.shape), 1e-5
+        direction[order] = rng.standard_normal((7, 3))
+        ahead, behind = (total(motion.orders + s * direction) for s in (h, -h))
+        expected = (ahead - behind) / (2 * h)
+        assert float(np.sum(pulled * direction)) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-def test_a_field_that_is_missing_counts_as_zero() -> None:
+def test_a_state_that_is_missing_counts_as_zero() -> None:
     flat = flown(np.linspace(0.0, 12.0, 5), DRAGS[2])
-    zero, part = np.zeros((5, 3)), np.ones((5, 3))
-    whole = FlightStates(np.zeros(5), zero, part, zero, zero, zero)
-    for one, other in zip(
-        flat.pullback(FlightStates(None, zero, part, zero)), flat.pullback(whole), strict=True
-    ):
-        np.testing.assert_array_equal(one, other)
+    whole = {name: np.zeros_like(part) for name, part in flat.states.items()}
+    whole["rates"] += 1.0
+    np.testing.assert_array_equal(flat.pull({"rates": whole["rates"]}), flat.pull(whole))
 
 
 @pytest.mark.parametrize(
@@ -175,8 +172,6 @@ def test_bad_use() -> None:
     with pytest.raises(UsageError, match="drag"):
         flat_motion(still(), (0.1, -0.1, 0.0))
     with pytest.raises(UsageError, match="3 axes"):
-        motion_of(FourierTrajectory(np.zeros((3, 2)), 1.0, 5.0), np.zeros(1))
-    with pytest.raises(UsageError, match="no phase ramp"):
-        motion_of(FourierTrajectory(np.zeros((3, 3)), 1.0, 5.0, 1.0), np.zeros(1))
-    with pytest.raises(UsageError, match=r"leave 0\.\.5 s"):
-        motion_of(FourierTrajectory(np.zeros((3, 3)), 1.0, 5.0), np.array([5.1]))
+        flat_motion(Motion(np.zeros(1), np.zeros((5, 1, 2))))
+    with pytest.raises(UsageError, match="5 orders"):
+        flat_motion(Motion(np.zeros(1), np.zeros((4, 1, 3))))

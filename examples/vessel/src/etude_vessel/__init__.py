@@ -281,9 +281,9 @@ class VesselKind:
     def limits(self, spec: VesselSpec, config: Any, model: Model | None, margins: Any) -> Sequence[Limit]:
         speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
         return (
-            AxisLimit("position", 0, np.array(spec.lower), np.array(spec.upper), AXES),
-            AxisLimit("velocity", 1, -speed, speed, AXES),
-            AxisLimit("acceleration", 2, -bend, bend, AXES),
+            AxisLimit("position", 0, AXES, np.array(spec.lower), np.array(spec.upper)),
+            AxisLimit("velocity", 1, AXES, -speed, speed),
+            AxisLimit("acceleration", 2, AXES, -bend, bend),
         )
 
     def ways(self, spec: VesselSpec, motion: Trajectory, pose: Array) -> None:

@@ -219,3 +219,21 @@ def checked_data(X: Array, y: Array) -> tuple[Array, Array]:
     if not (np.isfinite(X).all() and np.isfinite(y).all()):
         raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
     return X, y
+
+
+def checked_outputs(X: Array, Y: Array) -> tuple[Array, Array]:
+    """As `checked_data`, for outputs (n,) or several columns of them (n, m), m >= 1."""
+    Y = np.asarray(Y, dtype=float)
+    if Y.ndim != 2:
+        return checked_data(X, Y)
+    if not Y.shape[1]:
+        raise DataError(f"training needs outputs (n, m), m >= 1; got {Y.shape}")
+    X, _ = checked_data(X, Y[:, 0])
+    if not np.isfinite(Y).all():
+        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
+    return X, Y
+
+
+def columns_of(Y: Array) -> list[Array]:
+    """The outputs one by one, (n,) each: of Y (n,) itself, of (n, m) its columns."""
+    return [Y] if Y.ndim == 1 else [np.ascontiguousarray(y) for y in Y.T]

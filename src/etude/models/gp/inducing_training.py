@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.exact import checked_data
+from etude.models.gp.exact import checked_data, checked_outputs
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.minimize import Objective
 from etude.models.gp.priors import Prior, data_scales, weak_prior
-from etude.models.gp.training import Method, check_method, initial_gp, optimise
+from etude.models.gp.training import Method, check_method, initial_gp, joint_likelihood, optimise
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -73,10 +73,10 @@ def fit_inducing(
     of each input, so that inputs in any unit train alike; a prior covers the hyperparameters alone.
 
     Raises:
-        DataError: unusable X (n, D) or y (n,). UsageError: unknown method, a prior of the wrong length.
-        NumericalError: the objective is not finite at the start.
+        DataError: unusable X (n, D) or y (n,), or (n, m) for outputs that share all. UsageError: unknown
+        method, a prior of the wrong length. NumericalError: the objective is not finite at the start.
     """
-    X, y = checked_data(X, y)
+    X, y = checked_outputs(X, y)
     check_method(method)
     if steps == 0:
         return gp
@@ -102,7 +102,7 @@ def _objective(gp: InducingGP, X: Array, y: Array, prior: Prior | None, unit: Ar
     def objective(scaled: Array) -> tuple[float, Array]:
         parameters = scaled * unit
         try:
-            value, gradient = _moved(gp, parameters).log_marginal_likelihood(X, y)
+            value, gradient = joint_likelihood(_moved(gp, parameters), X, y)
         except NumericalError:
             return np.inf, np.zeros_like(scaled)
         gradient = gradient[: len(unit)]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from etude.contracts import Column
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""
 
-__all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "structured_kernel"]
+__all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "ard_se", "structured"]
 
 BLOCK = 512
 """Columns of a weighted Gram matrix handled at once: a few megabytes instead of one more n x n array."""
@@ -139,22 +141,36 @@ class Linear(Kernel):
         return out
 
 
-def structured_kernel(dof: int, axis: int, frictions: int = 1) -> Kernel:
-    """SE(q) + SE(q_j) + friction_j · SE(q_j) + linear(qd, qdd, friction) + SE(all), for output `axis` = j.
+def ard_se(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:  # noqa: ARG001
+    """The squared exponential over all inputs, a length for each: thesis (2.3)."""
+    return SquaredExponential(tuple(range(len(columns))))
 
-    Inputs in the layout [q, qd, qdd, friction columns], D = (3 + frictions) dof. Gravity and transmission
-    depend on the posture; cogging and friction on the joint's own position, often over a short distance, so
-    these two terms start from a short length: one sweep of the joint teaches them for all postures. Viscous,
-    inertial and friction terms are linear, and a remainder sees everything.
+
+def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
+    """SE(q) + SE(q_j) + friction_j · SE(q_j) + linear(all others) + SE(all), for the command of joint j.
+
+    q are the columns of the first channel; joint j is the part with the command's name; friction columns have
+    an op. Gravity and transmission depend on the posture; cogging and friction on the joint's own position,
+    often over a short distance, so these two terms start from a short length: one sweep of the joint teaches
+    them for all postures. Viscous, inertial and friction terms are linear, and a remainder sees everything.
+
+    Raises:
+        UsageError: several commands, or inputs without the joint or its friction columns.
     """
-    if not 0 <= axis < dof:
-        raise UsageError(f"axis {axis} is not one of the {dof} axes")
-    posture, motion = tuple(range(dof)), tuple(range(dof, (3 + frictions) * dof))
-    step = Linear(tuple((3 + k) * dof + axis for k in range(frictions)))
+    posture = tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == columns[0][0] and not op)
+    motion = tuple(i for i in range(len(columns)) if i not in posture)
+    own = tuple(i for i in posture if commands == (columns[i][1],))
+    steps = tuple(i for i in motion if columns[i][3] and commands == (columns[i][1],))
+    if not own or not steps:
+        raise UsageError(
+            "The structured kernel needs the command's own position and its friction among the inputs",
+            where=f"commands {', '.join(commands)}",
+            next_step="Turn the friction columns on, or set kernel = 'ard_se'.",
+        )
     return (
         SquaredExponential(posture)
-        + SquaredExponential((axis,), share=OWN_SHARE)
-        + step * SquaredExponential((axis,), unit=True, share=OWN_SHARE)
+        + SquaredExponential(own, share=OWN_SHARE)
+        + Linear(steps) * SquaredExponential(own, unit=True, share=OWN_SHARE)
         + Linear(motion)
         + SquaredExponential((*posture, *motion))
     )

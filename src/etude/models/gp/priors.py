@@ -46,7 +46,7 @@ class Prior:
 
 
 def weak_prior(kernel: Kernel, X: Array, y: Array) -> Prior:
-    """The product's prior, scaled to the data: inputs X (n, D) and centred outputs y (n,).
+    """The product's prior, scaled to the data: inputs X (n, D) and centred outputs y (n,) or (n, m).
 
     Lengths around the half range of their input (one deviation is a factor of 4.5 either way), amplitudes
     around the outputs' own deviation (2.7), noise around a tenth of it (4.5). The amplitude term keeps a sum
@@ -59,7 +59,11 @@ def weak_prior(kernel: Kernel, X: Array, y: Array) -> Prior:
 
 
 def data_scales(X: Array, y: Array) -> tuple[Array, float]:
-    """Half range (D,) of each input and deviation of the centred outputs; 1 where the data do not vary."""
+    """Half range (D,) of each input and deviation of the centred outputs; 1 where the data do not vary.
+
+    y (n,), or (n, m) for the deviation of all its columns.
+    """
     half_range = 0.5 * (X.max(axis=0) - X.min(axis=0))
+    y = y.T.ravel()
     scale = float(np.sqrt(np.mean(y * y)))
     return np.where(half_range > 0.0, half_range, 1.0), scale if scale > 0.0 else 1.0

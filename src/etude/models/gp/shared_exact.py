@@ -12,10 +12,10 @@ from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
-from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
+from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.priors import Prior, weak_prior
-from etude.models.gp.training import initial_gp, optimise
+from etude.models.gp.priors import Prior
+from etude.models.gp.training import Method, optimise
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
     One factorisation and one inverse serve all columns: the gradient sees them only through Σ_j α_j α_jᵀ.
     DataError for unusable X or Y, NumericalError if the covariance is indefinite.
     """
-    X, Y = _checked(X, Y)
+    X, Y = _matrix(X, Y)
     n, m = Y.shape
     with threads_for(n):
         K, pull = gp.kernel.gram(gp.theta, X)
@@ -48,19 +48,21 @@ def fit_shared(
     Y: Array,
     *,
     steps: int = 60,
+    method: Method = "lbfgs",
     prior: Prior | None = None,
     others: Sequence[Array] = (),
 ) -> ExactGP:
-    """The hyperparameters that explain all centred columns of Y (n, m) best: L-BFGS from several starts.
+    """The hyperparameters that explain all centred columns of Y (n, m) best, from several starts.
 
     Args:
         gp: the first start; gives kernel and noise floor.
+        steps, method: as `training.fit`.
         others: further starts, vectors like `gp.parameters`; the best end wins.
 
     Raises:
         DataError: unusable X or Y. NumericalError: the likelihood is finite at no start.
     """
-    X, Y = _checked(X, Y)
+    X, Y = _matrix(X, Y)
     if steps == 0:
         return gp
 
@@ -77,7 +79,7 @@ def fit_shared(
     best, refused = None, None
     for start in (gp.parameters, *others):
         try:
-            end = optimise(objective, start, method="lbfgs", steps=steps)
+            end = optimise(objective, start, method=method, steps=steps)
         except NumericalError as error:
             refused = error
             continue
@@ -88,17 +90,6 @@ def fit_shared(
         assert refused is not None
         raise refused
     return gp.with_parameters(best[1])
-
-
-def initial_shared(kernel: Kernel, X: Array, Y: Array, *, noise_floor: float = 0.0) -> ExactGP:
-    """Where a training starts, as `training.initial_gp`, scaled to all columns of Y (n, m)."""
-    X, Y = _checked(X, Y)
-    return initial_gp(kernel, *_stacked(X, Y), noise_floor=noise_floor)
-
-
-def shared_weak_prior(kernel: Kernel, X: Array, Y: Array) -> Prior:
-    """`priors.weak_prior`, scaled to all columns of Y (n, m)."""
-    return weak_prior(kernel, *_stacked(*_checked(X, Y)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +153,7 @@ def shared_posterior(
     kernel: Kernel, theta: Array, noise_variance: float, X: Array, Y: Array
 ) -> SharedPosterior:
     """The same of hyperparameters theta (P,) and sn²."""
-    X, Y = _checked(X, Y)
+    X, Y = _matrix(X, Y)
     first = posterior_given(kernel, theta, noise_variance, X, Y[:, 0].copy())
     outputs = [first]
     for y in Y.T[1:]:
@@ -174,16 +165,7 @@ def shared_posterior(
     return SharedPosterior(tuple(outputs))
 
 
-def _checked(X: Array, Y: Array) -> tuple[Array, Array]:
-    Y = np.asarray(Y, dtype=float)
-    if Y.ndim != 2 or not Y.shape[1]:
-        raise DataError(f"training needs outputs (n, m), m >= 1; got {Y.shape}")
-    X, _ = checked_data(X, Y[:, 0])
-    if not np.isfinite(Y).all():
-        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
-    return X, Y
-
-
-def _stacked(X: Array, Y: Array) -> tuple[Array, Array]:
-    """Every output as further samples of the same inputs: for scales of the data only."""
-    return np.tile(X, (Y.shape[1], 1)), Y.T.ravel()
+def _matrix(X: Array, Y: Array) -> tuple[Array, Array]:
+    if np.ndim(Y) != 2:
+        raise DataError(f"training needs outputs (n, m), m >= 1; got {np.shape(Y)}")
+    return checked_outputs(X, Y)

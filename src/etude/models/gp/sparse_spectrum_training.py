@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.exact import checked_data
+from etude.models.gp.exact import checked_data, checked_outputs, columns_of
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.minimize import Objective
 from etude.models.gp.priors import Prior, data_scales, weak_prior
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-from etude.models.gp.training import INITIAL_NOISE, Method, check_method, optimise
+from etude.models.gp.training import INITIAL_NOISE, Method, check_method, joint_likelihood, optimise
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,7 @@ def redrawn(
 ) -> SparseSpectrumGP:
     """The same hyperparameters with new points: the likeliest of `draws` from N(0, I). UsageError if none.
 
+    y is (n,), or (n, m) for outputs that share the points.
     For fixed points it also follows a training with others: hyperparameters kept, points drawn again.
     """
     if draws < 1:
@@ -57,7 +58,8 @@ def redrawn(
     candidates = (replace(gp, points=rng.standard_normal(gp.points.shape)) for _ in range(draws))
     if draws == 1:
         return next(candidates)
-    return max(candidates, key=lambda candidate: candidate.evidence(X, y))
+    outputs = columns_of(y)
+    return max(candidates, key=lambda candidate: sum(candidate.evidence(X, own) for own in outputs))
 
 
 def fit_sparse_spectrum(
@@ -72,7 +74,8 @@ def fit_sparse_spectrum(
     held_out: tuple[Array, Array] | None = None,
     patience: int = 15,
 ) -> SparseSpectrumGP:
-    """Train from the parameters of `gp` (a warm start; learned points included) on X (n, D), centred y (n,).
+    """Train from the parameters of `gp` (a warm start; learned points included) on X (n, D), centred y (n,)
+    or, for outputs that share all, (n, m).
 
     Learned points can memorise noise: 2m weights and m D frequencies face n samples, and the likelihood
     alone does not stop them below about n = 20 m. Guards, to be combined: the points' own N(0, I) density
@@ -93,7 +96,7 @@ def fit_sparse_spectrum(
         DataError: unusable data. UsageError: unknown method, wrong lengths, patience below 1.
         NumericalError: the likelihood is not finite at the start.
     """
-    X, y = checked_data(X, y)
+    X, y = checked_outputs(X, y)
     check_method(method)
     if patience < 1:
         raise UsageError(f"patience must be at least 1, got {patience}")
@@ -104,7 +107,7 @@ def fit_sparse_spectrum(
     objective = _objective(gp, X, y, chosen, point_prior and gp.learned)
     if held_out is None:
         return gp.with_parameters(optimise(objective, gp.parameters, method=method, steps=steps))
-    watch = _Watch(gp, (X, y), checked_data(*held_out), patience)
+    watch = _Watch(gp, (X, y), checked_outputs(*held_out), patience)
     with suppress(_NoLongerBetter):
         optimise(watch.watched(objective), gp.parameters, method=method, steps=steps)
     return watch.best
@@ -116,7 +119,9 @@ def held_out_error(gp: SparseSpectrumGP, data: tuple[Array, Array], held_out: tu
     Not their density: a sparse spectrum's variance is calibrated afterwards, and while points are learned it
     falls at once, so that the density condemns a training that is about to halve the error.
     """
-    return float(np.mean((gp.condition(*data).mean(held_out[0]) - held_out[1]) ** 2))
+    (X, y), (X_out, y_out) = data, held_out
+    pairs = zip(columns_of(y), columns_of(y_out), strict=True)
+    return float(np.mean([(gp.condition(X, own).mean(X_out) - out) ** 2 for own, out in pairs]))
 
 
 def _objective(gp: SparseSpectrumGP, X: Array, y: Array, prior: Prior | None, on_points: bool) -> Objective:
@@ -125,7 +130,7 @@ def _objective(gp: SparseSpectrumGP, X: Array, y: Array, prior: Prior | None, on
 
     def objective(parameters: Array) -> tuple[float, Array]:
         try:
-            value, gradient = gp.with_parameters(parameters).log_marginal_likelihood(X, y)
+            value, gradient = joint_likelihood(gp.with_parameters(parameters), X, y)
         except NumericalError:
             return np.inf, np.zeros_like(parameters)
         if prior is not None:

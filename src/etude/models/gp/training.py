@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.exact import ExactGP, checked_data
+from etude.models.gp.exact import ExactGP, checked_data, checked_outputs, columns_of
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.minimize import Objective, minimize
 from etude.models.gp.priors import Prior, data_scales, weak_prior
@@ -24,17 +24,18 @@ INITIAL_NOISE = 0.5
 
 
 def initial_theta(kernel: Kernel, X: Array, y: Array) -> Array:
-    """Start of a training (P,): half ranges of X (n, D) as lengths, amplitudes from the centred y (n,).
+    """Start of a training (P,): half ranges of X (n, D) as lengths, amplitudes from the centred y.
 
-    A column that never changes gets length 1, constant outputs amplitude 1.
+    y is (n,) or, for one kernel of several outputs, (n, m). A column that never changes gets length 1,
+    constant outputs amplitude 1.
     """
-    X, y = checked_data(X, y)
+    X, y = checked_outputs(X, y)
     return kernel.initial(*data_scales(X, y))
 
 
 def initial_gp(kernel: Kernel, X: Array, y: Array, *, noise_floor: float = 0.0) -> ExactGP:
     """The process a training starts from: `initial_theta`, and noise of half the outputs' deviation."""
-    X, y = checked_data(X, y)
+    X, y = checked_outputs(X, y)
     _, scale = data_scales(X, y)
     return ExactGP(kernel, initial_theta(kernel, X, y), float(np.log(INITIAL_NOISE * scale)), noise_floor)
 
@@ -80,6 +81,21 @@ def optimise(objective: Objective, start: Array, *, method: Method, steps: int) 
     """
     check_method(method)
     return minimize(objective, start, steps).x if method == "minimize" else _lbfgs(objective, start, steps)
+
+
+class Likely(Protocol):
+    """A process before it has seen data."""
+
+    def log_marginal_likelihood(self, X: Array, y: Array) -> tuple[float, Array]: ...
+
+
+def joint_likelihood(gp: Likely, X: Array, Y: Array) -> tuple[float, Array]:
+    """log p(Y | X) and its gradient, of outputs Y (n,), or (n, m) that are alike but for chance."""
+    pairs = [gp.log_marginal_likelihood(X, y) for y in columns_of(Y)]
+    value, gradient = pairs[0]
+    for other, slope in pairs[1:]:
+        value, gradient = value + other, gradient + slope
+    return value, gradient
 
 
 def check_method(method: str) -> None:

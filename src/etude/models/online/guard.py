@@ -29,11 +29,12 @@ class Guard:
         noise_variance: sn² of the output.
 
     Attributes:
-        weight: in [0, 1], after the last comparison.
+        weight: in [0, 1], after the last comparison. noise: sn of the output.
     """
 
     def __init__(self, memory: float, noise_variance: float) -> None:
         self._keep = math.exp(-1.0 / memory)
+        self.noise = math.sqrt(noise_variance)
         self._doubt = NEEDED * noise_variance
         self._along, self._apart = 0.0, 0.0
         self.weight = 0.0

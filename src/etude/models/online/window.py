@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Channel, Row
 from etude.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -15,17 +17,6 @@ ORDER = 3
 """Of the polynomial: the least with which velocity and command both are free of the motion's curvature."""
 LARGEST_STEP = 1.5
 """Periods between two measurements beyond which the window starts anew."""
-
-
-@dataclass(frozen=True, eq=False)
-class MotionSample:
-    """One instant: t in s; q, qd, qdd and the command tau, (dof,) each, smoothed alike."""
-
-    t: float
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
 
 
 def polynomial_weights(count: int, period: float, order: int = ORDER) -> Array:
@@ -42,42 +33,83 @@ def polynomial_weights(count: int, period: float, order: int = ORDER) -> Array:
     return np.asarray(weights * np.array([1.0, 1.0 / unit, 2.0 / unit**2])[:, None])
 
 
+@dataclass(frozen=True)
+class Source:
+    """Where a wanted channel comes from: a measured one, differentiated so many times."""
+
+    wanted: str
+    measured: str
+    order: int
+
+
+def sources(wanted: Sequence[str], measured: Sequence[str], channels: Mapping[str, Channel]) -> list[Source]:
+    """How each wanted channel is had from those that are measured.
+
+    Raises:
+        UsageError: one is neither measured nor the first or second rate of what is.
+    """
+    found = []
+    for name in wanted:
+        source, order = name, 0
+        while source not in measured and order < 2 and source in channels and channels[source].derivative_of:
+            source, order = channels[source].derivative_of, order + 1
+        if source not in measured:
+            raise UsageError(
+                f"learning on line needs the channel {name!r}, which is neither measured nor a rate of what is",
+                next_step=f"Measured are {', '.join(measured)}.",
+            )
+        found.append(Source(name, source, order))
+    return found
+
+
 class CentredWindow:
-    """The newest measurements of `dof` joints; `middle` is half a window late.
+    """The newest measurements of some channels; `middle` is half a window late.
 
     A measurement that is not finite or not later than the last is ignored and counted. After a pause, or a
     measurement ignored for its values, the window fills anew: its weights are for an even grid.
+
+    Args:
+        wanted: the channels that a sample shall have, and how each is had.
+        sizes: parts of each measured channel.
+        rate: of the measurements, Hz. seconds: length of the window.
 
     Attributes:
         ignored: measurements that were not taken.
     """
 
-    def __init__(self, dof: int, rate: float, seconds: float) -> None:
+    def __init__(
+        self, wanted: Sequence[Source], sizes: Mapping[str, int], rate: float, seconds: float
+    ) -> None:
         self._count = 2 * round(0.5 * seconds * rate) + 1
         self._weights = polynomial_weights(self._count, 1.0 / rate)
-        self._rows = np.empty((2 * self._count, 2 * dof))  # each row twice, so that the newest are contiguous
-        self._dof, self._period = dof, 1.0 / rate
+        self._wanted, self._places, first = tuple(wanted), {}, 0
+        for source in wanted:
+            if source.measured not in self._places:
+                self._places[source.measured] = slice(first, first + sizes[source.measured])
+                first += sizes[source.measured]
+        self._rows = np.empty((2 * self._count, first))  # each row twice, so that the newest are contiguous
+        self._period = 1.0 / rate
         self._filled, self._next, self._last = 0, 0, -np.inf
         self.ignored = 0
 
-    def push(self, t: float, q: Array, tau: Array) -> None:
-        """One measurement: time in s, position and command (dof,)."""
-        row = np.concatenate([q, tau])
-        finite = bool(np.isfinite(row).all())
+    def push(self, t: float, row: Row) -> None:
+        """One measurement: time in s and the channels of one instant."""
+        values = np.concatenate([row[name] for name in self._places])
+        finite = bool(np.isfinite(values).all()) and np.isfinite(t)
         if not (finite and t > self._last):
             self.ignored += 1
             self._filled = self._filled if finite else 0
             return
         if t - self._last > LARGEST_STEP * self._period:
             self._filled = 0
-        self._rows[self._next] = self._rows[self._next + self._count] = row
+        self._rows[self._next] = self._rows[self._next + self._count] = values
         self._next = (self._next + 1) % self._count
         self._filled, self._last = self._filled + 1, t
 
-    def middle(self) -> MotionSample | None:
-        """The sample in the middle of the window; None until it is full."""
+    def middle(self) -> tuple[float, dict[str, Array]] | None:
+        """Time and channels of the sample in the middle of the window; None until it is full."""
         if self._filled < self._count:
             return None
-        value, first, second = self._weights @ self._rows[self._next : self._next + self._count]
-        d, t = self._dof, self._last - (self._count // 2) * self._period
-        return MotionSample(t, value[:d], first[:d], second[:d], value[d:])
+        found = self._weights @ self._rows[self._next : self._next + self._count]
+        t = self._last - (self._count // 2) * self._period
+        return t, {s.wanted: found[s.order, self._places[s.measured]] for s in self._wanted}

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from etude.contracts import Array, Log, Model, Motion, Row
+from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
+from etude.models.trust import trusted
 from etude.robots.arm.plant.robot import ArmRobot
 from etude.robots.arm.spec import ArmSpec
 
-PHYSICS = ("nominal", "identified")
-"""Rungs whose mean is sound where nothing was seen; a linear trend is not."""
+
+class Fading(Protocol):
+    """A model that says what it knew before any data, and what a command may fade to (`LearnedModel`)."""
+
+    @property
+    def inputs(self) -> Inputs: ...
+    @property
+    def prior_deviation(self) -> Array: ...
+    def predict(self, log: Log) -> tuple[Array, Array]: ...
+    def safe(self, log: Log) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +37,7 @@ class ModelController:
         fade: False applies the mean everywhere.
     """
 
-    model: Model
+    model: Fading
     spec: ArmSpec
     fade: bool = True
 
@@ -47,12 +57,15 @@ class ModelController:
         """Nothing is learned on the way."""
 
     def _commands(self, log: Log) -> tuple[Array, Array]:
-        from etude.models.trust import trusted
-
         mean, variance = self.model.predict(log)
+        if mean.shape[1] != self.spec.dof:
+            raise UsageError(
+                f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",
+                next_step="Use the model that was trained for this robot.",
+            )
         self._require_finite(mean, variance)
         if self.fade:
-            mean = trusted(mean, variance, prior_deviation(self.model, self.spec), _safe(self.model, log))
+            mean = trusted(mean, variance, self.model.prior_deviation, self.model.safe(log))
         return np.clip(mean, -self.spec.command, self.spec.command), np.sqrt(variance)
 
     def _require_finite(self, mean: Array, variance: Array) -> None:
@@ -84,38 +97,3 @@ class PerfectController:
 
     def observe(self, t: float, row: Row) -> None:
         """Nothing is learned on the way."""
-
-
-def prior_deviation(model: Model, spec: ArmSpec) -> Array:
-    """(J,) deviation of what each command's process learns, before any data, command units.
-
-    Of a command that is predicted without a process, that of the best candidate which has one: it still says
-    where the robot has been. UsageError if the model is of another robot.
-    """
-    found, weight = np.full(spec.dof, np.nan), np.full(spec.dof, -1.0)
-    for candidate in model.candidates:
-        if max(candidate.commands) >= spec.dof:
-            raise UsageError(
-                f"the model has a command {max(candidate.commands)}, the robot {spec.name} {spec.dof} joints",
-                next_step="Use the model that was trained for this robot.",
-            )
-        if candidate.process is None:
-            continue
-        prior = candidate.process.signal_variance + candidate.process.noise_variance
-        for place, command in enumerate(candidate.commands):
-            if candidate.weights[place] > weight[command]:
-                weight[command] = candidate.weights[place]
-                found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
-    return np.where(np.isfinite(found), found, np.inf)  # without a process nothing fades
-
-
-def _safe(model: Model, log: Log) -> Array:
-    """Commands (T, J) of the physics that take part in the answer; zero where there are none."""
-    commands = {command for candidate in model.candidates for command in candidate.commands}
-    safe = np.zeros((len(log), len(commands)))
-    for candidate in model.candidates:
-        if candidate.mean is None or candidate.rung.split("+")[0] not in PHYSICS:
-            continue
-        own = list(candidate.commands)
-        safe[:, own] += candidate.weights * candidate.mean.predict(log)[:, own]
-    return safe

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from etude.contracts import (
     Channel,
     Controller,
     Described,
+    Expected,
     Family,
     Finding,
     Index,
@@ -25,6 +26,7 @@ from etude.contracts import (
 )
 
 if TYPE_CHECKING:
+    from etude.robots.arm.controller import Fading
     from etude.robots.arm.inputs import ArmInputs
     from etude.robots.arm.physics.mean import ArmPhysics
     from etude.robots.arm.plant.robot import ArmRobot
@@ -105,6 +107,16 @@ class ArmKind:
     def channels(self, spec: ArmSpec) -> Sequence[Channel]:
         return spec.channels()
 
+    def expected(self, spec: ArmSpec) -> Expected:
+        """Positions, velocities and commands within the limits; rest before and after is kept."""
+        limits = {
+            "q": (spec.lower, spec.upper),
+            "qd": (-spec.velocity, spec.velocity),
+            "qdd": (-spec.acceleration, spec.acceleration),
+            "command": (-spec.command, spec.command),
+        }
+        return Expected(spec.rate, spec.upper - spec.lower, limits)
+
     def family(self, spec: ArmSpec, config: Any) -> Family:
         """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
         from etude.robots.arm.motions import family
@@ -167,9 +179,10 @@ class ArmKind:
         return {"pd": None, "perfect": PerfectController(robot)}
 
     def controller(self, spec: ArmSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
+        """The learned command, faded out where the model knows no better than before any data."""
         from etude.robots.arm.controller import ModelController
 
-        return ModelController(model, spec)
+        return ModelController(cast("Fading", model), spec)
 
 
 KIND = ArmKind()

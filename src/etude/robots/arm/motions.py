@@ -27,12 +27,12 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 
 def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint."""
+    """Position, velocity and acceleration of every joint, and rest at both ends."""
     from etude.limits.library import AxisLimit
 
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
-        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins),
+        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
     )
 
@@ -62,6 +62,6 @@ def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
     room = FeasibleSet.of(limits(spec, {}), drawn, 0.5 * (spec.lower + spec.upper))
     box = spec.lower, spec.upper, spec.velocity, spec.acceleration
     return {
-        "fourier": drawn.trajectory(scaled(rng, drawn, room)),
+        "fourier": drawn.trajectory(scaled(rng, room)[0]),
         "moves": random_moves(rng, *box, count=MOVES),
     }

@@ -173,9 +173,9 @@ class QuadrotorKind:
 
     def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
         """A flight uniform on the safe ones of the thesis's form, and one on their edge."""
-        from etude.robots.quadrotor.room import test_flights
+        from etude.robots.quadrotor.room import trial_flights
 
-        return test_flights(spec, config.trajectory, rng)
+        return trial_flights(spec, config.trajectory, rng)
 
     def baselines(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Controller | None]:  # noqa: ARG002
         """What there is without learning, and the exact drag, which no model can know better."""

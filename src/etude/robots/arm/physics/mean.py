@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code, Column, Log, Samples
+from etude.contracts import Array, Code, Log, Samples
 from etude.errors import UsageError
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
@@ -52,10 +52,6 @@ class RigidBodyMean:
         """Commands (T, J) at rest in the same positions: gravity and offset."""
         q = log[(PLAN if self.desired else PATH)[0]]
         return self.model.predict(q, np.zeros_like(q), np.zeros_like(q))
-
-    def regressors(self, columns: Sequence[Column]) -> tuple[BaseRegressor, ...]:
-        """What `d_opt` asks of a physics: see `_regressors`."""
-        return _regressors(self.model, self.spec, self.desired, columns)
 
     def arrays(self) -> dict[str, Array]:
         """All that `restore` of the physics takes to make it again, bit for bit."""
@@ -121,28 +117,13 @@ class ArmPhysics:
         model = RigidBodyModel(tree, drives, **{name: arrays[f"rigid.{name}"] for name in OWN})
         return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
 
-    def regressors(self, columns: Sequence[Column]) -> tuple[BaseRegressor, ...]:
-        """As of a mean, before anything was identified."""
-        model = nominal_model(self.geometry.tree, self.geometry.drives, self.friction_velocity)
-        return _regressors(model, self.spec, self.desired, columns)
+    def regressors(self) -> tuple[BaseRegressor, ...]:
+        """One per command: features of the inputs in which it is linear, weights N(0, 1) before any data."""
+        geometry = self.geometry
+        return base_regressors(self.spec, geometry.tree, geometry.drives, self.friction_velocity)
 
     def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
         return RigidBodyMean(model, self.spec, self.desired)
-
-
-def _regressors(
-    model: RigidBodyModel, spec: ArmSpec, desired: bool, columns: Sequence[Column]
-) -> tuple[BaseRegressor, ...]:
-    """One per command: features of the inputs in which the command is linear, weights N(0, 1) before data.
-
-    Raises:
-        UsageError: the inputs do not begin with the states that the physics looks at.
-    """
-    names = PLAN if desired else PATH
-    expected = [(name, joint) for name in names for joint in spec.names]
-    if [column[:2] for column in columns[: len(expected)]] != expected:
-        raise UsageError(f"regressors need inputs that begin with {', '.join(names)} of all joints")
-    return base_regressors(spec, model.tree, model.drives, model.friction_velocity)
 
 
 def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:

@@ -102,7 +102,7 @@ def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> L
     use = every if use is None else use
     uses = tuple(name for name in OPTIONAL if name in log)
     features = physical_features(log, uses)
-    if not len(features):
+    if not len(features) or not use.any(axis=0).all():
         raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
     centre, spread = features.mean(axis=0), features.std(axis=0)
     # a constant column says nothing, whatever it is later

@@ -43,18 +43,19 @@ def map_fit(
     """
     theta, normal = np.zeros(len(deviation)), np.eye(len(deviation))
     every = use is None or bool(use.all())
-    if not len(command):
+    said = command if every else command[use]
+    if not said.size:
         raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
     for _ in range(STEPS):
         predicted, jacobian = linearised(theta)
-        residual = command - predicted
+        if not every:
+            predicted, jacobian = predicted[use], jacobian[use]
+        residual = said - predicted
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             raise DataError(
                 "states or commands contain NaN or infinite values", next_step="Repair the log first."
             )
-        if not every:
-            residual, jacobian, command = residual[use], jacobian[use], command[use]
-        variance = max(float(np.mean(residual**2)), LEAST_VARIANCE * float(np.mean(command**2)), 1e-300)
+        variance = max(float(np.mean(residual**2)), LEAST_VARIANCE * float(np.mean(said**2)), 1e-300)
         J = jacobian.reshape(-1, len(theta)) * deviation  # every coefficient in units of its prior deviation
         normal = weight / variance * (J.T @ J) + np.eye(len(theta))
         slope = weight / variance * (J.T @ residual.ravel()) - theta / deviation

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.plants.flight.core import SET_POINTS, VOLTAGES, Body, Control
-from etude.plants.flight.parameters import FlightParameters
+from etude.robots.quadrotor.plant.core import SET_POINTS, VOLTAGES, Body, Control
+from etude.robots.quadrotor.plant.parameters import FlightParameters
 
 Array = NDArray[np.float64]
 

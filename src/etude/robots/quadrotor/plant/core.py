@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from etude.robots.vehicle import GRAVITY, SPINS
+from etude.robots.quadrotor.vehicle import GRAVITY, SPINS
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.plants.flight.core import DIVERGED, GROUND, LEFT_ROOM
-from etude.robots.vehicle import GRAVITY
+from etude.robots.quadrotor.plant.core import DIVERGED, GROUND, LEFT_ROOM
+from etude.robots.quadrotor.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 REASONS = {GROUND: "hit the ground", LEFT_ROOM: "left the room", DIVERGED: "left all bounds of numbers"}

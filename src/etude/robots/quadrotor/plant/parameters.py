@@ -1,4 +1,4 @@
-"""The physical parameters of a simulated quadrotor, read from `plants/data/NAME.toml`; none live in code."""
+"""The physical parameters of a simulated quadrotor, from `data/plants/NAME.toml`; none live in code."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.plants.parameters import DATA, NonNegative, Positive
-from etude.robots.vehicle import Vehicle
+from etude.robots.quadrotor.vehicle import Vehicle
 
+DATA = Path(__file__).parent.parent / "data" / "plants"
 Array = NDArray[np.float64]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Vector = tuple[float, float, float]
 Four = tuple[Positive, Positive, Positive, Positive]
 
@@ -88,7 +90,6 @@ class ControlData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     inputs: Literal["voltage", "set_points"]
     position_rate: Positive
-    log_rate: Positive
     position_xy: tuple[NonNegative, NonNegative, NonNegative]
     position_z: tuple[NonNegative, NonNegative, NonNegative]
     clip: Annotated[float, msgspec.Meta(gt=0.0, lt=9.81)]
@@ -98,16 +99,6 @@ class ControlData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     full_tilt: Positive = 1.0
     full_yaw_rate: Positive = 1.0
     full_thrust: Positive = 1.0
-
-
-class RoomData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where it may fly: corners m, speed m/s, radius of a cylinder or None, margin m."""
-
-    lower: Vector
-    upper: Vector
-    speed: Positive
-    radius: Positive | None = None
-    margin: NonNegative = 0.5
 
 
 class FlightParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -120,7 +111,6 @@ class FlightParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     air: Air
     noise: dict[str, tuple[NonNegative, NonNegative]]
     control: ControlData
-    room: RoomData
     payload: Payload = Payload()
     mismatch: Mismatch = Mismatch()
 

@@ -5,16 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Channel, Log
 from etude.errors import DataError, UsageError
-from etude.logs.flight.log import FlightLog
-from etude.plants.flight.flight import Flight
-from etude.plants.flight.plan import FlightPlan
-from etude.trajectories.flight.states import FlightStates
+from etude.robots.quadrotor.channels import (
+    ALTITUDE,
+    ANGULAR_ACCELERATION,
+    BODY_ACCELERATION,
+    BODY_VELOCITY,
+    POSITION,
+    POSITION_DES,
+    RATES,
+    SPECIFIC_FORCE,
+)
+from etude.robots.quadrotor.plant.flight import Flight
+from etude.robots.quadrotor.plant.plan import FlightPlan
 
 Array = NDArray[np.float64]
 
 
-def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: bool = True) -> FlightLog:
+def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: bool = True) -> Log:
     """The flight at `rate` Hz, without what was not flown.
 
     Args:
@@ -42,23 +51,25 @@ def flight_log(flight: Flight, plan: FlightPlan, rate: float = 10.0, averaged: b
             return rows[: count * ticks : ticks]
         return np.asarray(rows[: count * ticks].reshape(count, ticks, *rows.shape[1:]).mean(axis=1))
 
-    return FlightLog(
-        t=sampled(flight.t),
-        states=FlightStates(
-            altitude=sampled(flight.position[:, 2]),
-            specific_force=sampled(flight.specific_force),
-            rates=sampled(flight.rates),
-            angular_acceleration=sampled(flight.angular_acceleration),
-            velocity=sampled(flight.velocity_body),
-            acceleration=sampled(flight.acceleration_body),
-        ),
-        command=sampled(flight.command),
-        command_names=flight.command_names,
-        command_unit=flight.command_unit,
-        position=sampled(flight.position),
-        position_des=sampled(plan.position),
-        source=flight.source,
-        repairs=() if flight.ended is None else (f"The flight was cut: {flight.ended}.",),
+    log = Log(sampled(flight.t), {}, {}, flight.source)
+    for channel, rows in _columns(flight, plan):
+        log = log.put(channel, sampled(rows))
+    return log if flight.ended is None else log.repaired(f"The flight was cut: {flight.ended}.")
+
+
+def _columns(flight: Flight, plan: FlightPlan) -> tuple[tuple[Channel, Array], ...]:
+    """Channels and their values at every tick of the flight or of the plan."""
+    command = Channel("command", flight.command_names, (flight.command_unit,) * 4, "command", required=True)
+    return (
+        (ALTITUDE, flight.position[:, 2:]),
+        (SPECIFIC_FORCE, flight.specific_force),
+        (RATES, flight.rates),
+        (ANGULAR_ACCELERATION, flight.angular_acceleration),
+        (BODY_VELOCITY, flight.velocity_body),
+        (BODY_ACCELERATION, flight.acceleration_body),
+        (command, flight.command),
+        (POSITION, flight.position),
+        (POSITION_DES, plan.position),
     )
 
 

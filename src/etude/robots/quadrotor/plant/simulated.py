@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.plants.flight import core
-from etude.plants.flight.constants import control, true_body
-from etude.plants.flight.disturbance import Disturbance
-from etude.plants.flight.flight import REASONS, Ending, Flight, rotation
-from etude.plants.flight.parameters import FlightParameters
-from etude.plants.flight.plan import FlightPlan, check_plan
-from etude.plants.flight.trim import trim
-from etude.robots.flight_spec import FlightSpec
-from etude.robots.vehicle import GRAVITY, Vehicle
+from etude.robots.quadrotor.plant import core
+from etude.robots.quadrotor.plant.constants import control, true_body
+from etude.robots.quadrotor.plant.disturbance import Disturbance
+from etude.robots.quadrotor.plant.flight import REASONS, Ending, Flight, rotation
+from etude.robots.quadrotor.plant.parameters import FlightParameters
+from etude.robots.quadrotor.plant.plan import FlightPlan, check_plan
+from etude.robots.quadrotor.plant.trim import trim
+from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
 
 Array = NDArray[np.float64]
 Start = Literal["hover", "moving"]
@@ -25,6 +25,16 @@ Start = Literal["hover", "moving"]
 MOTORS = ("front_right", "back_right", "back_left", "front_left")
 SET_POINTS = ("roll", "pitch", "yaw_rate", "thrust")
 NOWHERE = np.array([-np.inf] * 3 + [np.inf] * 4)
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Names, unit and limits of the four commands."""
+
+    names: tuple[str, str, str, str]
+    unit: str
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -46,26 +56,12 @@ class SimulatedVehicle:
     rate: float = 1000.0
 
     @property
-    def spec(self) -> FlightSpec:
-        """What its owner knows of it and of the room it may use."""
-        p, limit = self.parameters, self.vehicle.voltage_limit
-        volts = p.control.inputs == "voltage"
-        return FlightSpec(
-            name=self.name,
-            lower=p.room.lower,
-            upper=p.room.upper,
-            speed=p.room.speed,
-            command_names=MOTORS if volts else SET_POINTS,
-            command_unit="V" if volts else "1",
-            command_lower=(0.0, 0.0, 0.0, 0.0) if volts else (-1.0, -1.0, -1.0, 0.0),
-            command_upper=(limit, limit, limit, limit) if volts else (1.0, 1.0, 1.0, 1.0),
-            rate=p.control.log_rate,
-            radius=p.room.radius,
-            tilt=p.control.tilt,
-            margin=p.room.margin,
-            vehicle=self.vehicle,
-            plant=self.name,
-        )
+    def commands(self) -> Commands:
+        """What its controller commands, and how far."""
+        limit = self.vehicle.voltage_limit
+        if self.parameters.control.inputs == "voltage":
+            return Commands(MOTORS, "V", (0.0,) * 4, (limit,) * 4)
+        return Commands(SET_POINTS, "1", (-1.0, -1.0, -1.0, 0.0), (1.0,) * 4)
 
     def fly(
         self,
@@ -73,7 +69,7 @@ class SimulatedVehicle:
         rng: np.random.Generator | None,
         start: Start = "hover",
         disturbance: Disturbance | None = None,
-        room: FlightSpec | None = None,
+        room: QuadrotorSpec | None = None,
     ) -> Flight:
         """Follows the plan by the vehicle's own cascade and the plan's feedforwards.
 
@@ -124,9 +120,9 @@ class SimulatedVehicle:
         return y, begin.current, begin.total
 
     def _flight(self, plan: FlightPlan, start: Start, trace: Array, why: int) -> Flight:
-        spec, count = self.spec, len(trace)
+        told, count = self.commands, len(trace)
         command = trace[:, 25:29]
-        at_limit = (command <= np.array(spec.command_lower)) | (command >= np.array(spec.command_upper))
+        at_limit = (command <= np.array(told.lower)) | (command >= np.array(told.upper))
         return Flight(
             t=plan.t[:count],
             position=trace[:, :3],
@@ -141,8 +137,8 @@ class SimulatedVehicle:
             angular_acceleration=trace[:, 32:35],
             wind=trace[:, 35:38],
             supply=trace[:, 38],
-            command_names=spec.command_names,
-            command_unit=spec.command_unit,
+            command_names=told.names,
+            command_unit=told.unit,
             saturated=np.asarray(at_limit.any(axis=1)),
             source=f"simulated {self.name}, {start} start",
             ended=None if why == core.FLOWN else self._ending(trace, why),
@@ -152,7 +148,7 @@ class SimulatedVehicle:
         x, y, z = trace[-1, :3]
         return Ending(len(trace) / self.rate, (float(x), float(y), float(z)), REASONS[why])
 
-    def _check(self, plan: FlightPlan, start: str, room: FlightSpec | None) -> None:
+    def _check(self, plan: FlightPlan, start: str, room: QuadrotorSpec | None) -> None:
         check_plan(plan, self.rate, self.name)
         if start not in ("hover", "moving"):
             raise UsageError(
@@ -182,7 +178,7 @@ def _rows(rows: Array | None, count: int, columns: int) -> Array:
     return np.zeros((count, columns)) if rows is None else np.ascontiguousarray(rows, dtype=np.float64)
 
 
-def _walls(room: FlightSpec | None) -> Array:
+def _walls(room: QuadrotorSpec | None) -> Array:
     if room is None:
         return NOWHERE
     return np.array([*room.lower, *room.upper, np.inf if room.radius is None else room.radius])

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.plants.flight import core
-from etude.plants.flight.constants import true_body
-from etude.plants.flight.parameters import FlightParameters
-from etude.robots.vehicle import GRAVITY, SPINS
+from etude.robots.quadrotor.plant import core
+from etude.robots.quadrotor.plant.constants import true_body
+from etude.robots.quadrotor.plant.parameters import FlightParameters
+from etude.robots.quadrotor.vehicle import GRAVITY, SPINS
 
 Array = NDArray[np.float64]
 

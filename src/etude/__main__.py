@@ -1,0 +1,9 @@
+"""python -m etude"""
+
+from __future__ import annotations
+
+import sys
+
+from etude.cli import main
+
+sys.exit(main())

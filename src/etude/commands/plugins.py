@@ -1,0 +1,37 @@
+"""etude plugins"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from etude.commands.common import Common
+from etude.commands.outcome import Outcome, Say, table
+
+if TYPE_CHECKING:
+    from etude.plugins import Plugin
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plugins(Common):
+    """List what can be exchanged: robots, models, kernels, criteria, readers, exporters and studies."""
+
+    def run(self, _: Say) -> Outcome:
+        from etude.plugins import GROUPS, listed
+
+        found = listed(tried=True)
+        lines = []
+        for group in GROUPS:
+            rows = [_row(plugin) for plugin in found if plugin.group == group]
+            lines += [group, table(["  name", "from", "source"], rows) if rows else "  none yet", ""]
+        lines += _problems(found)
+        return Outcome("\n".join(lines).rstrip(), {"plugins": [asdict(plugin) for plugin in found]})
+
+
+def _row(plugin: Plugin) -> list[str]:
+    return [f"  {plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, plugin.source]
+
+
+def _problems(found: Sequence[Plugin]) -> list[str]:
+    return [f"(!) {p.name} of {p.group} ({p.source}): {p.problem}." for p in found if p.problem]

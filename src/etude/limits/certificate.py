@@ -1,0 +1,180 @@
+"""Certificates: each limit with the extreme that is proved for all times, not only at samples."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Limit, Proof, Trajectory
+from etude.errors import UnsafeTrajectoryError
+from etude.trajectories.json_text import from_json
+
+Array = NDArray[np.float64]
+
+REST_TOLERANCE = 1e-9
+"""Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""
+NOT_LOOKED_AT = (
+    "How far the robot leaves the plan while it tracks it.",
+    "Collisions, with itself and with what stands around it.",
+    "The way to the start, and the way back from the end.",
+)
+"""What no certificate proves."""
+
+
+def spare(row: Proof) -> float:
+    """Smaller distance from the proved interval to the limit; negative if it is not met, NaN if not seen."""
+    return min(row.upper - row.proved_upper, row.proved_lower - row.lower)
+
+
+def use(row: Proof) -> float:
+    """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width."""
+    half = 0.5 * (row.upper - row.lower)
+    return 1.0 - spare(row) / half if half > 0.0 else math.inf
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """All limits of a trajectory, and rest at its ends.
+
+    Attributes:
+        rows: one proof per axis and quantity.
+        end_speed: largest speed at an end of a piece as a fraction of its limit.
+        rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
+        not_looked_at: sentences, what nobody proved.
+    """
+
+    rows: tuple[Proof, ...]
+    end_speed: float
+    rest_needed: bool = True
+    not_looked_at: tuple[str, ...] = NOT_LOOKED_AT
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the trajectory starts and ends at rest."""
+        return self.end_speed <= REST_TOLERANCE
+
+    @property
+    def seen(self) -> tuple[Proof, ...]:
+        """The rows that were looked at."""
+        return tuple(row for row in self.rows if row.status != "not looked at")
+
+    @property
+    def failed(self) -> tuple[Proof, ...]:
+        """The rows that were looked at and are not met."""
+        return tuple(row for row in self.seen if not spare(row) >= 0.0)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every limit that was looked at is met, and rest at both ends where it is needed."""
+        return (self.at_rest or not self.rest_needed) and not self.failed
+
+    @property
+    def worst(self) -> Proof:
+        """The limit used most."""
+        return max(self.seen, key=use)
+
+    def active(self, tolerance: float = 0.01) -> tuple[tuple[str, str], ...]:
+        """(axis, quantity) of every limit that is used to within `tolerance` of its half width."""
+        return tuple((row.axis, row.quantity) for row in self.seen if use(row) >= 1.0 - tolerance)
+
+    def to_json(self) -> str:
+        """The certificate as JSON text. A row's "margin" is what it spares of the limit."""
+        content = {
+            "ok": self.ok,
+            "at_rest": self.at_rest,
+            "end_speed": self.end_speed,
+            "rest_needed": self.rest_needed,
+            "rows": [_row(row) for row in self.rows],
+            "not_looked_at": list(self.not_looked_at),
+        }
+        return json.dumps(content, indent=1) + "\n"
+
+
+def certify(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
+    """Prove the limits for all times, piece by piece.
+
+    Rest at the ends of each piece is needed if one of the limits says so (`rest`).
+    """
+    found: dict[tuple[str, str, str], Proof] = {}
+    pieces = trajectory.pieces()
+    for start, label, piece in pieces:
+        where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
+        for limit in limits:
+            for i, row in enumerate(limit.prove(piece)):
+                key = (row.axis, row.quantity, f"{limit.name} {i}")
+                row = row if row.where else replace(row, where=where)
+                found[key] = _joined(found[key], row) if key in found else row
+    axes = list(dict.fromkeys(axis for axis, _, _ in found))
+    rows = tuple(row for axis in axes for (own, _, _), row in found.items() if own == axis)
+    rest = any(getattr(limit, "rest", False) for limit in limits)
+    return Certificate(rows, max(_end_speed(piece, limits) for _, _, piece in pieces), rest)
+
+
+def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
+    """Certificate of the trajectory in a file's bytes, exactly as they were or will be written."""
+    return certify(from_json(data), limits)
+
+
+def require_certified(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
+    """The certificate, if every limit is met.
+
+    Raises:
+        UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
+    """
+    certificate = certify(trajectory, limits)
+    if certificate.ok:
+        return certificate
+    if not certificate.failed:
+        raise UnsafeTrajectoryError(
+            f"the trajectory starts or ends at {certificate.end_speed:.3g} of a velocity limit, not at rest",
+            next_step="Use coefficients that start at rest and a whole number of periods, or a phase ramp.",
+        )
+    row = max(certificate.failed, key=use)
+    above = row.proved_upper - row.upper >= row.lower - row.proved_lower
+    place = f" ({row.where})" if row.where else ""
+    raise UnsafeTrajectoryError(
+        f"{row.quantity} of '{row.axis}' may reach {row.proved_upper if above else row.proved_lower:.6g}"
+        f"{place}, outside its limit {row.lower:.6g}..{row.upper:.6g}",
+        where=f"{row.axis}, {row.quantity}",
+        next_step="Scale the trajectory down, or choose another one.",
+    )
+
+
+def _row(row: Proof) -> dict[str, object]:
+    content = asdict(row)
+    return content | {"margin": spare(row), "tracking_margin": row.margin}
+
+
+def _joined(one: Proof, other: Proof) -> Proof:
+    """One row for two pieces: both intervals, the place and status of the one with less to spare."""
+    tighter = other if not spare(other) >= spare(one) else one
+    low, high = (
+        min(one.proved_lower, other.proved_lower),
+        max(one.proved_upper, other.proved_upper),
+    )
+    return replace(tighter, proved_lower=low, proved_upper=high)
+
+
+def _end_speed(piece: Trajectory, limits: Sequence[Limit]) -> float:
+    """Largest speed at the ends of a piece, as a fraction of the limits of order 1.
+
+    Without any, as a fraction of the piece's largest speed.
+    """
+    ends = piece.motion(np.array([0.0, piece.duration]), 2)
+    found = []
+    for limit in limits:
+        if getattr(limit, "order", None) != 1:
+            continue
+        size = np.array([max(abs(row.lower), abs(row.upper)) for row in limit.prove(piece)])
+        values = np.abs(limit.of_motion(ends)).max(axis=0)
+        found += np.divide(values, size, out=np.full(len(size), math.inf), where=size > 0.0).tolist()
+    if found:
+        return float(max(found))
+    speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
+    largest = max(float(speeds.max()), float(np.finfo(float).tiny))
+    return float(np.linalg.norm(ends.orders[1], axis=1).max()) / largest

@@ -1,0 +1,278 @@
+"""The limits that robots have: of single axes, of sizes of vectors, of a vehicle's tilt.
+
+Each is asked of the family's instants, shrunk so that it then holds at every time and the proof of the
+final bytes, from other samples, cannot refuse it: by kappa for what is linear in the parameters, by its root
+for the size of a vector, whose square has twice the degree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Cone, Family, Margins, Motion, Proof, Trajectory
+from etude.errors import UnsafeTrajectoryError
+from etude.limits.ranges import CERTIFIED, bound_of, largest_tilt, method_of, norm_range, slabs, tracked
+from etude.trajectories.extremes import ROOM
+
+Array = NDArray[np.float64]
+
+SMALLEST = 1e-9
+"""Width of an interval, relative to its ends, below which there is no room in it."""
+TILT_ROOM = (1.0 - 4.0 * (1.0 - CERTIFIED)) / CERTIFIED
+"""The proof of tilt bounds a polynomial as large as (1.7 g)^2; four times the room of others covers that."""
+
+
+class Convex:
+    """What all limits without a penalty share."""
+
+    quantity: str
+
+    @property
+    def name(self) -> str:
+        return self.quantity
+
+    def penalty(self, motion: Motion) -> tuple[float, Array] | None:  # noqa: ARG002
+        """None: convex, so cones say it all."""
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class AxisLimit(Convex):
+    """lower <= d^order/dt^order of each coordinate + shift <= upper.
+
+    Attributes:
+        quantity: "position", "velocity", "acceleration", "jerk", "box", "lift", ...
+        order: 0 for position, 1 for velocity, ...
+        names: of the n axes, as in the certificate.
+        lower, upper: (n,) in the coordinate's unit and s.
+        axes: their places in the motion; None: the first n.
+        shift: what is added to each coordinate, gravity for lift.
+        margin: (n,) or one number, kept off both sides for the tracking error, or the learned one if larger.
+        margins: learned ones, by form of motion.
+        rest: of a velocity, whether motions, and each of their pieces, must start and end without any.
+    """
+
+    quantity: str
+    order: int
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    axes: tuple[int, ...] | None = None
+    shift: float = 0.0
+    margin: Array | float = 0.0
+    margins: Margins = field(default_factory=dict)
+    rest: bool = False
+
+    @property
+    def places(self) -> list[int]:
+        """Of the axes, in the motion."""
+        return list(range(len(self.names)) if self.axes is None else self.axes)
+
+    def inner(self, form: str) -> tuple[Array, Array, Array, float]:
+        """(n,) lower and upper less the margin, the margin, and its confidence."""
+        margin, confidence = tracked(self.margin, self.margins, form, self.order, self.places)
+        return np.asarray(self.lower) + margin, np.asarray(self.upper) - margin, margin, confidence
+
+    def check_room(self, form: str) -> None:
+        """UnsafeTrajectoryError if some axis has no room to move, naming it and the limit."""
+        low, high, margin, _ = self.inner(form)
+        for j, name in enumerate(self.names):
+            smallest = SMALLEST * max(1.0, abs(low[j]), abs(high[j])) if self.order == 0 else 0.0
+            if not high[j] - low[j] > smallest or not margin[j] >= 0.0:
+                _no_room(self.quantity, name, self._text(j, float(margin[j])))
+
+    def _text(self, j: int, margin: float) -> str:
+        lower, upper = float(np.asarray(self.lower)[j]), float(np.asarray(self.upper)[j])
+        text = f"{upper:g}" if lower == -upper and self.order > 0 else f"{lower:g}..{upper:g}"
+        return text + (f" less {margin:g} on both sides" if margin != 0.0 else "")
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        """A slab for each axis whose limits are finite."""
+        low, high, _, _ = self.inner(_form(family))
+        rows, offset, kappa = family.rows(self.order, 1)
+        return [
+            slabs(
+                f"{self.names[j]}, {self.quantity}",
+                rows[i],
+                offset[i] + self.shift - 0.5 * (high[j] + low[j]),
+                0.5 * kappa * ROOM * (high[j] - low[j]),
+            )
+            for j, i in enumerate(self.places)
+            if math.isfinite(high[j] - low[j])
+        ]
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row for each axis."""
+        low, high, margin, confidence = self.inner(piece.form)
+        bound = bound_of(piece, self.order, 1, self.places, np.full(len(self.names), self.shift))
+        least, most = bound.range()
+        how = method_of(bound.kappa, 1)
+        table = np.stack([low, high, least, most, margin], axis=1).tolist()
+        return [
+            Proof(name, self.quantity, a, b, c, d, how, margin=kept, confidence=confidence)
+            for name, (a, b, c, d, kept) in zip(self.names, table, strict=True)
+        ]
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, n) the coordinates' derivative, shifted."""
+        return np.asarray(motion.orders[self.order][:, self.places] + self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class NormLimit(Convex):
+    """lower <= |d^order/dt^order of some coordinates + shift| <= upper: speed, a cylinder, thrust.
+
+    The lower bound is not convex. The part along `shift` is linear and implies it: cones ask that it be at
+    least `lower`, and, to keep it a slab, as far above as below |shift|.
+
+    Attributes:
+        quantity: "speed", "radius", "thrust", ...
+        order: 0 for position, ...
+        axes: places of the coordinates in the motion.
+        upper: largest size; lower: least, or None. `lower` needs a shift.
+        shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
+        axis: whose size it is, as in the certificate.
+        margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
+    """
+
+    quantity: str
+    order: int
+    axes: tuple[int, ...]
+    upper: float
+    lower: float | None = None
+    shift: tuple[float, ...] = ()
+    axis: str = "vehicle"
+    margin: float = 0.0
+    margins: Margins = field(default_factory=dict)
+    rest: bool = False
+
+    @property
+    def _shift(self) -> Array:
+        return np.array(self.shift if self.shift else (0.0,) * len(self.axes))
+
+    def inner(self, form: str) -> tuple[float | None, float, float, float]:
+        """Lower and upper less the margin, the margin, and its confidence."""
+        learned, confidence = tracked(0.0, self.margins, form, self.order, list(self.axes))
+        margin = max(self.margin, float(np.linalg.norm(learned)))
+        return None if self.lower is None else self.lower + margin, self.upper - margin, margin, confidence
+
+    def check_room(self, form: str) -> None:
+        """UnsafeTrajectoryError if standing still in the middle is not inside."""
+        least, most, margin, _ = self.inner(form)
+        needed = float(np.linalg.norm(self._shift))
+        fits = (least is None or (least < needed)) and needed < most and margin >= 0.0
+        if not fits or not math.isfinite(margin):
+            below = "" if self.lower is None else f"{self.lower:g}.."
+            rest = f", {needed:.4g} at rest included" if needed > 0.0 else ""
+            less = f" less {margin:g}" if margin != 0.0 else ""
+            _no_room(self.quantity, self.axis, f"{below}{self.upper:g}{less}{rest}")
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        """A ball, and a slab along the shift if there is a lower bound."""
+        least, most, _, _ = self.inner(_form(family))
+        rows, offset, kappa = family.rows(self.order, 2)
+        places, shift, radius = list(self.axes), self._shift, math.sqrt(kappa * ROOM) * most
+        name = f"{self.axis}, {self.quantity}"
+        ball = Cone(name, rows[places] / radius, (offset[places] + shift[:, None]) / radius)
+        if least is None:
+            return [ball]
+        size = float(np.linalg.norm(shift))
+        rows, offset, kappa = family.rows(self.order, 1)
+        along, moved = (np.tensordot(shift / size, part[places], 1) for part in (rows, offset))
+        return [ball, slabs(name, along, moved, kappa * ROOM * (size - least))]
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row; without a lower bound it is written as -upper..upper, as for an axis."""
+        least, most, margin, confidence = self.inner(piece.form)
+        bound = bound_of(piece, self.order, 2, list(self.axes), self._shift)
+        down, up = norm_range(bound)
+        how = method_of(bound.kappa, 2)
+        if least is None:
+            found = (-most, most, -up, up)
+        else:
+            low, high = bound_of(piece, self.order, 1, list(self.axes), self._shift).range()
+            found = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
+        return [Proof(self.axis, self.quantity, *found, how, margin=margin, confidence=confidence)]
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, 1) the size."""
+        vector = motion.orders[self.order][:, list(self.axes)] + self._shift
+        return np.asarray(np.linalg.norm(vector, axis=1)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class TiltLimit(Convex):
+    """Angle of a + g z from the vertical at most `angle`: |a_xy| <= tan(angle) (g + a_z).
+
+    Asked of a_z and of -a_z, since a bound for all times needs both sides; so motions that climb hard and
+    lean far at once are left out, although they would be allowed. No proof holds where the vertical part
+    comes near zero: it is kept above `least`.
+
+    Attributes:
+        angle: rad, in 0..pi/2.
+        gravity: g, m/s^2.
+        axes: places of x, y, z in the motion.
+        least: part of g that the vertical part of a + g z may not fall below.
+        axis, quantity: as in the certificate.
+    """
+
+    angle: float
+    gravity: float
+    axes: tuple[int, int, int] = (0, 1, 2)
+    least: float = 0.3
+    axis: str = "vehicle"
+    quantity: str = "tilt"
+    order: int = 2
+
+    def check_room(self, form: str) -> None:  # noqa: ARG002
+        """UnsafeTrajectoryError unless the angle is in 0..pi/2."""
+        if not 0.0 < self.angle < 0.5 * math.pi:
+            _no_room(self.quantity, self.axis, f"{self.angle:g} rad (it must be in 0..pi/2)")
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        """|a_xy| <= tan(angle) (shrunk g -+ a_z), both signs, and the slab that keeps a_z + g positive."""
+        rows, offset, kappa = family.rows(self.order, 2)
+        near, near_offset, near_kappa = family.rows(self.order, 1)
+        x, y, z = self.axes
+        name = f"{self.axis}, {self.quantity}"
+        cones = []
+        for sign in (-1.0, 1.0):
+            reach = kappa * TILT_ROOM * ROOM * self.gravity + sign * offset[z]  # (M,)
+            across = math.tan(self.angle) * reach
+            tips = sign * rows[z] / reach[:, None]
+            cones.append(Cone(name, rows[[x, y]] / across[:, None], offset[[x, y]] / across, tips))
+        room = near_kappa * ROOM * (1.0 - self.least) * self.gravity
+        return [*cones, slabs(name, near[z], near_offset[z], room)]
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row, written as -angle..angle."""
+        shift = np.array([0.0, 0.0, self.gravity])
+        lift = float(bound_of(piece, self.order, 1, list(self.axes), shift).range()[0][2])
+        bound = bound_of(piece, self.order, 2, list(self.axes), shift)
+        largest = largest_tilt(bound, lift)
+        limit = self.angle
+        return [Proof(self.axis, self.quantity, -limit, limit, -largest, largest, method_of(bound.kappa, 2))]
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, 1) rad."""
+        force = motion.orders[self.order][:, list(self.axes)]
+        across = np.hypot(force[:, 0], force[:, 1])
+        return np.asarray(np.arctan2(across, force[:, 2] + self.gravity)[:, None])
+
+
+def _form(family: Family) -> str:
+    """The form of the family's members, by which margins are kept."""
+    return family.trajectory(np.zeros(family.size)).form
+
+
+def _no_room(quantity: str, axis: str, text: str) -> None:
+    raise UnsafeTrajectoryError(
+        f"the {quantity} limit {text} of '{axis}' leaves no room for any motion",
+        where=f"{axis}, {quantity}",
+        next_step="Widen the limit, or take the axis out of the robot's description.",
+    )

@@ -1,0 +1,178 @@
+"""Positions, rates and commands against what is expected of a robot: notes, refusals, and other units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from etude.contracts import Array, Channel, Log, Mask
+from etude.errors import DataError
+from etude.logs.units import Limits
+
+SMALLER = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
+FAR = 2.0  # ranges outside the limits: no other robot, another unit
+OVERSHOOT = 0.1  # of a range: a controller may overshoot, a description may be a little tight
+COMMAND_EXCESS = 1.5  # times the limit: measured effort exceeds its rating, another unit exceeds it more
+RARE = 0.01  # part of the rows that may be wild
+AT_LIMIT = 0.99  # a command this near to its limit throughout says nothing of the motion
+LIKE = 0.5  # correlation of a rate with its position's slope: below, their ratio says nothing
+
+
+def bounded(log: Log, limits: Limits) -> list[Channel]:
+    """The channels of positions whose limits are known."""
+    return [c for n, c in log.channels.items() if n in limits and c.role != "command" and not c.derivative_of]
+
+
+def check_positions(log: Log, limits: Limits) -> Log:
+    """Notes positions a little outside the limits; refuses degrees and positions far outside."""
+    for channel in bounded(log, limits):
+        log = _checked_positions(log, channel, *limits[channel.name])
+    return log
+
+
+def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -> Log:
+    q = log[channel.name]
+    unit = _suspicion(q, lower, upper)
+    if unit:
+        raise DataError(
+            f"the positions look like {unit}, not radians: they reach {np.abs(q).max():.4g} "
+            f"where the limits are within {max(np.abs(lower).max(), np.abs(upper).max()):.4g} rad",
+            where=log.source,
+            next_step="Convert them, name the unit in the header (q_joint [deg]), or ask for the conversion.",
+        )
+    over = np.maximum(q.max(axis=0) - upper, lower - q.min(axis=0))
+    if not _fits(q, lower, upper):
+        j = int(np.argmax(over / (upper - lower)))
+        raise DataError(
+            f"the position reaches {q[np.argmax(np.abs(q[:, j])), j]:.4g} {channel.units[j]}, outside the "
+            f"limits {lower[j]:.4g} to {upper[j]:.4g} {channel.units[j]}",
+            where=f"{log.source}, {channel.parts[j]}",
+            next_step="Is this log of another robot or in another unit? If not, correct the robot's limits.",
+        )
+    for k in np.flatnonzero(over > 0):
+        log = log.repaired(
+            f"{channel.parts[k]} went {over[k]:.2g} {channel.units[k]} outside its position limits; kept."
+        )
+    return log
+
+
+def _suspicion(values: Array, lower: Array, upper: Array) -> str:
+    """The unit ("degrees", ...) that positions (T, k) outside the limits seem to have, else ''."""
+    excess = np.maximum(values.max(axis=0) - upper, lower - values.min(axis=0))
+    if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
+        return ""
+    return next((unit for unit, factor in SMALLER.items() if _fits(values * factor, lower, upper)), "")
+
+
+def _fits(values: Array, lower: Array, upper: Array) -> bool:
+    slack = OVERSHOOT * (upper - lower)
+    return bool(np.all((values >= lower - slack) & (values <= upper + slack)))
+
+
+def looks_scaled(log: Log, channels: Sequence[Channel], limits: Limits) -> bool:
+    """Whether positions are mostly outside the limits, or move mostly faster than the robot can."""
+    shares = [0.0]
+    for channel in bounded(log, limits):
+        lower, upper = limits[channel.name]
+        outside = (log[channel.name] < lower) | (log[channel.name] > upper)
+        shares.append(float(outside.mean(axis=0).max()))
+        top = top_speed(channel, channels, limits)
+        if top is not None:
+            fast = np.abs(np.diff(log[channel.name], axis=0)) > 2 * top * np.diff(log.t)[:, None]
+            shares.append(float(fast.mean(axis=0).max()))
+    return max(shares) > 0.1
+
+
+def top_speed(channel: Channel, channels: Sequence[Channel], limits: Limits) -> Array | None:
+    """(parts,) the largest rate of a position, from the limits of the channel that is its derivative."""
+    rates = [limits[c.name] for c in channels if c.derivative_of == channel.name and c.name in limits]
+    return np.maximum(np.abs(rates[0][0]), np.abs(rates[0][1])) if rates else None
+
+
+def check_consistency(log: Log) -> None:
+    """Refuses a signal whose slope is 57 or 1000 times its logged rate (mixed units)."""
+    for name, channel in log.channels.items():
+        if channel.derivative_of in log and log[channel.derivative_of].shape == log[name].shape:
+            _check_slope(log, log[channel.derivative_of], channel)
+
+
+def _check_slope(log: Log, values: Array, channel: Channel) -> None:
+    slope, rate = np.gradient(values, log.t, axis=0), log[channel.name]
+    for j in np.flatnonzero(np.abs(rate).max(axis=0) > 0):
+        product = float(slope[:, j] @ rate[:, j])
+        factor = product / float(rate[:, j] @ rate[:, j])
+        like = abs(product) / float(np.linalg.norm(slope[:, j]) * np.linalg.norm(rate[:, j]) + 1e-300)
+        for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
+            for text, expected in (
+                (f"{channel.derivative_of} in {unit}", ratio),
+                (f"{channel.name} in {unit} per second", 1 / ratio),
+            ):
+                if like > LIKE and 0.8 < abs(factor) / expected < 1.25:
+                    raise DataError(
+                        f"{channel.derivative_of} and {channel.name} disagree by a factor {factor:.3g}: "
+                        f"{text}?",
+                        where=f"{log.source}, {channel.parts[j]}",
+                        next_step="Convert it to radians, or name the unit in the header.",
+                    )
+
+
+def check_commands(log: Log, limits: Limits) -> Log:
+    """Notes commands beyond their limits; refuses those so far beyond that the unit must be another, and
+    motors at their limit throughout. Single wild rows are dropped.
+    """
+    for name in [n for n, c in log.channels.items() if c.role == "command"]:
+        lower, upper = _command_limits(log.channels[name], limits)
+        log = _without_wild(log, name, lower, upper)
+        channel = log.channels[name]
+        for j in range(len(channel.parts)):
+            log = _checked_command(log, channel, j, float(lower[j]), float(upper[j]))
+    return log
+
+
+def _command_limits(channel: Channel, limits: Limits) -> tuple[Array, Array]:
+    """What is expected, else the channel's reach, else anything."""
+    reach = np.array(channel.reach or (np.inf,) * len(channel.parts))
+    return limits.get(channel.name, (-reach, reach))
+
+
+def _beyond(values: Array, lower: Array, upper: Array) -> Array:
+    """How far from the middle of the range, in halves of it; 0 where the range has no end."""
+    with np.errstate(invalid="ignore"):
+        share = np.abs(values - 0.5 * (lower + upper)) / (0.5 * (upper - lower))
+    return np.asarray(np.where(np.isfinite(upper - lower), share, 0.0))
+
+
+def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
+    wild: Mask = np.asarray((_beyond(log[name], lower, upper) > COMMAND_EXCESS).any(axis=1))
+    if not wild.any() or wild.mean() > RARE:
+        return log
+    return log.take(~wild).repaired(f"{wild.sum()} rows with a single wild command were dropped.")
+
+
+def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float) -> Log:
+    values, unit = log[channel.name][:, j], channel.units[j]
+    largest = float(values[np.argmax(np.abs(values))])
+    excess = float(_beyond(values, np.array(lower), np.array(upper)).max())
+    limit = f"{upper:.4g} {unit}" if lower == -upper else f"{lower:.4g} to {upper:.4g} {unit}"
+    where = f"{log.source}, {channel.name} {channel.parts[j]}"
+    if excess > COMMAND_EXCESS:
+        milli = excess * 1e-3 <= 1.0 and excess > 30.0
+        raise DataError(
+            f"the command of {channel.parts[j]} reaches {largest:.4g}, its limit is {limit}",
+            where=where,
+            next_step=f"It looks like a thousandth of the unit: convert it to {unit}."
+            if milli
+            else f"Is it in {unit}? State the unit in the header, or correct the limit in the robot file.",
+        )
+    if not channel.acts_on and np.isfinite(upper) and (values >= lower + AT_LIMIT * (upper - lower)).all():
+        raise DataError(
+            f"the command of {channel.parts[j]} is at its limit throughout: it says nothing of the motion",
+            where=where,
+            next_step="Run it with less payload, a fuller battery, or gentler limits.",
+        )
+    if excess > 1.0:
+        log = log.repaired(
+            f"The command of {channel.parts[j]} reached {largest:.4g} {unit}, above its limit {limit}; kept."
+        )
+    return log

@@ -1,0 +1,139 @@
+"""A kernel of another package: named in every message, and checked wherever it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Column
+from etude.errors import NumericalError, UsageError
+from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
+
+METHODS = ("names", "roles", "initial", "gram", "cross", "diagonal", "diagonal_gradient")
+ROLES = ("amplitude", "length", "slope")
+
+
+@dataclass(frozen=True)
+class PluginKernel(Kernel):
+    """What a factory made, as a kernel of the family.
+
+    Attributes:
+        plugin: name of the factory. columns, commands: what it was called with; stored with a model, so that
+            the kernel can be made again.
+        own: the kernel.
+    """
+
+    plugin: str
+    columns: tuple[Column, ...]
+    commands: tuple[str, ...]
+    own: Any = field(compare=False)
+
+    @classmethod
+    def of(
+        cls, plugin: str, factory: Callable[..., Any], columns: Sequence[Column], commands: tuple[str, ...]
+    ) -> PluginKernel:
+        """The factory's kernel. UsageError if it makes none, or one that lacks a method."""
+        known = tuple((str(c), str(p), str(u), str(o)) for c, p, u, o in columns)
+        try:
+            own = factory(known, commands)
+        except UsageError:
+            raise
+        except Exception as error:
+            raise UsageError(f"the kernel {plugin!r} cannot be made ({error})", next_step=_ASK) from error
+        missing = [name for name in METHODS if not callable(getattr(own, name, None))]
+        if missing:
+            raise UsageError(f"the kernel {plugin!r} has no {', '.join(missing)}", next_step=_ASK)
+        kernel = cls(plugin, known, commands, own)
+        if len(kernel.roles()) != len(kernel.names()) or not set(kernel.roles()) <= set(ROLES):
+            raise UsageError(
+                f"the kernel {plugin!r} must give each of its hyperparameters one of the roles "
+                f"{', '.join(ROLES)}",
+                where=f"names {kernel.names()}, roles {kernel.roles()}",
+                next_step=_ASK,
+            )
+        return kernel
+
+    def tried(self, X: Array) -> PluginKernel:
+        """The kernel itself, when every method has answered at inputs X (n, D) as it should.
+
+        Raises:
+            UsageError: it has not.
+        """
+        half_range = 0.5 * np.ptp(X, axis=0)
+        try:
+            theta = self.initial(np.where(half_range > 0.0, half_range, 1.0), 1.0)
+            K, pull = self.gram(theta, X)
+            C, pull_inputs = self.cross(theta, X, X[:1])
+            pull(np.ones_like(K))
+            pull_inputs(np.ones_like(C))
+            same = np.allclose(K.diagonal(), self.diagonal(theta, X), rtol=1e-6)
+            same = same and np.allclose(K[:, :1], C, rtol=1e-6, atol=1e-9 * float(np.abs(K).max()))
+            self.diagonal_gradient(theta, X, np.ones(len(X)))
+        except UsageError:
+            raise
+        except Exception as error:
+            raise UsageError(f"the kernel {self.plugin!r} does not work ({error})", next_step=_ASK) from error
+        if not same:
+            raise UsageError(
+                f"gram, cross and diagonal of the kernel {self.plugin!r} differ at the same inputs",
+                next_step=_ASK,
+            )
+        return self
+
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.own.names())
+
+    def roles(self) -> tuple[Role, ...]:
+        return tuple(self.own.roles())
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        return self._sound("initial", self.own.initial(half_range, scale), (self.size,))
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        K, pull = self._pair("gram", self.own.gram(self.check(theta), X), (len(X), len(X)))
+
+        def checked(G: Array) -> Array:
+            return self._sound("gram", pull(G), (self.size,))
+
+        return np.asfortranarray(K), checked
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        K, pull = self._pair("cross", self.own.cross(self.check(theta), X, Z), (len(X), len(Z)))
+
+        def checked(G: Array) -> Array:
+            return self._sound("cross", pull(G), X.shape)
+
+        return np.ascontiguousarray(K), checked
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        return self._sound("diagonal", self.own.diagonal(self.check(theta), X), (len(X),))
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        found = self.own.diagonal_gradient(self.check(theta), X, g)
+        return self._sound("diagonal_gradient", found, X.shape)
+
+    def _pair(self, what: str, found: Any, shape: tuple[int, ...]) -> tuple[Array, Pull]:
+        if not isinstance(found, tuple) or len(found) != 2 or not callable(found[1]):
+            raise UsageError(
+                f"{what} of the kernel {self.plugin!r} must give a matrix and its pull-back", next_step=_ASK
+            )
+        return self._sound(what, found[0], shape), found[1]
+
+    def _sound(self, what: str, found: Any, shape: tuple[int, ...]) -> Array:
+        values = np.asarray(found, dtype=float)
+        if values.shape != shape:
+            raise UsageError(
+                f"{what} of the kernel {self.plugin!r} gives shape {values.shape}, not {shape}",
+                next_step=_ASK,
+            )
+        if not np.isfinite(values).all():  # a training steps back from where this happens
+            raise NumericalError(
+                f"{what} of the kernel {self.plugin!r} gives values that are no numbers", next_step=_ASK
+            )
+        return values
+
+
+_ASK = "Ask whoever wrote the plug-in; etude.testing.KernelSuite shows what fails."

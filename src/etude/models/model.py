@@ -1,0 +1,179 @@
+"""LearnedModel: commands from states, for each command by the rung that was chosen for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from etude.contracts import Array, Candidate, Inputs, Log, Mean, Posterior
+from etude.errors import UsageError
+from etude.models.linear import at_rest
+from etude.models.student_t import StudentT
+
+PHYSICAL = ("nominal", "identified")
+"""Means that go on where no data are, so that a command may fade to them."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedModel:
+    """What was learned (implements `contracts.Model`).
+
+    Attributes:
+        inputs: of all processes, with the facts that the samples told.
+        candidates: every rung that was trained, group by group; weight 1 for the commands it was chosen for,
+            0 elsewhere. Those of physics and linear regression alone have a process too, which says nothing
+            but where the robot has not been.
+        commands: names of the J commands.
+        ranges: (2, D) least and largest of each input trained on.
+        calibrated: whether enough trajectories were held out for the variances to be believed.
+        independence: (J,) see `worth`.
+        member: name of the processes' member, to restore them by.
+        student: distribution of held-out errors over predicted deviations, or None.
+        warnings: sentences about commands that linear regression predicts better.
+    """
+
+    inputs: Inputs
+    candidates: tuple[Candidate, ...]
+    commands: tuple[str, ...]
+    ranges: Array
+    calibrated: bool
+    independence: Array
+    member: str = "exact"
+    student: StudentT | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rungs(self) -> tuple[str, ...]:
+        """Names of the rungs that were trained, each once."""
+        return tuple(dict.fromkeys(candidate.rung for candidate in self.candidates))
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The rung of each command."""
+        heaviest = ["" for _ in self.commands]
+        weight = np.zeros(len(self.commands))
+        for candidate in self.candidates:
+            for place, j in enumerate(candidate.commands):
+                if candidate.weights[place] > weight[j]:
+                    heaviest[j], weight[j] = candidate.rung, candidate.weights[place]
+        return tuple(heaviest)
+
+    def of_rung(self, rung: str) -> LearnedModel:
+        """The same model with one rung for all commands.
+
+        Raises:
+            UsageError: the rung was not trained for all commands.
+        """
+        found = tuple(
+            replace(c, weights=np.full(len(c.commands), float(c.rung == rung))) for c in self.candidates
+        )
+        told = {j for c in found if c.rung == rung for j in c.commands}
+        if len(told) < len(self.commands):
+            raise UsageError(
+                f"the model has no rung {rung!r} for every command",
+                next_step=f"It has {', '.join(self.rungs)}.",
+            )
+        return replace(self, candidates=found, warnings=())
+
+    @property
+    def prior_deviation(self) -> Array:
+        """(J,) deviation of what the candidates in use explain, before any data, command units."""
+        variance = np.zeros(len(self.commands))
+        for candidate, own in self._in_use():
+            assert candidate.process is not None
+            prior = candidate.process.signal_variance + candidate.process.noise_variance
+            variance[own] += candidate.weights * candidate.units[1] ** 2 * prior
+        return np.asarray(np.sqrt(variance))
+
+    def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
+        """What a design sees: posteriors of the candidates in use, each with the commands that it is for."""
+        found = []
+        for candidate, own in self._in_use():
+            assert candidate.process is not None
+            for posterior, places in candidate.process.latents():
+                used = tuple(own[p] for p in places if candidate.weights[p] > 0.0)
+                found += [(posterior, used)] if used else []
+        return found
+
+    def worth(self) -> Array:
+        """(J,) independent samples that a sample is worth."""
+        return self.independence
+
+    def predict(self, log: Log) -> tuple[Array, Array]:
+        """Mean and variance (n, J) of the commands; the variance includes noise and calibration."""
+        X, means = self.inputs.of_log(log), _Means(log)
+        parts = []
+        average = np.zeros((len(log), len(self.commands)))
+        for candidate, own in self._in_use():
+            assert candidate.process is not None
+            output, latent = candidate.process.predict(X)
+            mean = means.of(candidate) + candidate.units[1] * output
+            noisy = latent + candidate.process.noise_variance
+            average[:, own] += candidate.weights * mean
+            parts.append((own, candidate, mean, candidate.calibration * candidate.units[1] ** 2 * noisy))
+        variance = np.zeros_like(average)
+        for own, candidate, mean, spread in parts:
+            variance[:, own] += candidate.weights * (spread + (mean - average[:, own]) ** 2)
+        return average, variance
+
+    def mean(self, log: Log) -> Array:
+        """Commands (n, J) alone, without the price of their variances."""
+        X, means = self.inputs.of_log(log), _Means(log)
+        return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+
+    def static(self, log: Log) -> Array:
+        """The part (n, J) of the commands that remains at rest."""
+        still = at_rest(log)
+        X, means = self.inputs.of_log(still), _Means(log, static=True)
+        return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+
+    def safe(self, log: Log) -> Array:
+        """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else zero."""
+        means, nothing = _Means(log), np.zeros((len(log), 1))
+        parts = [
+            means.of(replace(c, units=np.zeros_like(c.units)))
+            if c.rung.removesuffix("+gp") in PHYSICAL
+            else nothing
+            for c, _ in self._in_use()
+        ]
+        return self._weighted(len(log), parts)
+
+    def _weighted(self, count: int, parts: Sequence[Array]) -> Array:
+        out = np.zeros((count, len(self.commands)))
+        for (candidate, own), part in zip(self._in_use(), parts, strict=True):
+            out[:, own] += candidate.weights * part
+        return out
+
+    def _in_use(self) -> list[tuple[Candidate, list[int]]]:
+        return [(c, list(c.commands)) for c in self.candidates if c.weights.any()]
+
+
+class _Means:
+    """What the means say of a log, each asked once."""
+
+    def __init__(self, log: Log, *, static: bool = False) -> None:
+        self._log, self._static = log, static
+        self._known: dict[int, Array] = {}
+
+    def of(self, candidate: Candidate) -> Array:
+        """(n, m) mean function of a candidate, its process's offset included."""
+        offset = np.tile(candidate.units[0], (len(self._log), 1))
+        if candidate.mean is None:
+            return offset
+        if id(candidate.mean) not in self._known:
+            self._known[id(candidate.mean)] = self._ask(candidate.mean)
+        return np.asarray(offset + self._known[id(candidate.mean)][:, list(candidate.commands)])
+
+    def _ask(self, mean: Mean) -> Array:
+        return mean.static(self._log) if self._static else mean.predict(self._log)
+
+
+def _outputs(candidate: Candidate, X: Array) -> Array:
+    """(n, m) of a process in command units."""
+    cheap = getattr(candidate.process, "mean", None)
+    assert candidate.process is not None
+    found = candidate.process.predict(X)[0] if cheap is None else cheap(X)
+    return cast("Array", candidate.units[1] * found)

@@ -1,1 +1,0 @@
-"""What physics says of a command: kinematic tree, drives, base parameters, identification."""

@@ -1,0 +1,175 @@
+"""How well commands were predicted that a model had not seen: error, calibration and density, per command.
+
+z² = mean of squared error over predicted variance; 1 is right, above 1 overconfident.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Index, Mask, Samples
+from etude.errors import DataError, UsageError
+from etude.models.student_t import StudentT
+
+NORMAL_95 = 1.959963984540054  # quantile of the normal distribution
+TRANSIENT_S = 5.0
+"""A start from rest with a moving target dominates the error of a trajectory's first seconds."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Per command (J,); NaN where there is no sample.
+
+    Attributes:
+        nmse: mean squared error over the variance of the command.
+        z2: mean of squared error over predicted variance; NaN for a model without variances.
+        coverage: fraction of the commands inside the predicted 95 % interval; NaN likewise.
+        msll: mean of -log p(command), less that of a normal distribution fitted to the training commands
+            (Rasmussen and Williams 2006, 2.5): 0 is what predicting the mean is worth, lower is better;
+            unlike nMSE and z² it cannot be good with wrong variances or with wide ones. NaN without those
+            commands.
+    """
+
+    nmse: Array
+    z2: Array
+    coverage: Array
+    msll: Array
+
+
+@dataclass(frozen=True)
+class Score(Figures):
+    """Figures over the samples at which the command's joint moved; `usable`: over all that say something."""
+
+    usable: Figures
+
+
+def score(
+    samples: Samples, mean: Array, variance: Array | None = None, trained: Samples | None = None
+) -> Score:
+    """Score of predicted `mean` and `variance` (n, J), with noise, for the commands of `samples`.
+
+    Args:
+        trained: what was trained on, for the log loss.
+    """
+    trivial = None if trained is None else trivial_prediction(trained)
+    command, usable = samples.command, samples.usable
+    moving = figures(command, mean, variance, usable & samples.moving, trivial)
+    return Score(**vars(moving), usable=figures(command, mean, variance, usable, trivial))
+
+
+def trivial_prediction(trained: Samples) -> Array:
+    """(2, J) mean and variance of the usable commands."""
+    command = np.where(trained.usable, trained.command, np.nan)
+    return np.stack([np.nanmean(command, axis=0), np.nanvar(command, axis=0)])
+
+
+def figures(
+    command: Array, mean: Array, variance: Array | None, use: Mask, trivial: Array | None = None
+) -> Figures:
+    """Figures of predictions (n, J) of `command` (n, J) where `use` is set.
+
+    Args:
+        trivial: (2, J) mean and variance of the training commands, for the log loss.
+
+    Raises:
+        UsageError: arrays of different shapes.
+    """
+    if not command.shape == mean.shape == use.shape or (
+        variance is not None and variance.shape != mean.shape
+    ):
+        raise UsageError(
+            "Commands, predictions and mask must have one shape",
+            where=f"{command.shape}, {mean.shape}, {use.shape}",
+        )
+    rows = []
+    for j, own in enumerate(use.T):
+        spread = None if variance is None else variance[own, j]
+        basis = None if trivial is None else trivial[:, j]
+        rows.append(_figures_of(command[own, j], mean[own, j], spread, basis))
+    return Figures(*np.array(rows).reshape(-1, 4).T)
+
+
+def _figures_of(
+    command: Array, mean: Array, variance: Array | None, trivial: Array | None
+) -> tuple[float, float, float, float]:
+    if not len(command):
+        return np.nan, np.nan, np.nan, np.nan
+    error, spread = command - mean, float(np.var(command))
+    nmse = float(np.mean(error**2)) / spread if spread > 0 else np.nan
+    if variance is None:
+        return nmse, np.nan, np.nan, np.nan
+    inside = np.abs(error) <= NORMAL_95 * np.sqrt(variance)
+    z2, coverage = float(np.mean(error**2 / variance)), float(np.mean(inside))
+    if trivial is None or not trivial[1] > 0.0:
+        return nmse, z2, coverage, np.nan
+    loss = np.log(variance) + error**2 / variance
+    least = np.log(trivial[1]) + (command - trivial[0]) ** 2 / trivial[1]
+    return nmse, z2, coverage, 0.5 * float(np.mean(loss - least))
+
+
+def inflation(z2: float) -> float:
+    """Factor on the variance: held-out z^2, but never below 1; 1 where it is unknown.
+
+    Below 1 it would trust that new motions resemble the old ones as closely as those resemble each other.
+    """
+    return max(1.0, z2) if np.isfinite(z2) else 1.0
+
+
+@dataclass(frozen=True)
+class TrajectoryScores:
+    """Figures of each trajectory (F,), means over its usable samples and all commands.
+
+    Attributes:
+        number: of the trajectory.
+        mae: mean absolute error, command units. mae_after: the same after `TRANSIENT_S`.
+        z2: mean of squared error over predicted variance; 1 is right, above 1 overconfident.
+        coverage: part of the commands inside the predicted 95 % interval.
+        nlpd: mean negative log density, normal, in natural units of the command's unit.
+        nlpd_t: the same with the heavier tails of the held-out errors; NaN where none were fitted.
+        deviation: mean predicted deviation, command units.
+    """
+
+    number: Index
+    mae: Array
+    mae_after: Array
+    z2: Array
+    coverage: Array
+    nlpd: Array
+    nlpd_t: Array
+    deviation: Array
+
+
+def score_trajectories(
+    samples: Samples, mean: Array, variance: Array, student: StudentT | None = None
+) -> TrajectoryScores:
+    """Score of each trajectory of `samples`, predicted by `mean` and `variance` (n, J), with noise.
+
+    Raises:
+        DataError: there is no sample.
+    """
+    if not len(samples):
+        raise DataError("there is no sample to score", next_step="Give at least one trajectory.")
+    error, deviation = samples.command - mean, np.sqrt(variance)
+    ratio = error / deviation
+    density = -0.5 * ratio**2 - np.log(deviation) - 0.5 * np.log(2.0 * np.pi)
+    tailed = np.full_like(density, np.nan)
+    if student is not None:
+        tailed = student.log_density(ratio) - np.log(deviation)
+    late = np.broadcast_to((samples.t >= TRANSIENT_S)[:, None], error.shape)
+    numbers, rows = np.unique(samples.group), []
+    for number in numbers:
+        own = (samples.group == number)[:, None] & samples.usable
+        rows.append(
+            (
+                np.abs(error[own]).mean() if own.any() else np.nan,
+                np.abs(error[own & late]).mean() if (own & late).any() else np.nan,
+                (ratio[own] ** 2).mean() if own.any() else np.nan,
+                (np.abs(ratio[own]) <= NORMAL_95).mean() if own.any() else np.nan,
+                -density[own].mean() if own.any() else np.nan,
+                -tailed[own].mean() if own.any() else np.nan,
+                deviation[own].mean() if own.any() else np.nan,
+            )
+        )
+    return TrajectoryScores(numbers, *np.array(rows).T)

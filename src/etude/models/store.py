@@ -1,0 +1,200 @@
+"""Any model as one .npz: arrays that several parts share once, factors made again when it is read.
+
+Predictions of a model that was read are the same bits on the same machine.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, cast
+from zipfile import BadZipFile
+
+import numpy as np
+
+from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
+from etude.errors import DataError
+from etude.models.linear import LinearPhysics
+from etude.models.members import member_named
+from etude.models.model import LearnedModel
+from etude.models.process import Silent
+from etude.models.student_t import StudentT
+from etude.storage import write_atomic
+
+VERSION = 2
+"""Of the contents; 1 were the files of 0.1, an .npz beside a .json."""
+WORDS = "words"
+
+
+def save_model(path: str | Path, model: LearnedModel) -> None:
+    """Writes the model, whole or not at all."""
+    write_atomic(Path(path), model_bytes(model))
+
+
+def load_model(
+    path: str | Path, inputs_of: Callable[[Mapping[str, Array]], Inputs], physics: Mapping[str, Physics]
+) -> LearnedModel:
+    """The model that `save_model` wrote.
+
+    Args:
+        inputs_of: from the arrays that `Inputs.arrays` gave to the inputs: `inputs.restore` of the kind's.
+        physics: the kind's, by rung; restore the means.
+
+    Raises:
+        DataError: no model there, or a damaged or foreign one. UsageError: a plug-in that it needs is
+            not there.
+    """
+    try:
+        return model_of(Path(path).read_bytes(), inputs_of, physics)
+    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as error:
+        raise DataError(
+            f"this is no model that can be read ({error})",
+            where=str(path),
+            next_step="Remove the file and learn the logs again.",
+        ) from error
+
+
+def model_bytes(model: LearnedModel) -> bytes:
+    """The file of a model."""
+    shelf = _Shelf()
+    words: dict[str, Any] = {
+        "version": VERSION,
+        "member": model.member,
+        "commands": model.commands,
+        "calibrated": model.calibrated,
+        "student": None if model.student is None else asdict(model.student),
+        "warnings": model.warnings,
+    }
+    shelf.put("ranges", model.ranges)
+    shelf.put("independence", model.independence)
+    shelf.put_all("inputs", model.inputs.arrays())
+    means: dict[int, str] = {}
+    processes: dict[int, int] = {}
+    rows = [_candidate_words(shelf, f"c{i}", c, means, processes) for i, c in enumerate(model.candidates)]
+    words |= {"candidates": rows, "arrays": shelf.names}
+    buffer = io.BytesIO()
+    text = np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)
+    np.savez(buffer, allow_pickle=False, **{WORDS: text}, **shelf.arrays)
+    return buffer.getvalue()
+
+
+def model_of(
+    data: bytes, inputs_of: Callable[[Mapping[str, Array]], Inputs], physics: Mapping[str, Physics]
+) -> LearnedModel:
+    """The model of a file's bytes; errors of all kinds where they are not whole."""
+    # from memory: NumPy leaves a damaged file open
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        stored = dict(file)
+    words = json.loads(bytes(stored[WORDS]))
+    if words["version"] != VERSION:
+        raise ValueError(f"version {words['version']}")
+    arrays = {name: stored[key] for name, key in words["arrays"].items()}
+    inputs = inputs_of(_under(arrays, "inputs"))
+    known = {"linear": LinearPhysics(inputs), **physics}
+    means: dict[str, Mean] = {}
+    processes: dict[int, Process] = {}
+    rows = [
+        _candidate(f"c{i}", row, arrays, words["member"], known, means, processes)
+        for i, row in enumerate(words["candidates"])
+    ]
+    student = words["student"]
+    return LearnedModel(
+        inputs=inputs,
+        candidates=tuple(rows),
+        commands=tuple(words["commands"]),
+        ranges=arrays["ranges"],
+        calibrated=bool(words["calibrated"]),
+        independence=arrays["independence"],
+        member=words["member"],
+        student=None if student is None else StudentT(**student),
+        warnings=tuple(words["warnings"]),
+    )
+
+
+@dataclass
+class _Shelf:
+    """Arrays by content, and where each name's is."""
+
+    arrays: dict[str, Array] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
+    _keys: dict[tuple[str, tuple[int, ...], bool, bytes], str] = field(default_factory=dict)
+
+    def put(self, name: str, array: Any) -> None:
+        """Stores an array unless one of the same bits is there. TypeError for objects."""
+        array = np.asarray(array)
+        if array.dtype.hasobject:
+            raise TypeError(f"the array {name!r} holds objects, which are not stored")
+        key = (array.dtype.str, array.shape, bool(array.flags.f_contiguous), array.tobytes(order="A"))
+        if key not in self._keys:
+            self._keys[key] = f"a{len(self._keys)}"
+            self.arrays[self._keys[key]] = array
+        self.names[name] = self._keys[key]
+
+    def put_all(self, prefix: str, arrays: Mapping[str, Array]) -> None:
+        """Stores each under prefix/name."""
+        for name, array in arrays.items():
+            self.put(f"{prefix}/{name}", array)
+
+
+def _candidate_words(
+    shelf: _Shelf, prefix: str, candidate: Candidate, means: dict[int, str], processes: dict[int, int]
+) -> dict[str, Any]:
+    for name in ("weights", "units", "calibration"):
+        shelf.put(f"{prefix}/{name}", getattr(candidate, name))
+    words: dict[str, Any] = {"rung": candidate.rung, "commands": candidate.commands, "mean": None}
+    if candidate.mean is not None:
+        base = candidate.rung.removesuffix("+gp")
+        words["mean"] = means.setdefault(id(candidate.mean), base)
+        shelf.put_all(f"mean/{base}", candidate.mean.arrays())
+    own = candidate.process
+    words["silent"] = isinstance(own, Silent)
+    if isinstance(own, Silent):
+        shelf.put_all(f"{prefix}/silent", own.arrays())
+        own = own.own
+    if own is None:
+        return words | {"process": None}
+    if id(own) not in processes:
+        processes[id(own)] = len(processes)
+        shelf.put_all(f"p{processes[id(own)]}", own.arrays())
+    return words | {"process": processes[id(own)]}
+
+
+def _candidate(
+    prefix: str,
+    words: Mapping[str, Any],
+    arrays: Mapping[str, Array],
+    member: str,
+    physics: Mapping[str, Physics],
+    means: dict[str, Mean],
+    processes: dict[int, Process],
+) -> Candidate:
+    base, number = words["mean"], words["process"]
+    if base is not None and base not in means:
+        if base not in physics:
+            raise ValueError(f"the robot has no {base} physics")
+        means[base] = physics[base].restore(_under(arrays, f"mean/{base}"))
+    if number is not None and number not in processes:
+        processes[number] = member_named(member).restore(_under(arrays, f"p{number}"))
+    process: Any = None if number is None else processes[number]
+    if words["silent"]:
+        own = _under(arrays, f"{prefix}/silent")
+        numbers = (own["units"], own["calibration"], own["least"], own["prior"])
+        process = Silent(process, *numbers, grows=bool(own["grows"]))
+    return Candidate(
+        rung=words["rung"],
+        commands=tuple(words["commands"]),
+        weights=arrays[f"{prefix}/weights"],
+        mean=None if base is None else means[base],
+        process=cast("Process", process),
+        units=arrays[f"{prefix}/units"],
+        calibration=arrays[f"{prefix}/calibration"],
+    )
+
+
+def _under(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
+    """The arrays below a prefix, without it."""
+    start = f"{prefix}/"
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

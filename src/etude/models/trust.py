@@ -1,0 +1,39 @@
+"""How far a prediction is trusted: by its own variance, by what it was trained on, beside a safe command."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.contracts import Array
+
+# Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
+# learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.
+TRUSTED, UNKNOWN = 0.5, 0.9
+REACH = 0.25
+"""Part of an input's range beyond which an uncalibrated model is not asked."""
+
+
+def trust(variance: Array, prior_deviation: Array) -> Array:
+    """Weight (T, J) of a model's mean: 1 where its variance (T, J) is small against the prior's (J,), else 0.
+
+    A quintic step, so a feedforward along a smooth trajectory has no jumps in its first two derivatives.
+    """
+    ratio = variance / prior_deviation**2
+    return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))
+
+
+def trusted(mean: Array, variance: Array, prior_deviation: Array, safe: Array) -> Array:
+    """Commands (T, J): the mean where it is trusted, blended with the safe command elsewhere."""
+    return np.asarray(safe + trust(variance, prior_deviation) * (mean - safe))
+
+
+def familiar(X: Array, ranges: Array) -> Array:
+    """(T,) 1 where inputs X (T, D) are within the ranges (2, D) trained on, 0 from a further REACH on."""
+    low, high = ranges
+    beyond = np.maximum(np.maximum(low - X, X - high), 0.0) / np.maximum(high - low, np.finfo(float).tiny)
+    return np.asarray(1.0 - smoothstep(np.clip(beyond.max(axis=1) / REACH, 0.0, 1.0)))
+
+
+def smoothstep(s: Array) -> Array:
+    """From 0 at s = 0 to 1 at s = 1, flat to the second derivative at both ends."""
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

@@ -1,1 +1,0 @@
-"""Simulated robots: pure dynamics with their parameters in data files, behind one interface."""

@@ -1,0 +1,83 @@
+"""The room a flight has, and flights that test a controller in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from etude.contracts import Array, Limit, Margins, Trajectory
+from etude.limits.feasible import FeasibleSet
+from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+from etude.limits.samplers import boundary, uniform
+from etude.robots.quadrotor.channels import AXES
+from etude.robots.quadrotor.family import FlightConfig, flight_family
+from etude.robots.quadrotor.flatness import LEAST_LIFT
+from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude.robots.quadrotor.vehicle import GRAVITY
+
+PLACES = (0, 1, 2)
+UP = (0.0, 0.0, GRAVITY)
+TEST_HARMONICS = 2
+
+
+def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
+    """Box, speed, cylinder, lift, thrust and tilt; rest if the plan is to start and end so.
+
+    Room for the tracking error is kept off box and cylinder: the owner's, or what was learned of it. Thrust
+    and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
+    a + g z ("lift") is held within what flatness needs, limits or not.
+    """
+    lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
+    up, room = (2,), lift_room(spec)
+    lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
+    found: list[Limit] = [
+        AxisLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins),
+        NormLimit("speed", 1, PLACES, spec.speed, margins=margins, rest=config.rest),
+    ]
+    if spec.radius is not None:
+        found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=spec.margin, margins=margins))
+    found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
+    if spec.thrust is not None:
+        least, most = spec.thrust
+        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins))
+    if spec.tilt is not None:
+        found.append(TiltLimit(spec.tilt, GRAVITY))
+    return tuple(found)
+
+
+def lift_room(spec: QuadrotorSpec) -> float:
+    """How far the vertical part of a + g z may be from g on either side, m/s^2.
+
+    Down to 0.3 g, where flatness ends, or to the least thrust; the same room upwards keeps the limit linear.
+    """
+    least = LEAST_LIFT * GRAVITY if spec.thrust is None else max(LEAST_LIFT * GRAVITY, spec.thrust[0])
+    return GRAVITY - least
+
+
+def home(spec: QuadrotorSpec) -> Array:
+    """(3,) m the middle of the box less its margin; with a cylinder, where it leaves most room on the way
+    to its axis.
+    """
+    margins = np.array(spec.margins)
+    low, high = np.array(spec.lower) + margins, np.array(spec.upper) - margins
+    place = 0.5 * (low + high)
+    reach = math.inf if spec.radius is None else spec.radius - spec.margin
+    shares = np.linspace(0.0, 1.0, 101)[:, None]
+    points = place[:2] + shares * (np.clip(0.0, low[:2], high[:2]) - place[:2])
+    room = np.minimum((points - low[:2]).min(axis=1), (high[:2] - points).min(axis=1))
+    room = np.minimum(room, reach - np.hypot(*points.T))
+    place[:2] = points[int(np.argmax(room))]
+    return np.asarray(place)
+
+
+def trial_flights(
+    spec: QuadrotorSpec, config: FlightConfig, rng: np.random.Generator
+) -> Mapping[str, Trajectory]:
+    """A flight uniform on the safe ones of the thesis's form (N = 2), and one on their edge."""
+    own = FlightConfig(TEST_HARMONICS, config.duration, start=config.start)
+    family = flight_family(own)
+    feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))
+    drawn = {"uniform": uniform(rng, feasible)[0], "boundary": boundary(rng, feasible)[0]}
+    return {name: family.trajectory(p) for name, p in drawn.items()}

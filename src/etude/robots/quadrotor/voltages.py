@@ -1,0 +1,123 @@
+"""Voltages and drag that a plan is flown with: analytic, learned and gated, or exact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from etude.contracts import Array, Log, Model
+from etude.robots.quadrotor.flatness import Drag
+from etude.robots.quadrotor.inputs import COMMANDS, QuadrotorInputs
+
+LARGEST_CORRECTION = 0.5
+"""V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
+REACH = 0.25
+"""Part of an input's range beyond which an uncalibrated model is not asked."""
+LEAST_FLIGHTS = 4
+"""Flights from which held-out ones tell how wrong a new one will be; with fewer a model is uncalibrated."""
+
+
+class Voltages(Protocol):
+    """What a feedforward asks of an inverse model."""
+
+    def predict(self, log: Log) -> Array:
+        """Commands (T, 4)."""
+        ...
+
+
+class LateralDrag(Protocol):
+    """Drag as a function of the body's velocity."""
+
+    @property
+    def coefficients(self) -> Drag: ...
+
+    def predict(self, velocity: Array) -> tuple[Array, Array]:
+        """Force per mass along body x and y (T, 2), and its variance."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinearDrag:
+    """Known coefficients (dx, dy, dz), 1/s: the exact drag of a simulated vehicle, or none."""
+
+    coefficients: Drag = (0.0, 0.0, 0.0)
+
+    def predict(self, velocity: Array) -> tuple[Array, Array]:
+        """-d v (T, 2), without variance."""
+        force = -velocity[:, :2] * np.array(self.coefficients[:2])
+        return force, np.zeros_like(force)
+
+
+@dataclass(frozen=True, eq=False)
+class GatedVoltages:
+    """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from those.
+
+    The model's own deviation says how much it is trusted. One that too few flights have calibrated is trusted
+    besides only within the inputs that it was trained on.
+
+    Attributes:
+        model: learned.
+        analytic: what it is held against.
+        limit: largest difference, V.
+    """
+
+    model: Model
+    analytic: Voltages
+    limit: float = LARGEST_CORRECTION
+
+    def predict(self, log: Log) -> Array:
+        """Voltages (T, 4)."""
+        from etude.models.trust import trusted
+
+        safe = self.analytic.predict(log)
+        mean, variance = self.model.predict(log)
+        near = safe + np.clip(mean - safe, -self.limit, self.limit)
+        found = trusted(near, variance, prior_deviation(self.model), safe)
+        inputs = self.model.inputs
+        if isinstance(inputs, QuadrotorInputs) and inputs.flights < LEAST_FLIGHTS:
+            found = safe + _familiar(inputs, log)[:, None] * (found - safe)
+        return found
+
+
+def prior_deviation(model: Model) -> Array:
+    """(4,) deviation of what processes learn of each command before any data, in its unit.
+
+    Of a command that is predicted by physics alone, that of a process beside them: it still says where the
+    vehicle has been. Infinite, so that nothing fades, where there is no process.
+    """
+    found, best = np.full(COMMANDS, np.inf), np.full(COMMANDS, -1.0)
+    chosen = {
+        c: one.rung
+        for one in model.candidates
+        for c, w in zip(one.commands, one.weights, strict=True)
+        if w > 0.0
+    }
+    for candidate in model.candidates:
+        if candidate.process is None:
+            continue
+        prior = candidate.process.signal_variance + candidate.process.noise_variance
+        for place, command in enumerate(candidate.commands):
+            weight = float(candidate.weights[place])
+            if weight == 0.0:  # of those that take no part, what stands on the same physics comes first
+                weight = -0.5 * float(candidate.rung != f"{chosen.get(command, '')}+gp")
+            if weight > best[command]:
+                best[command] = weight
+                found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
+    return found
+
+
+def _familiar(inputs: QuadrotorInputs, log: Log) -> Array:
+    """(T,) 1 within the ranges of the training inputs, falling to 0 over a further REACH of each range."""
+    if inputs.seen is None:
+        return np.zeros(len(log))
+    low, high = inputs.seen
+    X = inputs.of_log(log)
+    beyond = np.maximum(np.maximum(low - X, X - high), 0.0) / np.maximum(high - low, np.finfo(float).tiny)
+    return np.asarray(1.0 - smoothstep(np.clip(beyond.max(axis=1) / REACH, 0.0, 1.0)))
+
+
+def smoothstep(s: Array) -> Array:
+    """From 0 at s = 0 to 1 at s = 1, flat to the second derivative at both ends."""
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

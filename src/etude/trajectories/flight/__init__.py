@@ -1,1 +1,0 @@
-"""Flights: attitude from motion, feasible sets, certificates."""

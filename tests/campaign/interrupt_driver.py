@@ -1,0 +1,138 @@
+"""Presses Ctrl-C in the middle of compiled code, again and again. Run by test_interrupts.py.
+
+A process of its own, so that forking is cheap and safe: no threads, everything imported and compiled once.
+The signal is sent while a compiled function is running, a random time after it was entered.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude import cli
+from etude.campaign.create import create_campaign
+from etude.campaign.folder import Campaign
+from etude.campaign.journal import read_events
+from etude.campaign.state import replay
+from etude.control.closed_loop import run_closed_loop
+from etude.control.feedforward import no_feedforward
+from etude.interrupt import INTERRUPTED
+from etude.plants import compiled
+from etude.plants.registry import simulated_robot
+from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.random import random_trajectory
+
+CONFIG = """\
+seed = 4
+[trajectory]
+duration = 8.0
+[model]
+kind = "gp"
+points = 50
+fit_points = 30
+steps = 2
+[design]
+candidates = 2
+refine = 1
+steps = 1
+points = 10
+reference_points = 10
+"""
+ROUNDS = 2
+DELAYS = (0.005, 0.05, 0.3)
+"""s: how long after a closed loop was entered Ctrl-C comes, at most. A loop takes 10 to 300 ms, so that the
+last one often falls into learning or designing."""
+
+
+def cue_at(call: int, cue: int) -> None:
+    """Writes a byte to `cue` when a closed loop is entered for the `call`-th time from now."""
+    seen, real = 0, compiled._closed_loop
+
+    def entered(*arguments: Any) -> Any:
+        nonlocal seen
+        seen += 1
+        if seen == call:
+            os.write(cue, b".")
+        return real(*arguments)
+
+    compiled._closed_loop = entered
+
+
+def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
+    """`etude simulate` in a child, with Ctrl-C `delay` seconds after a closed loop was entered; its code."""
+    read_end, write_end = os.pipe()
+    child = os.fork()
+    if child == 0:
+        output = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        cue_at(call, write_end)
+        sys.argv = ["etude", *finishing(folder)]
+        os._exit(cli.main())
+    os.close(write_end)
+    if os.read(read_end, 1):
+        time.sleep(delay)
+        os.kill(child, signal.SIGINT)
+    os.close(read_end)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def compile_once(campaign: Campaign) -> None:
+    """Loads what every child needs; nothing that starts threads, which a fork would lose."""
+    import etude.campaign.simulate  # noqa: F401
+
+    robot = simulated_robot("arm4", "compiled", campaign.spec)
+    rng = np.random.default_rng(0)
+    motion = random_trajectory(rng, campaign.spec, TrajectoryFamily(duration=8.0))
+    run_closed_loop(robot, motion, no_feedforward(campaign.spec), rng)
+
+
+def finishing(folder: Path) -> list[str]:
+    """The command that does what is left of the rounds."""
+    missing = ROUNDS - len(replay(read_events(folder)).told)
+    return ["simulate", str(folder), "--rounds", str(missing)]
+
+
+def facts(folder: Path) -> list[Any]:
+    """What was committed, but for times of the clock and the name of the folder."""
+    return [
+        (
+            event.event,
+            event.number,
+            {name: digest for name, digest in event.files.items() if not name.endswith(".source.toml")},
+            {name: fact for name, fact in event.facts.items() if name != "seconds"},
+        )
+        for event in read_events(folder)
+    ]
+
+
+def main(folder: Path, presses: int, seed: int) -> None:
+    random.seed(seed)
+    lab, whole, said = folder / "lab", folder / "whole", folder / "said"
+    compile_once(create_campaign(lab, "arm4", seed=4)[0])
+    (lab / "campaign.toml").write_text(CONFIG)
+    shutil.copytree(lab, whole)
+    codes = []
+    for press in range(presses):
+        delay = random.uniform(0.0, DELAYS[press % len(DELAYS)])
+        codes.append(session(lab, said, random.randint(1, 2), delay))
+    words = said.read_text()
+    assert set(codes) <= {0, INTERRUPTED}, f"{codes}: {words}"
+    assert "Traceback" not in words, words
+    assert "ignored" not in words, words
+    assert words.count(cli.KEPT) == codes.count(INTERRUPTED), words
+    assert session(lab, said) == session(whole, said) == 0
+    assert facts(lab) == facts(whole)
+    sys.stdout.write(f"interrupted {codes.count(INTERRUPTED)} of {presses}\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

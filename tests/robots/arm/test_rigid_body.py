@@ -1,0 +1,129 @@
+"""Identification: base parameters reproduce torques, the truth comes back, the mask and the units do not
+matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, smooth_motion
+
+from etude.contracts import Samples, joined_samples
+from etude.errors import DataError, UsageError
+from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.robots.arm.physics.regressor import nominal_parameters, regressor
+from etude.robots.arm.physics.rigid_body import RigidBodyModel, identify
+from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+
+V0 = np.full(5, 0.02)
+
+
+def with_command(samples: Samples, command: np.ndarray) -> Samples:
+    """The samples with other commands."""
+    return replace(samples, log=samples.log.put(samples.log.channels["command"], command))
+
+
+NOISE = 0.1
+
+
+@pytest.fixture(scope="module")
+def robot():
+    model = mujoco.MjModel.from_xml_string(AWKWARD)
+    return tree_from_mujoco(model, NAMES), drives_from_mujoco(model, NAMES)
+
+
+@pytest.fixture(scope="module")
+def truth(robot) -> RigidBodyModel:
+    """The robot with inertial parameters 30 % off its file's, motors of different gain, and friction."""
+    tree, drives = robot
+    rng = np.random.default_rng(1)
+    gain = np.array([2.0, 0.5, 3.0, 1.0, 0.1])
+    inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=nominal_parameters(tree).shape))
+    extra = gain[:, None] * np.array([0.1, 2.0, 3.0, 0.0, 0.0, 0.4])
+    return RigidBodyModel(
+        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5), 0 * extra
+    )
+
+
+@pytest.fixture(scope="module")
+def data(truth):
+    return samples_of(truth, np.random.default_rng(2), 1200, NOISE)
+
+
+def test_base_parameters_reproduce_every_torque(robot) -> None:
+    tree, _ = robot
+    spec = awkward_spec()
+    rng = np.random.default_rng(4)
+    joints = regressor(tree, *spread_states(spec, 300))
+    fresh = regressor(tree, *rng.normal(size=(3, 40, 5)))
+    scale = parameter_scale(tree)
+    phi = scale * rng.normal(size=scale.shape)
+    for j in range(5):
+        basis = base_directions(joints[:, j], scale)
+        kept = basis @ (np.linalg.pinv(basis / scale[:, None]) @ (phi / scale))
+        assert basis.shape[1] < len(phi)
+        np.testing.assert_allclose(fresh[:, j] @ kept, fresh[:, j] @ phi, rtol=1e-6, atol=1e-6)
+
+
+def test_the_number_of_base_parameters_of_a_pendulum_is_three() -> None:
+    """About a horizontal axis: the moment of inertia and the two first moments across the axis."""
+    body = "<body><joint name='j' axis='0 1 0'/><geom size='.1' pos='.1 0 .2'/></body>"
+    xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+    tree = tree_from_mujoco(mujoco.MjModel.from_xml_string(xml), ("j",))
+    states = spread_states(replace(awkward_spec(), axes=awkward_spec().axes[:1]), 100)
+    assert base_directions(regressor(tree, *states)[:, 0], parameter_scale(tree)).shape[1] == 3
+
+
+def test_identified_model_predicts_an_unseen_motion_to_a_fraction_of_the_noise(robot, truth, data) -> None:
+    model = identify(data, motion_of(data), awkward_spec(), *robot, V0)
+    motion = smooth_motion(np.random.default_rng(9), 400, 5)[1:]
+    error = model.predict(*motion) - truth.predict(*motion)
+    assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.5 * NOISE)
+    np.testing.assert_allclose(model.deviation, NOISE, rtol=0.15)
+
+
+def test_with_little_data_the_nominal_model_keeps_it_sane(robot, truth) -> None:
+    few = samples_of(truth, np.random.default_rng(2), 120, NOISE)
+    model = identify(few, motion_of(few), awkward_spec(), *robot, V0)
+    motion = smooth_motion(np.random.default_rng(9), 400, 5)[1:]
+    wanted = truth.predict(*motion)
+    assert np.all(np.std(model.predict(*motion) - wanted, axis=0) < 0.7 * np.std(wanted, axis=0))
+
+
+def test_what_the_mask_hides_changes_nothing(robot, data) -> None:
+    assert np.all((~data.moving).any(axis=0))
+    spoiled = with_command(data, np.where(data.moving, data.command, 1e3))
+    for name in ("inertial", "extra", "deviation"):
+        np.testing.assert_array_equal(
+            getattr(identify(spoiled, motion_of(spoiled), awkward_spec(), *robot, V0), name),
+            getattr(identify(data, motion_of(data), awkward_spec(), *robot, V0), name),
+        )
+
+
+def test_the_unit_of_the_command_does_not_matter(robot, data) -> None:
+    spec = awkward_spec()
+    scaled_spec = replace(spec, axes=tuple(replace(a, command=a.command * 1000) for a in spec.axes))
+    model = identify(data, motion_of(data), spec, *robot, V0)
+    scaled = identify(with_command(data, data.command * 1000), motion_of(data), scaled_spec, *robot, V0)
+    np.testing.assert_allclose(scaled.inertial, 1000 * model.inertial, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(scaled.deviation, 1000 * model.deviation, rtol=1e-6)
+
+
+def test_the_order_of_the_samples_does_not_matter(robot, data) -> None:
+    halves = [data.take(np.arange(600, 1200)), data.take(np.arange(600))]
+    parts = [replace(half, group=np.full(600, k)) for k, half in enumerate(halves)]
+    swapped = joined_samples(parts)
+    first, second = (identify(d, motion_of(d), awkward_spec(), *robot, V0) for d in (data, swapped))
+    np.testing.assert_allclose(first.extra, second.extra, rtol=1e-6, atol=1e-8)
+
+
+def test_bad_data_is_refused(robot, data) -> None:
+    moving = data.moving.copy()
+    moving[:, 3] = False
+    with pytest.raises(DataError, match=r"never moves.*reach"):
+        identify(replace(data, moving=moving), motion_of(data), awkward_spec(), *robot, V0)
+    with pytest.raises(UsageError, match="same axes"):
+        identify(data, motion_of(data), replace(awkward_spec(), axes=awkward_spec().axes[:3]), *robot, V0)
