@@ -17,8 +17,8 @@ are no evidence: they are all near each other, and a regression that fits them b
 the next motion."""
 CHANCE = 1.0
 """Standard errors by which a rung must predict the folds better to replace the one that is best for all
-commands together. Of 48 rounds of two simulated arms the least error alone erred up to 40 times as much on new
-motion with one trajectory, and 1.2 to 1.5 times with two or three."""
+commands together. Of 48 rounds of two simulated arms the least error alone erred up to 40 times as much on
+new motion with one trajectory, and 1.2 to 1.5 times with two or three."""
 ROUNDING = 1e-20
 """Part of the mean square of a command below which a squared error is rounding: both are right."""
 
