@@ -10,10 +10,10 @@ from log_examples import CHANNELS, LIMITS, MOTION, at, make_log, with_values
 
 from etude.contracts import Log
 from etude.errors import DataError
-from etude.logs.steps import segments
-from etude.logs.units import start_at_zero
 from etude.logs.doctor import increasing_rows
 from etude.logs.read import clean_log
+from etude.logs.steps import segments
+from etude.logs.units import start_at_zero
 
 LOG = make_log()
 

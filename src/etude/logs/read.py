@@ -52,8 +52,8 @@ def read_log(
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
-    log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
-    with np.errstate(all="ignore"):  # wild numbers are judged below
+    with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
+        log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
         if degrees:
             log = from_degrees(log, stated)
         log = clean_log(log, channels, limits, stated)
@@ -151,5 +151,4 @@ def _recorded(
 
 def _values(raw: Log, columns: Sequence[Column]) -> Array:
     factors = np.array([column.factor for column in columns])
-    with np.errstate(all="ignore"):
-        return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)
+    return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)
