@@ -6,32 +6,52 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from design_examples import FAMILIES, arm, assert_same, differences, model, robot
-from etude.design.identified import identified_posteriors
-from etude.models.features import FeatureMap
-from etude.models.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude.models.physics.rigid_body import command_regressors
-from etude.trajectories.random import random_trajectory
+from design_examples import (
+    Physics,
+    arm_body,
+    arm_family,
+    arm_home,
+    arm_limits,
+    arm_model,
+    arm_point,
+    arm_spec,
+    assert_same,
+    candidate,
+    differences,
+)
 
-from etude.design.config import DesignConfig
-from etude.design.criteria import CRITERIA, NEEDS_IDENTIFIED, Output, evaluate, value_of
+from etude import plugins
+from etude.design.config import GROUP, DesignConfig
+from etude.design.criteria import Output, criterion_named, evaluate, needs_of, value_of
 from etude.design.information import d_opt, info_gain
-from etude.design.solve import design
+from etude.design.solve import Design, design
+from etude.design.view import Latent, latents_of, of_parameters
 from etude.errors import UsageError
+from etude.limits.certificate import certify
+from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.robots.arm.physics.rigid_body import command_regressors
 
 QUICK = DesignConfig(criterion="d_opt", candidates=6, refine=2, steps=15, points=25, reference_points=30)
+PHYSICS = {"identified": Physics(arm_spec(), arm_body())}
+
+
+def known(points: int = 60, unit: float = 1.0) -> tuple[Latent, ...]:
+    return of_parameters(latents_of(arm_model(points=points, unit=unit)), PHYSICS)
 
 
 def outputs(points: int = 60) -> list[Output]:
-    none = np.zeros((0, 8))
-    return [Output.of(p, none) for p in identified_posteriors(model(points=points), robot())]
+    return [Output.of(latent.posterior, np.zeros((0, 8))) for latent in known(points)]
 
 
 def planned(samples: int = 20) -> tuple[np.ndarray, np.ndarray]:
-    rng, family = np.random.default_rng(4), FAMILIES["nullspace"]
-    motion = random_trajectory(rng, robot(), family).sample(np.linspace(3.0, 27.0, samples))
-    X = model().features.transform(motion.q, motion.qd, motion.qdd)
-    return X, rng.uniform(0.1, 1.0, (samples, 2))
+    rng, family = np.random.default_rng(4), arm_family()
+    motion = family.motion(arm_point(rng, family), np.linspace(3.0, 27.0, samples), 3)
+    return arm_model().inputs.plan(motion).X, rng.uniform(0.1, 1.0, (samples, 2))
+
+
+def run(criterion: str = "d_opt", physics=PHYSICS) -> Design:
+    model, config, rng = arm_model(), replace(QUICK, criterion=criterion), np.random.default_rng(0)
+    return design(arm_family(), arm_limits(), arm_home(), model.inputs, model, config, rng, physics=physics)
 
 
 def test_it_is_the_growth_of_the_parameters_log_determinant() -> None:
@@ -40,11 +60,12 @@ def test_it_is_the_growth_of_the_parameters_log_determinant() -> None:
     Base parameters and prior deviations are worked out here from the robot's limits; a determinant ratio
     does not depend on which basis of them is used.
     """
-    known, body, spec = model(), arm(), robot()
+    body, spec = arm_body(), arm_spec()
+    posteriors = [latent.posterior for latent in latents_of(arm_model())]
     X, gains = planned()
     spread = command_regressors(body.tree, body.drives, body.friction_velocity, *spread_states(spec, 136))
     nominal = body.tree.nominal[1:].ravel()
-    for j, (output, posterior) in enumerate(zip(outputs(), known.posteriors, strict=True)):
+    for j, (output, posterior) in enumerate(zip(outputs(), posteriors, strict=True)):
         base = base_directions(spread[0][:, j], parameter_scale(body.tree))
         gain = spec.command[j] / np.sqrt(np.mean((spread[0][:, j] @ nominal) ** 2))
         prior = np.concatenate(
@@ -69,17 +90,17 @@ def test_it_is_the_growth_of_the_parameters_log_determinant() -> None:
         assert found == pytest.approx(2.0 * value_of(info_gain, [output], X, gains[:, j : j + 1]), rel=1e-12)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_gradients_through_the_regressor(criterion: str) -> None:
+@pytest.mark.parametrize("criterion", [criterion_named(n) for n in plugins.BUILT_IN[GROUP]])
+def test_gradients_through_the_regressor(criterion) -> None:
     """Every criterion, not only d_opt, works on the identified model's posterior."""
     X, gains = planned(6)
     reference = planned(9)[0] + 0.05
     made = [Output.of(o.posterior, reference) for o in outputs()]
-    _, in_X, in_gains = evaluate(CRITERIA[criterion], made, X, gains)
+    _, in_X, in_gains = evaluate(criterion, made, X, gains)
     assert np.all(in_X[:, 6:] == 0.0)
-    by_X = differences(lambda Z: value_of(CRITERIA[criterion], made, Z, gains), X)
+    by_X = differences(lambda Z: value_of(criterion, made, Z, gains), X)
     assert_same(in_X, by_X)
-    assert_same(in_gains, differences(lambda g: value_of(CRITERIA[criterion], made, X, g), gains))
+    assert_same(in_gains, differences(lambda g: value_of(criterion, made, X, g), gains))
 
 
 def test_what_is_known_already_counts() -> None:
@@ -98,41 +119,40 @@ def test_what_is_known_already_counts() -> None:
 
 def test_a_design_for_the_parameters_is_forecast_by_the_model_itself() -> None:
     """The criterion is the identified model's; the deviations are those of the model's processes."""
-    family = FAMILIES["nullspace"]
-    found = design(model(), robot(), family, QUICK, np.random.default_rng(0))
-    other = design(model(), robot(), family, replace(QUICK, criterion="ivr"), np.random.default_rng(0))
+    found, other = run(), run("ivr")
     assert found.value > found.baseline
-    assert found.certificate.ok
+    assert certify(found.trajectory, arm_limits()).ok
     np.testing.assert_array_equal(found.deviation_before, other.deviation_before)
     assert np.all(found.deviation_after < found.deviation_before)
-    assert frozenset({"d_opt"}) == NEEDS_IDENTIFIED
+    assert needs_of(d_opt) == "identified"
 
 
-def test_without_a_model_file_it_is_refused() -> None:
-    known = replace(model(), fallback=None)
-    with pytest.raises(UsageError, match=r"'pair' has no model_file.*info_gain"):
-        design(known, robot(), FAMILIES["nullspace"], QUICK, np.random.default_rng(0))
+def test_parameters_are_known_in_the_commands_unit_however_outputs_are_standardised() -> None:
+    X = planned()[0]
+    for one, ten in zip(known(), known(unit=10.0), strict=True):
+        factor = ten.factors[0] ** 2
+        np.testing.assert_allclose(
+            factor * ten.posterior.predict(X)[1], one.posterior.predict(X)[1], rtol=1e-6
+        )
 
 
-def test_a_model_file_is_enough() -> None:
-    """No identified model yet: geometry from the file, friction velocity from the features or the limits."""
-    import etude.design.identified as identified
-    from etude.models.physics.geometry import Geometry
+def test_each_command_of_a_shared_process_has_parameters_of_its_own() -> None:
+    posterior = latents_of(arm_model())[0].posterior
+    shared = replace(arm_model(), candidates=(candidate(posterior, (0, 1), factor=[1.0, 3.0]),))
+    found = of_parameters(latents_of(shared), PHYSICS)
+    assert [latent.commands for latent in found] == [(0,), (1,)]
+    assert found[1].posterior.noise_variance == pytest.approx(posterior.noise_variance)
 
-    expected = [p.predict(planned()[0])[1] for p in identified_posteriors(model(), robot())]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identified, "read_geometry", lambda spec: Geometry(arm().tree, arm().drives))
-        known = replace(model(), fallback=None)
-        found = [p.predict(planned()[0])[1] for p in identified_posteriors(known, robot())]
-        np.testing.assert_allclose(found, expected)
-        plain = replace(known, features=FeatureMap(2))
-        assert np.isfinite(identified_posteriors(plain, robot())[0].predict(planned()[0])[1]).all()
+
+@pytest.mark.parametrize("physics", [None, {}, {"nominal": lambda samples: None}])
+def test_without_regressors_it_is_refused(physics) -> None:
+    with pytest.raises(UsageError, match=r"d_opt needs the identified model, .*info_gain"):
+        run(physics=physics)
 
 
 def test_a_model_that_keeps_no_samples_is_refused() -> None:
     class Forgetful:
         noise_variance = 1.0
 
-    known = replace(model(), posteriors=(Forgetful(), Forgetful()))
     with pytest.raises(UsageError, match=r"a Forgetful keeps none.*info_gain"):
-        identified_posteriors(known, robot())
+        of_parameters([Latent(Forgetful(), (0,), np.ones(1))], PHYSICS)

@@ -45,9 +45,10 @@ POSITION_DES = _vector(f"{PATH}_des", "m", "plan")
 VELOCITY_DES = _vector("velocity_des", "m/s", "plan")
 ACCELERATION_DES = _vector("acceleration_des", "m/s^2", "plan")
 ATTITUDE_DES = Channel("attitude_des", ("roll", "pitch", "yaw"), ("rad",) * 3, "plan")
+RATES_DES = _vector("rates_des", "rad/s", "plan")
 THRUST_DES = Channel("thrust_des", ("z",), ("m/s^2",), "plan")
 """Per mass."""
-PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, THRUST_DES)
+PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, RATES_DES, THRUST_DES)
 
 
 def command(spec: QuadrotorSpec) -> Channel:

@@ -55,6 +55,11 @@ class QuadrotorSpec:
         return self.margin, self.margin, vertical
 
     @property
+    def table_rate(self) -> float:
+        """Hz of a table of set-points: what an autopilot takes them at."""
+        return 50.0
+
+    @property
     def reach(self) -> NDArray[np.float64]:
         """(4,) how far each command reaches from the middle of its range, in its unit."""
         return np.asarray(0.5 * (np.array(self.command_upper) - np.array(self.command_lower)))
