@@ -17,6 +17,7 @@ from etude.limits.samplers import scaled
 from etude.logs.read import read_log
 from etude.models.config import ModelConfig
 from etude.models.ladder import Ladder, train_ladder
+from etude.models.model import LearnedModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +65,17 @@ class World:
         groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
         return self.kind.samples(self.spec, config, logs, groups)
 
-    def learned(self, samples: Samples, model: ModelConfig, rng: np.random.Generator) -> Ladder:
-        """The ladder of these samples."""
+    def learned(
+        self,
+        samples: Samples,
+        model: ModelConfig,
+        rng: np.random.Generator,
+        previous: LearnedModel | None = None,
+    ) -> Ladder:
+        """The ladder of these samples, trained on from the `previous` model."""
         kind, spec, config = self.kind, self.spec, self.config
-        physics = kind.physics(spec, config)
-        return train_ladder(samples, kind.inputs(spec, config), physics, kind.limit(spec), model, rng)
+        inputs, physics = kind.inputs(spec, config), kind.physics(spec, config)
+        return train_ladder(samples, inputs, physics, kind.limit(spec), model, rng, previous)
 
     @property
     def command_limits(self) -> tuple[Array, Array]:
