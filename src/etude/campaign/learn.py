@@ -187,8 +187,8 @@ def _plain(found: Score) -> dict[str, list[float | None]]:
 
 def _left_out(ladder: Ladder) -> dict[str, float | None]:
     """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
-    errors = {rung: np.mean(held.errors("absolute")) for rung, held in ladder.held_out.items()}
-    return dict(zip(errors, jsonable(errors.values()), strict=True))
+    errors = {rung: float(np.mean(held.errors("absolute"))) for rung, held in ladder.held_out.items()}
+    return dict(zip(errors, jsonable(list(errors.values())), strict=True))
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dict[str, Any]:
@@ -223,5 +223,5 @@ def _renew(campaign: Campaign, say: Say) -> None:
     old = newest.trained or {}
     say("The model was stored by Étude 0.1: it is trained again from its logs.")
     learned = learn_log(campaign, state, newest.number)
-    kept = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
+    kept: dict[str, Any] = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
     campaign.commit("trained", newest.number, learned.files, **{**learned.facts, **kept})
