@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured
 
 D = 8
+COLUMNS = [
+    (channel, part, "", op)
+    for channel, op in (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"))
+    for part in "ab"
+]
 KERNELS: dict[str, Kernel] = {
     "squared exponential": SquaredExponential(tuple(range(D))),
     "on scattered columns": SquaredExponential((1, 4, 2)),
@@ -17,7 +22,7 @@ KERNELS: dict[str, Kernel] = {
     "sum": SquaredExponential((0, 1)) + Linear((2,)),
     "product": Linear((5,)) * SquaredExponential((0, 1), unit=True),
     "product of three": Linear((5,)) * SquaredExponential((0, 1)) * (Linear((1, 2)) + Linear((3,))),
-    "structured": structured_kernel(2, 1),
+    "structured": structured(COLUMNS, ("b",)),
 }
 ROWS = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
 

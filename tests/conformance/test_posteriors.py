@@ -10,15 +10,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from etude.contracts import Posterior
 from etude.errors import UsageError
-from etude.models.contracts import Posterior
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.downsampled import DownsampledGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.incremental_spectrum import IncrementalSpectrum
 from etude.models.gp.inducing import Form, InducingGP
-from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Kernel, SquaredExponential, structured
 from etude.models.gp.local import LocalGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.gp.sogp import SOGP
@@ -26,6 +26,12 @@ from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 from etude.models.lwpr.regression import LWPR
 
 D = 8
+COLUMNS = [
+    (channel, part, "", op)
+    for channel, op in (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"))
+    for part in "ab"
+]
+STRUCTURED = structured(COLUMNS, ("a",))
 
 
 def exact(kernel: Kernel) -> Callable[[np.ndarray, np.ndarray], Posterior]:
@@ -76,11 +82,11 @@ class Waves:
 SE = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.5, *[1.0] * D]), np.log(0.05), noise_floor=0.1)
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
-    "exact, structured": exact(structured_kernel(2, 0)),
+    "exact, structured": exact(STRUCTURED),
     "exact, one kernel for two outputs": shared,
     "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),
-    "inducing, vfe, structured": inducing(structured_kernel(2, 0), "vfe"),
+    "inducing, vfe, structured": inducing(STRUCTURED, "vfe"),
     # deleting a basis point may raise the variance, so the rows have room; the second projects samples
     "sparse online": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, capacity=64).condition,
     "sparse online, projecting": SOGP(SE.kernel, SE.theta, SE.log_noise, 0.1, tolerance=0.5).condition,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
 from etude.models.dataset import Dataset, concatenate
 from etude.models.model_config import ModelConfig
 from etude.robots.spec import Axis, RobotSpec

@@ -7,16 +7,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from etude.models.physics.base_parameters import spread_states
+from etude.models.physics.base_regressor import BaseRegressor, base_regressors
+from etude.models.physics.rigid_body import command_regressors
+from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import Linear
-from etude.models.physics.base_parameters import spread_states
-from etude.models.physics.base_regressor import BaseRegressor, base_regressors
-from etude.models.physics.rigid_body import command_regressors
-from etude.models.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 
 class Columns:

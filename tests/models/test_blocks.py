@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from etude.errors import DataError
 from etude.models.blocks import held_out_blocks, linear_regression, split_blocks
 from etude.models.dataset import Dataset
+
+from etude.errors import DataError
 
 
 def dataset(n: int, seed: int = 0) -> Dataset:

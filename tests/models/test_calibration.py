@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.calibration import contiguous_blocks, inflation, score
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
+from etude.models.held_out import contiguous_blocks, inflation, score
 
 
 def held_out_z2(posterior: ExactPosterior, group: np.ndarray) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 from dictionary_examples import chosen_by_inverses, motion, outputs, process
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from etude.errors import DataError, UsageError
 from etude.models.gp import dictionary_stream
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential
 
 D = 4
 

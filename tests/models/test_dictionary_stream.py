@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Linear, structured_kernel
+from etude.models.gp.kernels import Linear
 
 D = 4
 RULES = {

@@ -6,13 +6,14 @@ import warnings
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.cholesky import JitterWarning, factorise
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential
 
 D = 8
 KERNEL = structured_kernel(2, 0)

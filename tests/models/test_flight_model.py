@@ -6,9 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from inverse_flights import VEHICLE, flights
-
-from etude.errors import DataError, UsageError
 from etude.models.flight.config import PRESETS, FlightModelConfig
 from etude.models.flight.dataset import FlightDataset
 from etude.models.flight.ladder import choose, train_flight_ladder
@@ -17,10 +14,13 @@ from etude.models.flight.model import FlightModel
 from etude.models.flight.model_file import load_flight_model, save_flight_model
 from etude.models.flight.score import score_flights
 from etude.models.flight.training import train_flight_model, train_process
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.shared_exact import condition_shared
 from etude.models.physics.flight_inverse import identify_vehicle
 from etude.models.physics.flight_linear import LinearInverse
+from inverse_flights import VEHICLE, flights
+
+from etude.errors import DataError, UsageError
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.shared_exact import condition_shared
 
 SMALL = FlightModelConfig(kind="gp", points=240, fit_points=80, steps=8, starts=1)
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import SMALL, pendulum, trajectories, trajectory
-
 from etude.control.feedforward import model_feedforward
 from etude.models.blocks import linear_regression
 from etude.models.dataset import Dataset, concatenate
 from etude.models.guard import linear_errors, linear_inputs
-from etude.models.held_out import held_out_groups
 from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
 from etude.models.model_file import load_model, save_model
 from etude.trajectories.samples import TrajectorySamples
+from learning_examples import SMALL, pendulum, trajectories, trajectory
+
+from etude.models.held_out import held_out_groups
 
 BARE = replace(SMALL, guard=False)
 

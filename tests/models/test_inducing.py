@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +14,7 @@ from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.cholesky import JitterWarning
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import InducingGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential
 
 D = 8
 KERNELS = {"ard": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}

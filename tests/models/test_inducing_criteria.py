@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.design.batch import PlainBatch
 from etude.design.criteria import CRITERIA, Output, evaluate, value_of
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.inducing import InducingGP
-from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Kernel, SquaredExponential
 from etude.models.gp.sogp import SOGP
 
 D = 8

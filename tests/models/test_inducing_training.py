@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.inducing_training import fit_inducing, greedy_points, initial_inducing
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.priors import Prior, weak_prior
 
 FORMS = pytest.mark.parametrize("form", ["vfe", "fitc"])

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import NOISE, SMALL, pendulum, trajectories, trajectory
-
-from etude.errors import DataError, UsageError
 from etude.models.calibration import score
 from etude.models.dataset import Dataset, concatenate
 from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
 from etude.models.model_config import ModelConfig
 from etude.models.selection import in_order, spread_points
+from learning_examples import NOISE, SMALL, pendulum, trajectories, trajectory
+
+from etude.errors import DataError, UsageError
 
 
 def train(data: Dataset, config: ModelConfig = SMALL, spec=None) -> InverseDynamicsModel:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
-from etude.models.gp.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum, structured_kernel
+from etude.models.gp.kernels import OWN_SHARE, Linear, Product, SquaredExponential, Sum
 
 
 def test_squared_exponential_is_its_formula() -> None:

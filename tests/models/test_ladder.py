@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from etude.models.inverse_dynamics import train_model
 from learning_examples import SMALL, pendulum, trajectories, trajectory
 
-from etude.models.inverse_dynamics import train_model
 from etude.models.ladder import prequential, train_ladder
 
 AUTO = replace(SMALL, kind="auto")

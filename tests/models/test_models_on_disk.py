@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from etude.models.inverse_dynamics import train_model
+from etude.models.model_file import load_model, save_model
 from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.errors import DataError
-from etude.models.inverse_dynamics import train_model
-from etude.models.model_file import load_model, save_model
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
 from learning_examples import SMALL, pendulum, trajectories, trajectory
 
 from etude.errors import DataError, UsageError
-from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import OnlineModel
 

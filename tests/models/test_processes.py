@@ -9,19 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import SMALL, pendulum, trajectories, trajectory
-
 from etude.control.feedforward import model_feedforward
-from etude.design.criteria import CRITERIA, Output, evaluate, value_of
-from etude.errors import DataError, UsageError
 from etude.models.calibration import score
-from etude.models.contracts import HasKernel
 from etude.models.guided import GuidedPosterior, guide_of
 from etude.models.inverse_dynamics import train_model
 from etude.models.model_file import load_model, save_model
 from etude.models.output_process import train_output
 from etude.models.processes import PROCESSES, SPECTRAL, exact
 from etude.trajectories.samples import TrajectorySamples
+from learning_examples import SMALL, pendulum, trajectories, trajectory
+
+from etude.design.criteria import CRITERIA, Output, evaluate, value_of
+from etude.errors import DataError, UsageError
+from etude.models.contracts import HasKernel
 
 ARD = replace(SMALL, kernel="ard_se", basis=30)
 NAMES = pytest.mark.parametrize("name", PROCESSES)

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.incremental_spectrum import IncrementalSpectrum
-from etude.models.gp.kernels import Linear, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Linear, SquaredExponential
 from etude.models.gp.random_features import PER_INPUT, FeatureProcess, random_features
 
 RNG = np.random.default_rng

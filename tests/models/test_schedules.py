@@ -7,6 +7,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from etude.models.inverse_dynamics import train_model
+from etude.models.lesson import SCHEDULES, Lesson, on_schedule
+from etude.models.model_config import ModelConfig
+from etude.models.model_file import load_model, save_model
+from etude.models.output_process import train_output
+from etude.models.processes import PROCESSES, SPECTRAL
 from learning_examples import SMALL, pendulum, trajectories
 
 from etude.errors import UsageError
@@ -14,12 +20,6 @@ from etude.models.contracts import HasKernel
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
-from etude.models.inverse_dynamics import train_model
-from etude.models.lesson import SCHEDULES, Lesson, on_schedule
-from etude.models.model_config import ModelConfig
-from etude.models.model_file import load_model, save_model
-from etude.models.output_process import train_output
-from etude.models.processes import PROCESSES, SPECTRAL
 
 ML = replace(
     SMALL, kernel="ard_se", basis=20, points=60, fit_points=50, steps=5, prior="none", method="minimize"

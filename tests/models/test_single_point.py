@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import Linear, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Linear, SquaredExponential
 from etude.models.gp.point_kernel import _exponential
 from etude.models.gp.single_point import PointMean
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.sogp import SOGP, OnlineProcess
 
 D = 3

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_kernel import structured_kernel
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import Kernel, SquaredExponential, structured_kernel
+from etude.models.gp.kernels import Kernel, SquaredExponential
 from etude.models.gp.priors import Prior, weak_prior
 from etude.models.gp.training import fit, initial_gp, initial_theta
 

@@ -41,7 +41,7 @@ def assert_noticed(suite: object) -> None:
     assert noticed(suite), "the suite is green over a wrong twin"
 
 
-# --- kernels -------------------------------------------------------------------------------------------------
+# --- kernels ---
 
 KERNEL = SquaredExponential((0, 3, 2))
 
@@ -94,7 +94,7 @@ def test_wrong_kernels(wrong: Any) -> None:
     assert_noticed(kernel_suite(wrong))
 
 
-# --- criteria ------------------------------------------------------------------------------------------------
+# --- criteria ---
 
 
 def criterion_suite(wrong: Callable[..., Score], averages: bool = True) -> CriterionSuite:
@@ -134,7 +134,7 @@ def test_wrong_criteria(wrong: Callable[..., Score]) -> None:
     assert_noticed(criterion_suite(wrong))
 
 
-# --- families ------------------------------------------------------------------------------------------------
+# --- families ---
 
 
 def family_suite(change: Callable[[Any], Any]) -> FamilySuite:
@@ -194,7 +194,7 @@ def test_wrong_families(change: Callable[[Any], Any]) -> None:
     assert_noticed(family_suite(change))
 
 
-# --- limits --------------------------------------------------------------------------------------------------
+# --- limits ---
 
 
 def limit_suite(wrong: Any) -> LimitSuite:
@@ -256,7 +256,7 @@ def test_wrong_limits(make: Callable[[], Any]) -> None:
     assert_noticed(limit_suite(make()))
 
 
-# --- inputs, physics and robots: one world each --------------------------------------------------------------
+# --- inputs, physics and robots: one world each ---
 
 
 def world_suite(base: type, **changes: Any) -> Any:

@@ -130,7 +130,7 @@ def newest_model(campaign: Campaign, state: State) -> LearnedModel:
         raise UsageError(
             "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
         )
-    return _stored(campaign, state.trained[-1].number)
+    return stored_model(campaign, state.trained[-1].number)
 
 
 def load_model(folder: str | Path) -> LearnedModel:
@@ -152,7 +152,8 @@ def label(rungs: Sequence[str]) -> str:
     return rungs[0] if len(set(rungs)) == 1 else MIXED
 
 
-def _stored(campaign: Campaign, number: int) -> LearnedModel:
+def stored_model(campaign: Campaign, number: int) -> LearnedModel:
+    """The model that round `number` left. DataError if it is missing or damaged."""
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     inputs = kind.inputs(spec, config)
     return read_model(campaign.model_folder(number) / MODEL, inputs.restore, kind.physics(spec, config))
@@ -162,7 +163,7 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
     """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
     if not trained or not _is_stored(trained[-1]):
         return None
-    before = _stored(campaign, trained[-1].number)
+    before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
 
 

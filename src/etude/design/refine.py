@@ -46,9 +46,7 @@ def refine(objective: Objective, feasible: FeasibleSet, start: Array, steps: int
     return Refined(p, value, best.count + len(feasible.blocks))
 
 
-def _to_the_edge(
-    objective: Objective, feasible: FeasibleSet, p: Array, value: float
-) -> tuple[Array, float]:
+def _to_the_edge(objective: Objective, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
     """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
     full = feasible.enlarge(p)
     for block in feasible.blocks:
@@ -110,9 +108,7 @@ class Search:
         block_of, offset = self.feasible.block_of, self.shape @ y
         use, use_gradient = self.feasible.smooth_gauge(self.feasible.centre + offset)
         shrink = _shrink(use)
-        value, gradient = self.objective.value_and_gradient(
-            self.feasible.centre + offset * shrink[block_of]
-        )
+        value, gradient = self.objective.value_and_gradient(self.feasible.centre + offset * shrink[block_of])
         along = np.bincount(block_of, offset * gradient, len(use))
         in_use = -along * shrink**2 * (use * shrink) ** (CORNER - 1)
         in_offset = gradient * shrink[block_of] + use_gradient * in_use[block_of]

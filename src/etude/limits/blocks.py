@@ -223,5 +223,15 @@ def _same(column: Array) -> bool:
 def _norm(uses: list[Array]) -> tuple[float, list[Array]]:
     """p-norm over everything, never below the largest use (>= 0), and its derivative in each use."""
     peak = max([float(use.max(initial=0.0)) for use in uses] + [float(np.finfo(float).tiny)])
-    norm = peak * sum(float(((use / peak) ** SHARPNESS).sum()) for use in uses) ** (1.0 / SHARPNESS)
-    return norm, [(use / norm) ** (SHARPNESS - 1) for use in uses]
+    norm = peak * sum(float(_power(use / peak, SHARPNESS).sum()) for use in uses) ** (1.0 / SHARPNESS)
+    return norm, [_power(use / norm, SHARPNESS - 1) for use in uses]
+
+
+def _power(base: Array, exponent: int) -> Array:
+    """base^exponent by squaring, several times faster than `**` for a whole exponent >= 1."""
+    out = np.ones_like(base)
+    while exponent:
+        if exponent & 1:
+            out = out * base
+        base, exponent = base * base, exponent >> 1
+    return out

@@ -17,6 +17,9 @@ from etude.trajectories.extremes import ROOM
 
 Array = NDArray[np.float64]
 
+REFINED = 3
+"""Steps of least squares by normal equations, each of which takes the rounding of the last one back."""
+
 
 @dataclass(frozen=True, eq=False)
 class FeasibleSet:
@@ -133,8 +136,9 @@ def still_at(family: Family, pose: Array) -> Array:
     """(P,) the member that stands still at a pose (k,); the nearest if coordinates are fixed elsewhere."""
     rows, offset, _ = family.rows(0, 1)
     table, wanted = rows.reshape(-1, family.size), (np.asarray(pose)[:, None] - offset).ravel()
-    p = np.linalg.lstsq(table, wanted, rcond=None)[0]
-    p = p + np.linalg.lstsq(table, wanted - table @ p, rcond=None)[0]
+    gram, p = table.T @ table, np.zeros(family.size)
+    for _ in range(REFINED):
+        p = p + np.linalg.lstsq(gram, table.T @ (wanted - table @ p), rcond=None)[0]
     scale = np.abs(p).max(initial=0.0)
     return np.where(np.abs(p) > 1e-14 * scale, p, 0.0)
 

@@ -33,7 +33,7 @@ class HeldOut:
 
     def scale(self) -> Array:
         """(J,) factors on the variances that make them right here, but never below 1."""
-        return np.array([inflation(_mean(e**2 / v)) for e, v in self._told()])
+        return np.array([inflation(fold_mean(e**2 / v)) for e, v in self._told()])
 
     def density(self, scale: Array) -> float:
         """Mean log density, up to a constant, with the variances times `scale` (J,)."""
@@ -44,11 +44,15 @@ class HeldOut:
         ]
         return -0.5 * float(np.mean(np.concatenate(terms))) if terms else 0.0
 
-    def errors(self, by: str) -> Array:
-        """(J,) mean "squared" or "absolute" error, each fold with one vote; NaN: nothing was held out."""
+    def votes(self, by: str) -> Array:
+        """(F, J) mean "squared" or "absolute" error of each fold; NaN where nothing was held out."""
         sizes = np.abs(self.error) if by == "absolute" else self.error**2
-        rows = [[_mean(column[self.fold == g]) for g in np.unique(self.fold)] for column in sizes.T]
-        return np.array([_mean(np.array(row)) for row in rows])
+        own = [sizes[self.fold == number] for number in np.unique(self.fold)]
+        return np.array([[fold_mean(column) for column in rows.T] for rows in own])
+
+    def errors(self, by: str) -> Array:
+        """(J,) mean of the folds' `votes`."""
+        return np.array([fold_mean(column) for column in self.votes(by).T])
 
     def at(self, use: Mask) -> HeldOut:
         """Only the entries where `use` (n, J) is set."""
@@ -60,7 +64,8 @@ class HeldOut:
         return [(e[np.isfinite(e)], v[np.isfinite(e)]) for e, v in pairs]
 
 
-def _mean(values: Array) -> float:
+def fold_mean(values: Array) -> float:
+    """Mean of the values that are known; NaN of none."""
     known = values[np.isfinite(values)]
     return float(np.mean(known)) if len(known) else np.nan
 
@@ -86,7 +91,7 @@ class Base:
             own = folds.fold == number
             error[own] = samples.command[own] - predicted[own]
         error[~(samples.usable & samples.moving)] = np.nan
-        squared = np.array([_mean(column**2) for column in error.T])
+        squared = np.array([fold_mean(column**2) for column in error.T])
         variance = np.maximum(np.where(np.isfinite(squared), squared, 1.0), np.finfo(float).tiny)
         return HeldOut(error, np.broadcast_to(variance, error.shape), folds.fold)
 

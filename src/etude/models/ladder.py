@@ -215,7 +215,7 @@ def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: 
     errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
     candidates = []
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
-    chosen = choices(folds, trained, errors)
+    chosen = choices(folds, trained, held)
     for group, own in pairs:
         for rung, learned in own.items():
             weights = np.array([float(chosen[j] == rung) for j in group])

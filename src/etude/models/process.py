@@ -164,18 +164,18 @@ def restored(arrays: Mapping[str, Array]) -> Posteriors:
 class Silent:
     """Beside a mean that predicts alone: says nothing itself, but knows where the robot has not been.
 
-    Implements `contracts.Process` in command units: a mean of zero and a variance found on motion held out.
+    Implements `contracts.Process` in the units of another process: a mean of zero, and a variance found on
+    motion held out.
 
     Attributes:
-        own: process of the same commands that designs see; None if there is none.
-        units: (m,) factor from its outputs to commands. calibration: (m,) of its variances.
+        own: that process of the same commands, which designs see; None if there is none.
+        calibration: (m,) of its variances.
         least: (m,) variance of the mean's errors on motion held out.
         prior: (m,) variance of what the mean was to explain.
         grows: whether the variance is that of `own` where this is larger: a linear trend goes on for ever.
     """
 
     own: Any
-    units: Array
     calibration: Array
     least: Array
     prior: Array
@@ -204,7 +204,7 @@ class Silent:
         variance = np.tile(self.least, (len(X), 1))
         if self.grows and self.own is not None:
             latent = self.own.predict(X)[1] + self.own.noise_variance
-            variance = np.maximum(self.calibration * self.units**2 * latent, variance)
+            variance = np.maximum(self.calibration * latent, variance)
         return np.zeros_like(variance), variance
 
     def mean(self, X: Array) -> Array:
@@ -217,7 +217,7 @@ class Silent:
 
     def arrays(self) -> Mapping[str, Array]:
         """All but `own`."""
-        names = ("units", "calibration", "least", "prior")
+        names = ("calibration", "least", "prior")
         return {name: getattr(self, name) for name in names} | {"grows": np.array(float(self.grows))}
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002

@@ -93,14 +93,14 @@ def alone(
     own, process, factor = list(group), twin.process, twin.units[1]
     assert process is not None
     held = base.held_out(folds)
-    prior = factor**2 * (process.signal_variance + process.noise_variance)
+    prior = process.signal_variance + process.noise_variance
     if rung == "linear":  # all that there is to explain
         command = folds.samples.command[rows.moving][:, own]
-        prior = np.maximum(prior, command.var(axis=0))
-    least = held.variance[0, own]
-    silent = Silent(process, factor, twin.calibration, least, prior, grows=rung == "linear")
-    units = np.stack([np.zeros(len(own)), np.ones(len(own))])
+        prior = np.maximum(prior, command.var(axis=0) / factor**2)
+    least = held.variance[0, own] / factor**2
+    silent = Silent(process, twin.calibration, least, prior, grows=rung == "linear")
     nothing, ones = np.zeros(len(own)), np.ones(len(own))
+    units = np.stack([nothing, factor])
     return Learned(
         Candidate(rung, group, nothing, base.mean, silent, units, ones), rows_only(held, group, rows)
     )

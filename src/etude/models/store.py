@@ -181,7 +181,7 @@ def _candidate(
     process: Any = None if number is None else processes[number]
     if words["silent"]:
         own = _under(arrays, f"{prefix}/silent")
-        numbers = (own["units"], own["calibration"], own["least"], own["prior"])
+        numbers = (own["calibration"], own["least"], own["prior"])
         process = Silent(process, *numbers, grows=bool(own["grows"]))
     return Candidate(
         rung=words["rung"],

@@ -41,22 +41,24 @@ class Evaluation:
         seconds: robot time spent so far, s.
         error: mean tracking error of each coordinate, and of the whole, last, where it was measured too.
         unit: of the error.
+        axes: how many coordinates there are; what comes after their errors is the distance in space.
     """
 
     number: int
     seconds: float
     error: Array
     unit: str = "deg"
+    axes: int = 0
 
     @property
     def mean(self) -> float:
         """The figure that stands for it: the mean over coordinates, or the distance in space."""
-        return summary(self.error.tolist(), self.unit)
+        return summary(self.error.tolist(), self.axes or len(self.error))
 
     @property
     def parts(self) -> Array:
         """Of each coordinate."""
-        return self.error[:-1] if self.unit == "m" and len(self.error) == 4 else self.error
+        return self.error[: self.axes] if self.axes else self.error
 
     @property
     def text(self) -> str:
@@ -87,18 +89,23 @@ def tests(record: Record) -> tuple[Test, ...]:
     """Every test motion the journal has evaluations of, in the order of their first appearance."""
     events = [facts for facts in record.state.evaluated if _unit(facts)]
     names = dict.fromkeys(str(e.get("test", "test")) for e in events)
-    return tuple(_test(name, [e for e in events if str(e.get("test", "test")) == name]) for name in names)
-
-
-def _test(name: str, events: list[Facts]) -> Test:
-    learned = _series(e for e in events if not e.get("baseline"))
-    others = dict.fromkeys(str(e["baseline"]) for e in events if e.get("baseline"))
-    return Test(
-        name, learned, {other: _series(e for e in events if e.get("baseline") == other) for other in others}
+    axes = len(record.names)
+    return tuple(
+        _test(name, [e for e in events if str(e.get("test", "test")) == name], axes) for name in names
     )
 
 
-def _series(events: Iterable[Facts]) -> tuple[Evaluation, ...]:
+def _test(name: str, events: list[Facts], axes: int) -> Test:
+    learned = _series((e for e in events if not e.get("baseline")), axes)
+    others = dict.fromkeys(str(e["baseline"]) for e in events if e.get("baseline"))
+    return Test(
+        name,
+        learned,
+        {other: _series((e for e in events if e.get("baseline") == other), axes) for other in others},
+    )
+
+
+def _series(events: Iterable[Facts], axes: int) -> tuple[Evaluation, ...]:
     latest = {int(e.get("number") or 0): e for e in events}
     return tuple(
         Evaluation(
@@ -106,6 +113,7 @@ def _series(events: Iterable[Facts]) -> tuple[Evaluation, ...]:
             float(latest[number].get("robot_seconds", 0.0)),
             np.atleast_1d(np.asarray(latest[number][ERROR + _unit(latest[number])], dtype=float)),
             _unit(latest[number]),
+            axes,
         )
         for number in sorted(latest)
     )

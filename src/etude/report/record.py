@@ -108,12 +108,12 @@ class Record:
 
     def model(self, number: int) -> Model | None:
         """The model in use after round `number`."""
-        if self.campaign is None:
-            return None
-        from etude.campaign.learn import load_model_of
+        from etude.campaign.learn import stored_model
 
         campaign = self.campaign
-        return self.read(f"models/{number:04d}/model.npz", lambda path: load_model_of(campaign, path))
+        if campaign is None:
+            return None
+        return self.read(f"models/{number:04d}", lambda _: stored_model(campaign, number))
 
     def read(self, name: str, reader: Callable[[Path], T]) -> T | None:
         """`reader(path)`; None if the file is absent, with a note if it is damaged: the rest still counts."""

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Room:
-    """The box in which paths are drawn, m, and the radius of a cylinder about z inside it, if there is one."""
+    """The box in which paths are drawn, m, and the radius of a cylinder about z in it, if there is one."""
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -60,7 +61,8 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> Room:
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     radius = None
     for limit in limits:
-        stated_low, stated_high = getattr(limit, "lower", None), getattr(limit, "upper", None)
+        stated_low: Any = getattr(limit, "lower", None)
+        stated_high: Any = getattr(limit, "upper", None)
         if getattr(limit, "order", None) != 0 or stated_high is None:
             continue
         if np.shape(stated_high) == (3,):

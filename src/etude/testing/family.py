@@ -72,8 +72,16 @@ class FamilySuite:
             for degree in (1, 2):
                 rows, offset, kappa = family.rows(order, degree)
                 values, _, proved = trajectory.bound(order, degree)
-                close(np.einsum("kmp,p->mk", rows, p) + offset.T, values, 1e-10, f"rows of order {order}")
-                assert abs(kappa - proved) < 1e-15, "rows and bound give different constants"
+                found = np.einsum("kmp,p->mk", rows, p) + offset.T
+                if found.shape == values.shape:
+                    close(found, values, 1e-10, f"rows of order {order}")
+                    assert abs(kappa - proved) < 1e-15, "rows and bound give different constants"
+                else:  # instants of their own: what they admit, the proof must
+                    admitted, needed = (
+                        np.abs(part).max(axis=0) ** degree / k
+                        for part, k in ((found, kappa), (values, proved))
+                    )
+                    assert np.all(needed <= admitted * (1.0 + 1e-12)), f"rows of order {order} admit too much"
 
     def test_the_bound_holds_at_all_times(self) -> None:
         trajectory = self._trajectory(6)

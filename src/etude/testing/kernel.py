@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class KernelSuite:
-    """Laws of `models.gp.kernels.Kernel`. Set `kernel`, and `width`, the number of inputs that it may look at."""
+    """Laws of `models.gp.kernels.Kernel`. Set `kernel`, and `width`, how many inputs it may look at."""
 
     kernel: ClassVar[Kernel]
     width: ClassVar[int] = 8

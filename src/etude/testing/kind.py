@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import ClassVar
@@ -68,7 +69,7 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         config = self.world.config
         assert math.isfinite(config.trajectory.duration), "[trajectory] says how long a motion is"
         for table, cls in self.kind.tables.items():
-            fields = set(cls.__dataclass_fields__)
+            fields = {field.name for field in dataclasses.fields(cls)}
             unknown = set(self.kind.comments.get(table, {})) - fields
             assert not unknown, f"[{table}] comments keys that there are not: {unknown}"
             for name, preset in self.kind.presets.items():

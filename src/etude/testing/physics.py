@@ -58,5 +58,5 @@ class PhysicsSuite:
         log = here.inputs.states(here.motion(3))
         table = self.kind.physics(here.spec, here.config)
         for name, mean in self.means().items():
-            again = table[name].restore(mean.arrays())  # type: ignore[attr-defined]
+            again = table[name].restore(mean.arrays())
             same(again.predict(log), mean.predict(log), f"{name}: restored")

@@ -18,12 +18,12 @@ COLUMNS: tuple[Column, ...] = tuple(("q", f"joint{i}", "rad", "") for i in range
 
 
 class ProcessSuite:
-    """Laws of `contracts.Process` and of the member that makes it. Set `member`; `commands` it can share."""
+    """Laws of `contracts.Process` and of its member. Set `member` (a staticmethod unless it is an object)."""
 
     member: ClassVar[Member]
     commands: ClassVar[int] = 1
     covariances: ClassVar[bool] = True
-    """False for a member without covariances between inputs: it has no latents to design with but its guide's."""
+    """False for a member without covariances between inputs: designs see its guide."""
 
     def data(self, n: int = 90, seed: int = 0) -> FitData:
         """Samples of a smooth function in three groups."""
@@ -38,9 +38,11 @@ class ProcessSuite:
             usable=every,
             moving=every,
             group=np.repeat(np.arange(3), -(-n // 3))[:n].astype(np.int64),
+            fold=np.repeat(np.arange(3), -(-n // 3))[:n].astype(np.int64),
             chosen=np.arange(0, n, 2),
             kept=np.arange(n),
             columns=COLUMNS,
+            commands=tuple(f"command{j}" for j in range(self.commands)),
             kernels=[SquaredExponential((0, 1, 2))],
             floor=np.full(self.commands, 0.02),
             start=None,
@@ -92,7 +94,7 @@ class ProcessSuite:
 
     def test_restored_from_its_arrays_it_is_the_same(self) -> None:
         process, Z = self.fitted(), self.elsewhere()
-        restored: Process = type(self).member.restore(process.arrays())  # type: ignore[attr-defined]
+        restored: Process = type(self).member.restore(process.arrays())
         for name, found, wanted in zip(
             ("mean", "variance"), restored.predict(Z), process.predict(Z), strict=True
         ):

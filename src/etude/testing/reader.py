@@ -46,12 +46,9 @@ class ReaderSuite:
         path = tmp_path / f"run{self.suffix}"
         for content in (b"", bytes(range(256)) * 64, b"\x00" * 4096):
             path.write_bytes(content)
-            try:
-                type(self).reader(path, ())
-            except DataError as refused:
-                assert refused.next_step, "the message does not say what to do"
-                continue
-            raise AssertionError(f"{content[:8]!r}... is not refused")
+            step = self._refused(path)
+            assert step is not None, f"{content[:8]!r}... is not refused"
+            assert step, "the message does not say what to do"
 
     def test_files_cut_anywhere_give_an_error_or_whole_rows(self, tmp_path: Path) -> None:
         path = tmp_path / f"run{self.suffix}"
@@ -65,6 +62,14 @@ class ReaderSuite:
                 continue
             for name, values in found.items():
                 assert np.array_equal(values, self.columns[name][: len(values)]), f"{name} of a cut file"
+
+    def _refused(self, path: Path) -> str | None:
+        """The next step that the refusal names; None if the file was read."""
+        try:
+            type(self).reader(path, ())
+        except DataError as refused:
+            return refused.next_step
+        return None
 
     def _values(self, path: Path) -> dict[str, Array]:
         logs = type(self).reader(path, ())

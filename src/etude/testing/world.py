@@ -6,19 +6,19 @@ import atexit
 import shutil
 import tempfile
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.presets import preset
+from etude.campaign.config import preset_config
 from etude.contracts import Family, Inputs, Kind, Limit, Motion, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
 
 Array = NDArray[np.float64]
+_KNOWN: dict[tuple[int, str, str], World] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,15 @@ class World:
         return trajectory.motion(t, self.inputs.orders)
 
 
-@lru_cache(maxsize=16)
 def world(kind: Kind, robot: str | Path, name: str = "default") -> World:
-    """The robot (built-in name, or a file that the kind recognises) with the tables of a preset."""
+    """The robot (built-in name, or a file the kind recognises) with the tables of a preset; made once."""
+    key = (id(kind), str(robot), name)
+    if key not in _KNOWN:
+        _KNOWN[key] = _opened(kind, robot, name)
+    return _KNOWN[key]
+
+
+def _opened(kind: Kind, robot: str | Path, name: str) -> World:
     path = kind.built_in().get(str(robot), Path(robot))
     folder = Path(tempfile.mkdtemp(prefix="etude-testing-"))
     atexit.register(
@@ -69,7 +75,7 @@ def world(kind: Kind, robot: str | Path, name: str = "default") -> World:
     for file, content in kind.described(path).files.items():
         (folder / file).write_bytes(content)
     spec = kind.spec(folder / "robot.toml")
-    config = preset(kind, name)
+    config = preset_config(kind, name)
     return World(
         kind=kind,
         spec=spec,

@@ -94,8 +94,8 @@ def instants(
 
     On a ramp, p the series and s its phase rate, velocity is p' s with 0 <= s <= 1, which is between
     p' and 0. Acceleration is p'' s^2 + p' s', with |s'| <= c, so it lies between the instants p'' +- c p'
-    and +- c p'; each is a series again, so the bound holds for it. Of a scalar the last two need no samples:
-    where p' is largest p'' vanishes, so p'' +- c p' already reach them. Jerk likewise, with s^3, 3 s s', s''.
+    and +- c p'; each is a series again, so the bound holds for it. Whatever convex set holds the first two
+    holds the others: in each direction, where p' is largest p'' vanishes. Jerk has s^3, 3 s s' and s''.
 
     Raises:
         UsageError: snap and above on a ramp.
@@ -106,14 +106,14 @@ def instants(
         return rows[order], kappa
     if order >= RAMP_ORDERS:
         raise UsageError(f"nothing bounds derivative {order} of a series with a phase ramp of {ramp:g} s")
-    sides = [PEAK_RATE / ramp] if order == 2 else [3.0 * PEAK_PRODUCT / ramp, PEAK_BEND / ramp**2]
-    with_top = (1.0,) if order == 2 and degree == 1 else (1.0, 0.0)
+    if order == 2:
+        sides, tops = [PEAK_RATE / ramp], (1.0,)
+    else:
+        sides, tops = [3.0 * PEAK_PRODUCT / ramp, PEAK_BEND / ramp**2], (1.0, 0.0)
+    lower = [side * rows[order - 1 - k] for k, side in enumerate(sides)]
     corners = [
-        top * rows[order]
-        + sum(
-            sign * side * rows[order - 1 - k] for k, (sign, side) in enumerate(zip(signs, sides, strict=True))
-        )
-        for top in with_top
+        top * rows[order] + sum(sign * part for sign, part in zip(signs, lower, strict=True))
+        for top in tops
         for signs in product((1.0, -1.0), repeat=len(sides))
     ]
     return np.concatenate(corners), kappa

@@ -1,6 +1,6 @@
 """A small surface vessel as a kind of robot: thrust along x and y against inertia, drag and a current.
 
-World frame, heading held at zero. The path is its position; what is learned is the thrust that a motion needs.
+World frame, heading held at zero. The path is its position; learned is the thrust that a motion needs.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ CHANNELS = {
 
 @dataclass(frozen=True)
 class VesselSpec:
-    """A vessel as its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N), mass (kg)."""
+    """As its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N), mass (kg)."""
 
     name: str
     rate: float
@@ -201,7 +201,7 @@ class Feedforward:
 
 @dataclass(frozen=True)
 class SimulatedVessel:
-    """Added mass, linear and quadratic drag and an eddy that no data sheet knows; PD control at the log's rate."""
+    """Added mass, linear and quadratic drag and an eddy that no data sheet knows; PD at the log's rate."""
 
     spec: VesselSpec
     payload: float = 0.0
@@ -211,7 +211,7 @@ class SimulatedVessel:
 
     def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
         dt, fine = 1.0 / self.spec.rate, 10
-        t = np.arange(int(trajectory.duration * self.spec.rate + 1e-9)) * dt
+        t = np.arange(int(trajectory.duration * self.spec.rate + 1e-9), dtype=float) * dt
         motion = trajectory.motion(t, 3)
         ahead = controller.planned(motion) if controller else None
         p, v, limit = motion.orders[0, 0].copy(), motion.orders[1, 0].copy(), np.array(self.spec.thrust)
@@ -239,7 +239,7 @@ class SimulatedVessel:
         return off.mean(axis=0), ("m", "m")
 
     def changed(self, **what: float) -> SimulatedVessel:
-        return replace(self, **what)
+        return replace(self, payload=what.get("payload", 0.0))
 
 
 class VesselKind:
@@ -263,7 +263,7 @@ class VesselKind:
         return from_table(VesselSpec, decoded(read_text(path), str(path)), str(path))
 
     def home(self, spec: VesselSpec) -> Array:
-        return 0.5 * (np.array(spec.lower) + np.array(spec.upper))
+        return np.asarray(0.5 * (np.array(spec.lower) + np.array(spec.upper)))
 
     def limit(self, spec: VesselSpec) -> Array:
         return np.array(spec.thrust)

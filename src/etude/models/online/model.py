@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +58,7 @@ class Command:
 
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """A plan asked for ahead of the run: times (T,), inputs (T, D), mean function and frozen command (T, J)."""
+    """A plan asked for ahead of the run: times (T,), inputs (T, D), mean and frozen command (T, J)."""
 
     t: Array
     X: Array
@@ -71,12 +70,12 @@ class OnlineModel:
     """One learner and one guard for each command of a model (implements `contracts.Controller`).
 
     Mutable; for one thread. `observe` takes rows of measured channels, tick by tick; `command` mixes the
-    updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window, skipped
-    where a joint stands still, judged, and learned `hold_s` later; the commands learn in turn, in different
-    ticks, so that no tick pays for all of them.
+    updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window,
+    skipped where a joint stands still, judged, and learned `hold_s` later; the commands learn in turn, in
+    different ticks, so that no tick pays for all of them.
 
     Args:
-        model: its commands come from exact processes or dictionaries, or have such a rung beside their physics.
+        model: its commands come from exact processes or dictionaries, or have such a rung beside physics.
         channels: of the kind; a wanted one that is not measured is had as the rate of one that is.
         frozen: the controller of the model as it was trained, which drives where the learners have no weight.
         limit: (J,) how far each command reaches.
@@ -254,4 +253,4 @@ def going_on(model: object) -> LearnedModel:
         raise UsageError(
             f"a {type(model).__name__} cannot go on learning", next_step="Train one by a ladder."
         )
-    return cast("LearnedModel", model)
+    return model

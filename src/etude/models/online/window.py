@@ -55,7 +55,7 @@ def sources(wanted: Sequence[str], measured: Sequence[str], channels: Mapping[st
             source, order = channels[source].derivative_of, order + 1
         if source not in measured:
             raise UsageError(
-                f"learning on line needs the channel {name!r}, which is neither measured nor a rate of what is",
+                f"learning on line needs {name!r}, which is neither measured nor a rate of what is",
                 next_step=f"Measured are {', '.join(measured)}.",
             )
         found.append(Source(name, source, order))
@@ -82,7 +82,8 @@ class CentredWindow:
     ) -> None:
         self._count = 2 * round(0.5 * seconds * rate) + 1
         self._weights = polynomial_weights(self._count, 1.0 / rate)
-        self._wanted, self._places, first = tuple(wanted), {}, 0
+        self._wanted, first = tuple(wanted), 0
+        self._places: dict[str, slice] = {}
         for source in wanted:
             if source.measured not in self._places:
                 self._places[source.measured] = slice(first, first + sizes[source.measured])

@@ -1,4 +1,4 @@
-"""What a log of a flight must be like: gravity, rates and commands in their units."""
+"""What a log of a flight may show beside units and ranges: time on the ground, commands of another scale."""
 
 from __future__ import annotations
 
@@ -6,78 +6,59 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Finding, Log
-from etude.robots.quadrotor.recorded import IN_G, accelerometer
+from etude.contracts import Finding, Log, Mask
 from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.robots.quadrotor.vehicle import GRAVITY
 
-FASTEST = 10.0
-"""rad/s, in the mean over a flight."""
-SATURATED = 0.99
-"""A command this near to its limit throughout says nothing of the motion."""
-OUTSIDE, STRAYS = 0.05, 0.01
-"""How far beyond its range, in parts of it, and in which part of the samples a command is out of range."""
+STILL = 0.05
+"""rad/s and parts of g: motion below which a vehicle may stand."""
+IDLE = 0.05
+"""Of a command's range: motors that carry nothing."""
+LONG_S = 1.0
+HOVER = (0.5, 2.0)
+"""Over the hover voltage: what the mean command of a flight may be."""
 
 
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
-    """Of each check, what it says of the flight: red where nothing can be learned from it."""
-    return (*_gravity(log), *_rates(log), *_commands(spec, log))
+    """Of each check, what it says of the flight."""
+    return (_ground(spec, log), _scale(spec, log))
 
 
-def _gravity(log: Log) -> list[Finding]:
-    """In flight the thrust carries the weight: the accelerometer's usual length is about g."""
-    size = accelerometer(log)
-    if 0.5 * GRAVITY < size < 2.0 * GRAVITY:
-        return [Finding("gravity", "green", f"The accelerometer's usual length is {size:.3g} m/s^2.")]
-    if IN_G[0] < size < IN_G[1]:
-        sentence = "The accelerations look like parts of g, and are taken for that."
-        return [Finding("gravity", "yellow", sentence, "State the unit in the header, acc_x [g].")]
-    return [
-        Finding(
-            "gravity",
-            "red",
-            f"the accelerometer's length is {size:.3g} m/s^2, not about {GRAVITY}",
-            "State the unit in the header, acc_x [g] for example; cut take-off and landing away.",
-        )
-    ]
-
-
-def _rates(log: Log) -> list[Finding]:
-    fast = float(np.sqrt(np.mean(log["rates"] ** 2)))
-    if fast <= FASTEST:
-        return [Finding("rates", "green", f"The rates are {fast:.3g} rad/s in the mean.")]
-    return [
-        Finding(
-            "rates",
-            "red",
-            f"rates of {fast:.3g} rad/s on average look like degrees per second",
-            "State the unit in the header, gyro_x [deg/s], or tell with --degrees.",
-        )
-    ]
-
-
-def _commands(spec: QuadrotorSpec, log: Log) -> list[Finding]:
-    command, found = log["command"], []
+def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Motors that idle while nothing moves: take-off or landing is in the log, and teaches nothing."""
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
-    room = OUTSIDE * (high - low)
-    outside = (command < low - room) | (command > high + room)
-    for j, name in enumerate(spec.command_names):
-        if outside[:, j].mean() > STRAYS:
-            found.append(
-                Finding(
-                    "command",
-                    "red",
-                    f"command '{name}' reaches {command[:, j].max():.4g}, not {low[j]:g} to {high[j]:g}",
-                    "State the unit in the header, or correct the limits in robot.toml.",
-                )
-            )
-        elif (command[:, j] >= low[j] + SATURATED * (high[j] - low[j])).all():
-            found.append(
-                Finding(
-                    "command",
-                    "red",
-                    f"command '{name}' is at its limit throughout: it says nothing of the motion",
-                    "Fly with less payload, a fuller battery, or gentler limits.",
-                )
-            )
-    return found or [Finding("command", "green", "The commands are within their limits.")]
+    idle = (log["command"] <= low + IDLE * (high - low)).all(axis=1)
+    still = (np.abs(log["rates"]) < STILL).all(axis=1)
+    lift = np.linalg.norm(log["specific_force"], axis=1)
+    spans = _spans(log, idle & still & (np.abs(lift / GRAVITY - 1.0) < STILL))
+    if not spans:
+        return Finding("ground", "green", "The motors carry the vehicle throughout.")
+    seconds = sum(end - start for start, end in spans)
+    return Finding(
+        "ground",
+        "yellow",
+        f"The vehicle seems to stand on the ground for {seconds:.3g} s.",
+        "Cut take-off and landing away, or trim with first_s and last_s.",
+        flag="Does it fly throughout?",
+        spans=spans,
+    )
+
+
+def _spans(log: Log, marked: Mask) -> tuple[tuple[float, float], ...]:
+    """Stretches of time (s) that are marked for LONG_S or longer."""
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
+    found = [(float(log.t[a]), float(log.t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return tuple((start, end) for start, end in found if end - start >= LONG_S)
+
+
+def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
+    """Of a vehicle whose motors are described: the voltage that it hovers at, against that of the flight."""
+    vehicle = spec.body
+    if vehicle is None:
+        return Finding("scale", "cannot tell", "The motors of the vehicle are not described in V.")
+    mean = float(np.mean(log["command"]))
+    said = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
+    if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
+        return Finding("scale", "green", said)
+    step = "Check mass, thrust_constant, motor_constant and resistance in robot.toml, and the commands' unit."
+    return Finding("scale", "yellow", said, step, flag="Is the vehicle described right?")

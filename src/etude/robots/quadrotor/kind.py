@@ -151,7 +151,7 @@ class QuadrotorKind:
         return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
 
     def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
-        """Gravity, rates in degrees, commands out of range or saturated."""
+        """Time on the ground, commands of another scale."""
         from etude.robots.quadrotor.checks import findings
 
         return findings(spec, log)

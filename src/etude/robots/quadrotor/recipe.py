@@ -13,7 +13,7 @@ from etude.contracts import Array, Index, Log, Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import command_lag, median_rate, sampled, saturated, trimmed, without_lag
 from etude.robots.quadrotor.inputs import Acceleration, QuadrotorInputs
-from etude.robots.quadrotor.recorded import with_states
+from etude.robots.quadrotor.recorded import on_even_grid, with_states
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
 FAST = 2.0
@@ -81,9 +81,12 @@ def flight_samples(
             changing.
     """
     _check_logs(logs)
-    told = [with_states(log) for log in logs]
+    told = [with_states(on_even_grid(log)) for log in logs]
     lag = common_lag(told, spec, data)
-    parts = [_flight(log, group, spec, data, lag) for log, group in zip(told, groups, strict=True)]
+    parts = [
+        _flight(log, raw.t, group, spec, data, lag)
+        for log, raw, group in zip(told, logs, groups, strict=True)
+    ]
     joined = joined_samples(parts)
     if not np.ptp(joined.command, axis=0).any():
         raise DataError(
@@ -117,20 +120,22 @@ def _check_logs(logs: Sequence[Log]) -> None:
         _finite("t", log.t, log.source)
 
 
-def _flight(log: Log, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float) -> Samples:
-    """One flight: lag, rate, trimming and checks."""
+def _flight(
+    log: Log, recorded: Array, group: Index, spec: QuadrotorSpec, data: FlightData, lag: float
+) -> Samples:
+    """One flight: lag, rate, trimming and checks; each sample in the segment of the recorded row at its
+    time, or next after it.
+    """
     names = [n for n, c in log.channels.items() if c.role not in KEPT and n != "position"]
-    recorded = log.t
     log = sampled(without_lag(log.without(*names), lag), spec.rate, averaged=data.averaged)
     part = trimmed(log, data.first_s, data.last_s)
-    own = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
-    part = replace(part, t=part.t - log.t[0])
     for name, values in part.values.items():
         if part.channels[name].role in ("state", "command"):
             _finite(name.replace("_", " "), values, log.source)
     _check_saturation(part, spec)
+    own = group[np.minimum(np.searchsorted(recorded, part.t), len(group) - 1)]
     every = np.ones(part["command"].shape, dtype=np.bool_)
-    return Samples(part, own, every, every.copy())
+    return Samples(replace(part, t=part.t - log.t[0]), own, every, every.copy())
 
 
 def _check_saturation(log: Log, spec: QuadrotorSpec) -> None:

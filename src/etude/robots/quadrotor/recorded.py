@@ -5,20 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Log
-from etude.logs.steps import median_rate, smooth
+from etude.logs.steps import median_rate, smooth, uniform
 from etude.robots.quadrotor.channels import (
     ALTITUDE,
     ANGULAR_ACCELERATION,
     BODY_ACCELERATION,
     BODY_VELOCITY,
-    SPECIFIC_FORCE,
 )
 from etude.robots.quadrotor.vehicle import GRAVITY
 
 CUTOFF_SHARE = 0.125
 """Cutoff of the gyroscope's derivative, of the log's rate: noise grows with frequency, motors are slower."""
-IN_G = (0.5, 2.0)
-"""In flight the thrust carries the weight: an accelerometer whose mean length is so much reads parts of g."""
+EVEN = 1e-10
+"""Parts of a sampling step by which times may differ from a uniform grid."""
 
 
 def with_states(log: Log) -> Log:
@@ -27,7 +26,6 @@ def with_states(log: Log) -> Log:
     Args:
         log: on a uniform grid, with specific force and rates.
     """
-    log = in_si(log)
     if "altitude" not in log and "position" in log:
         log = log.put(ALTITUDE, log["position"][:, 2:])
     if "angular_acceleration" not in log:
@@ -45,17 +43,13 @@ def with_states(log: Log) -> Log:
     return log
 
 
-def in_si(log: Log) -> Log:
-    """The log with accelerations in m/s^2: parts of g are known by gravity."""
-    if not IN_G[0] < accelerometer(log) < IN_G[1]:
+def on_even_grid(log: Log) -> Log:
+    """The log on a uniform grid: as it is if its times are one, else its longest stretch on one."""
+    if len(log) < 2 or not np.isfinite(log.t).all():
         return log
-    converted = log.put(SPECIFIC_FORCE, GRAVITY * log["specific_force"])
-    return converted.repaired("Accelerations were converted from g.")
-
-
-def accelerometer(log: Log) -> float:
-    """Its usual length, m/s^2: in flight about g."""
-    return float(np.median(np.linalg.norm(log["specific_force"], axis=1)))
+    step = 1.0 / median_rate(log.t)
+    even = log.t[0] + step * np.arange(len(log))
+    return log if float(np.abs(log.t - even).max()) < EVEN * step else uniform(log)
 
 
 def rotation(log: Log) -> Array | None:

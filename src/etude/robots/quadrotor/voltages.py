@@ -8,13 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from etude.contracts import Array, Log, Model
+from etude.models.trust import familiar, trusted
 from etude.robots.quadrotor.flatness import Drag
 from etude.robots.quadrotor.inputs import COMMANDS, QuadrotorInputs
 
 LARGEST_CORRECTION = 0.5
 """V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
-REACH = 0.25
-"""Part of an input's range beyond which an uncalibrated model is not asked."""
 LEAST_FLIGHTS = 4
 """Flights from which held-out ones tell how wrong a new one will be; with fewer a model is uncalibrated."""
 
@@ -69,15 +68,14 @@ class GatedVoltages:
 
     def predict(self, log: Log) -> Array:
         """Voltages (T, 4)."""
-        from etude.models.trust import trusted
-
         safe = self.analytic.predict(log)
         mean, variance = self.model.predict(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
         found = trusted(near, variance, prior_deviation(self.model), safe)
         inputs = self.model.inputs
         if isinstance(inputs, QuadrotorInputs) and inputs.flights < LEAST_FLIGHTS:
-            found = safe + _familiar(inputs, log)[:, None] * (found - safe)
+            known = np.zeros(len(log)) if inputs.seen is None else familiar(inputs.of_log(log), inputs.seen)
+            found = safe + known[:, None] * (found - safe)
         return found
 
 
@@ -106,18 +104,3 @@ def prior_deviation(model: Model) -> Array:
                 best[command] = weight
                 found[command] = abs(candidate.units[1, place]) * np.sqrt(prior[place])
     return found
-
-
-def _familiar(inputs: QuadrotorInputs, log: Log) -> Array:
-    """(T,) 1 within the ranges of the training inputs, falling to 0 over a further REACH of each range."""
-    if inputs.seen is None:
-        return np.zeros(len(log))
-    low, high = inputs.seen
-    X = inputs.of_log(log)
-    beyond = np.maximum(np.maximum(low - X, X - high), 0.0) / np.maximum(high - low, np.finfo(float).tiny)
-    return np.asarray(1.0 - smoothstep(np.clip(beyond.max(axis=1) / REACH, 0.0, 1.0)))
-
-
-def smoothstep(s: Array) -> Array:
-    """From 0 at s = 0 to 1 at s = 1, flat to the second derivative at both ends."""
-    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

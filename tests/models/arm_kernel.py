@@ -1,0 +1,11 @@
+"""The structured kernel of an arm that is not there: joints 0, 1, ..., inputs [q, qd, qdd, friction columns]."""
+
+from __future__ import annotations
+
+from etude.models.gp.kernels import Kernel, structured
+
+
+def structured_kernel(dof: int, axis: int, frictions: int = 1) -> Kernel:
+    channels = [("q", ""), ("qd", ""), ("qdd", ""), *[("qd", "tanh")] * frictions]
+    columns = [(channel, str(part), "", op) for channel, op in channels for part in range(dof)]
+    return structured(columns, (str(axis),))
