@@ -103,6 +103,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         "rungs": list(ladder.chosen),
         "calibrated": ladder.model.calibrated,
         "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
+        "recipe": _said(campaign, logs, samples),
         "inputs": {name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
         "warnings": [*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings],
         **forecast(ladder.model, before, campaign, state),
@@ -180,6 +181,12 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples) -> di
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = score(new, mean.predict(new.log))
     return {rung: _plain(one) for rung, one in found.items()}
+
+
+def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
+    """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
+    told = {sentence for n in logs for sentence in read_log_file(campaign.run_file(n)).repairs}
+    return [sentence for sentence in samples.log.repairs if sentence not in told]
 
 
 def _plain(found: Score) -> dict[str, list[float | None]]:
