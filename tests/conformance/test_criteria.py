@@ -14,12 +14,20 @@ from etude.design.config import GROUP
 from etude.design.criteria import Criterion, Output, Score, criterion_named, evaluate, needs_of, value_of
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential, structured
 
 D, T = 8, 7
+COLUMNS = [
+    (channel, joint, "1", op)
+    for channel, op in (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"))
+    for joint in "ab"
+]
 NAMES = plugins.names(GROUP)
 EVERY = pytest.mark.parametrize("criterion", [criterion_named(name) for name in NAMES], ids=NAMES)
-KERNELS = {"squared exponential": SquaredExponential(tuple(range(D))), "structured": structured_kernel(2, 0)}
+KERNELS = {
+    "squared exponential": SquaredExponential(tuple(range(D))),
+    "structured": structured(COLUMNS, ("a",)),
+}
 
 
 def outputs(kernel_name: str = "structured", *, raw_units: bool = False) -> list[Output]:

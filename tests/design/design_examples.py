@@ -1,4 +1,4 @@
-"""A small arm and a vehicle, models that have learned some of their motions, and derivatives by differences."""
+"""A small arm and a vehicle, models that have learned some of their motions, and differences."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.contracts import Candidate, Inputs, Posterior
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential, structured
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.kinematics import KinematicTree
@@ -132,7 +132,7 @@ def arm_model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
     found = []
     for j, size in enumerate((30.0, 2.0)):
         y = size * (np.sin(X[:, j]) + 0.5 * X[:, 6 + j] + 0.2 * X[:, 4 + j])
-        kernel = structured_kernel(2, j)
+        kernel = structured(inputs.columns, (arm_spec().names[j],))
         theta = kernel.initial(0.5 * np.ptp(X, axis=0), size)
         posterior = ExactGP(kernel, theta, np.log(0.03 * size)).condition(X, y - y.mean())
         found.append(candidate(posterior, (j,)))
@@ -157,7 +157,9 @@ def flight_inputs(**changes) -> QuadrotorInputs:
     return replace(QuadrotorInputs(drag=DRAG), **changes)
 
 
-def flight_model(inputs: QuadrotorInputs | None = None, points: int = 40, *, shared: bool = False) -> Model:
+def flight_model(
+    inputs: QuadrotorInputs | None = None, points: int = 40, *, shared: bool = False, length: float = 2.0
+) -> Model:
     """Processes of different amplitude and lengths, or one for all, from two random flights."""
     inputs, family, rng = inputs or flight_inputs(), flight_family(), np.random.default_rng(11)
     t = np.linspace(0.5, 29.5, points // 2)
@@ -167,7 +169,7 @@ def flight_model(inputs: QuadrotorInputs | None = None, points: int = 40, *, sha
     kernel = SquaredExponential(tuple(range(X.shape[1])))
     made = []
     for j in range(1 if shared else 4):
-        theta = kernel.initial((0.5 + j) * np.maximum(np.ptp(X, axis=0), 0.1), 1.0 + j)
+        theta = kernel.initial((length + j) * np.maximum(np.ptp(X, axis=0), 0.1), 1.0 + j)
         y = np.sin(X[:, j]) - np.sin(X[:, j]).mean()
         posterior = ExactGP(kernel, theta, np.log(0.2)).condition(X, y)
         factor = [0.5, 1.0, 2.0, 4.0] if shared else 0.5 * 2.0**j

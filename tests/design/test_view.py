@@ -87,7 +87,7 @@ def test_planned_samples_stand_for_all_that_are_logged() -> None:
 
 
 def test_a_posterior_seen_through_its_most_telling_samples() -> None:
-    exact = latents_of(flight_model(points=200, shared=True))[0].posterior
+    exact = latents_of(flight_model(points=200, shared=True, length=0.3))[0].posterior
     assert fast_posterior(exact, 200) is exact
     assert fast_posterior(exact, 0) is exact
     X = exact.X[::3] + 0.05

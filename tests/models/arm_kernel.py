@@ -1,4 +1,4 @@
-"""The structured kernel of an arm that is not there: joints 0, 1, ..., inputs [q, qd, qdd, friction columns]."""
+"""The structured kernel of joints 0, 1, ..., whose inputs are [q, qd, qdd, friction columns]."""
 
 from __future__ import annotations
 

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from arm_kernel import structured_kernel
 
+from etude import plugins
 from etude.design.batch import PlainBatch
-from etude.design.criteria import CRITERIA, Output, evaluate, value_of
+from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential
 from etude.models.gp.sogp import SOGP
+
+CRITERIA = list(plugins.BUILT_IN["etude.criteria"])
 
 D = 8
 
@@ -41,18 +44,18 @@ POSTERIORS = {
 
 
 @pytest.mark.parametrize("posterior", POSTERIORS.values(), ids=POSTERIORS.keys())
-@pytest.mark.parametrize("name", list(CRITERIA))
+@pytest.mark.parametrize("name", CRITERIA)
 def test_gradient_and_shared_factors(name, posterior, monkeypatch) -> None:
     Z, R, gains = inputs(4, 2), inputs(5, 3), np.random.default_rng(4).uniform(0.5, 1.0, (4, 1))
     outputs = [Output.of(posterior, R)]
-    value, in_Z, _ = evaluate(CRITERIA[name], outputs, Z, gains)
-    assert value == pytest.approx(value_of(CRITERIA[name], outputs, Z, gains), rel=1e-12)
+    value, in_Z, _ = evaluate(criterion_named(name), outputs, Z, gains)
+    assert value == pytest.approx(value_of(criterion_named(name), outputs, Z, gains), rel=1e-12)
     for index in np.ndindex(Z.shape):
         step = np.zeros_like(Z)
         step[index] = 1e-4
-        ends = [value_of(CRITERIA[name], outputs, Z + s * step, gains) for s in (1, -1)]
+        ends = [value_of(criterion_named(name), outputs, Z + s * step, gains) for s in (1, -1)]
         assert in_Z[index] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-6, abs=1e-7)
     monkeypatch.setattr("etude.design.score.batch_of", PlainBatch)
-    plain, plain_in_Z, _ = evaluate(CRITERIA[name], [Output.of(posterior, R)], Z, gains)
+    plain, plain_in_Z, _ = evaluate(criterion_named(name), [Output.of(posterior, R)], Z, gains)
     assert plain == pytest.approx(value, rel=1e-9)
     np.testing.assert_allclose(plain_in_Z, in_Z, rtol=1e-7, atol=1e-9)

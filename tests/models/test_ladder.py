@@ -1,4 +1,4 @@
-"""The ladder: what it offers, how it chooses, and that the choice is made on motion not yet learned."""
+"""The ladder: its rungs, what is held out, what is chosen, and that order and repetition do not matter."""
 
 from __future__ import annotations
 
@@ -6,57 +6,299 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from etude.models.inverse_dynamics import train_model
-from learning_examples import SMALL, pendulum, trajectories, trajectory
+from learning_examples import (
+    LIMIT,
+    NOISE,
+    PHYSICS,
+    SMALL,
+    TOGETHER,
+    Inputs,
+    commanded,
+    ladder,
+    posteriors,
+    train,
+    trajectories,
+    trajectory,
+)
 
-from etude.models.ladder import prequential, train_ladder
+from etude.contracts import Samples, joined_samples
+from etude.errors import DataError, UsageError
+from etude.models.config import RUNGS, ModelConfig
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.shared_exact import condition_shared
+from etude.models.ladder import OFFERED, prequential
+from etude.models.score import score
 
-AUTO = replace(SMALL, kind="auto")
+AUTO = replace(SMALL, rung="auto")
+BOTH = pytest.mark.parametrize("config", [SMALL, TOGETHER], ids=["separate", "together"])
 
 
 @pytest.fixture(scope="module")
-def full(tmp_path_factory):
-    spec = pendulum(tmp_path_factory.mktemp("robot"))
-    return spec, train_ladder(trajectories(3), spec, AUTO, np.random.default_rng(0))
+def data() -> Samples:
+    return trajectories(3)
 
 
-def test_without_a_model_file_only_the_process_is_offered() -> None:
-    ladder = train_ladder(trajectories(2), pendulum(), AUTO, np.random.default_rng(0))
-    assert list(ladder.models) == ["gp"]
-    assert ladder.chosen == "gp"
+@pytest.fixture(scope="module")
+def full(data):
+    return ladder(data, AUTO)
 
 
-def test_all_kinds_are_trained_scored_and_the_best_is_chosen(full) -> None:
-    _, ladder = full
-    assert set(ladder.models) == {"gp", "identified", "identified+gp"}
-    kinds = [kind for kind in ladder.scores if kind in ladder.models]
-    assert set(kinds) == set(ladder.models)
-    assert ladder.chosen == min(kinds, key=lambda kind: ladder.scores[kind].nmse.mean())
-    assert ladder.model is ladder.models[ladder.chosen]
-    assert ladder.chosen != "identified"  # the ripple is nothing a rigid body has
+def same(mine, theirs) -> None:
+    for one, other in zip(mine, theirs, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
-def test_scores_come_from_models_that_had_not_seen_the_newest(full) -> None:
-    spec, ladder = full
-    data = trajectories(3)
-    newest = data.group == 2
-    own = replace(SMALL, kind="identified")
-    blind = train_model(data.take(~newest), spec, own, np.random.default_rng(0))
-    expected = prequential({"identified": blind}, data.take(newest))["identified"]
-    np.testing.assert_allclose(ladder.scores["identified"].nmse, expected.nmse, rtol=1e-9)
+@BOTH
+def test_a_new_motion_is_predicted_with_honest_variances(config: ModelConfig, data) -> None:
+    new = trajectory(9)
+    result = score(new, *train(data, config).predict(new.log))
+    assert np.all(result.nmse < 0.12)
+    assert np.all((result.z2 > 0.3) & (result.z2 < 2.5))
+    assert np.all(result.coverage > 0.85)
 
 
-def test_earlier_models_are_scored_if_there_are_any(full) -> None:
-    spec, ladder = full
+@pytest.mark.parametrize("rung", RUNGS)
+@BOTH
+def test_every_rung_can_be_asked_for_by_name(rung: str, config: ModelConfig, data) -> None:
+    model = train(data, replace(config, rung=rung))
+    mean, variance = model.predict(trajectory(9).log)
+    assert model.chosen == (rung, rung)
+    assert np.isfinite(mean).all()
+    assert (variance > 0.0).all()
+    assert (model.prior_deviation > 0.0).all()
+    np.testing.assert_allclose(model.mean(trajectory(9).log), mean, rtol=1e-12, atol=1e-12)
+    assert sorted(j for _, own in model.latents() for j in own) == [0, 1]  # a design sees both
+
+
+def test_physics_helps_and_the_process_learns_what_it_lacks(full) -> None:
+    new = trajectory(9)
+    means = {rung: full.model.of_rung(rung).mean(new.log) for rung in full.errors}
+    error = {rung: np.mean((mean - new.command)[new.moving] ** 2) for rung, mean in means.items()}
+    ripple = 0.5**2 / 2 + NOISE**2
+    assert error["identified"] < 2.0 * ripple
+    assert error["identified+gp"] < ripple
+    assert error["identified+gp"] < error["gp"]
+    assert error["linear"] > 5.0 * error["identified"]
+    assert full.chosen == ("identified+gp", "identified+gp")
+
+
+def test_without_physics_process_and_linear_regression_compete(data) -> None:
+    found = ladder(data, AUTO, physics={})
+    assert set(found.errors) == {"gp", "linear"}
+    assert found.chosen == ("gp", "gp")
+    assert found.model.warnings == ()
+    assert set(OFFERED) < set(RUNGS)
+    with pytest.raises(UsageError, match="no identified physics"):
+        ladder(data, replace(SMALL, rung="identified"), physics={})
+
+
+@pytest.mark.parametrize("rung", ["gp", "identified+gp"])
+@BOTH
+def test_held_out_is_conditioning_without_the_fold_and_its_physics(rung, config, data) -> None:
+    found = ladder(data, replace(config, rung=rung))
+    held, model = found.held_out[rung], found.model
+    own, rest = data.group == 1, data.group != 1
+    mean = PHYSICS["identified"](data.take(rest)).predict(data.log) if rung != "gp" else 0.0 * data.command
+    X = Inputs().of_log(data.log)
+    for candidate in [c for c in model.candidates if c.weights.any()]:
+        group = list(candidate.commands)
+        first = candidate.process.own[0]
+        kept = np.isfinite(held.error[:, group[0]])
+        Y = (data.command[:, group] - mean[:, group] - candidate.units[0]) / candidate.units[1]
+        gp = ExactGP(first.kernel, first.theta, 0.5 * np.log(first.noise_variance))
+        expected, latent = condition_shared(gp, X[kept & rest], Y[kept & rest]).predict(X[kept & own])
+        error = candidate.units[1] * (Y[kept & own] - expected)
+        np.testing.assert_allclose(held.error[kept & own][:, group], error, atol=1e-8)
+        spread = np.outer(latent + first.noise_variance, candidate.units[1] ** 2)
+        np.testing.assert_allclose(held.variance[kept & own][:, group], spread, rtol=1e-6)
+
+
+def test_linear_regression_and_physics_never_see_what_they_are_scored_on(data, full) -> None:
+    spoiled = commanded(data, data.command + 100.0 * (data.group == 1)[:, None])
+    again = ladder(spoiled, AUTO)
+    own = data.group == 1
+    for rung in ("linear", "identified"):
+        before, after = full.held_out[rung].error[own], again.held_out[rung].error[own]
+        kept = np.isfinite(before) & np.isfinite(after)
+        np.testing.assert_allclose(after[kept], before[kept] + 100.0, rtol=1e-9)
+
+
+@BOTH
+def test_variances_are_multiplied_by_what_held_out_motion_shows_and_never_shrunk(config) -> None:
+    """Outputs that jump between trajectories: nothing learned from the others can foresee them."""
     data = trajectories(4)
-    again = train_ladder(data, spec, AUTO, np.random.default_rng(0), ladder.models)
-    expected = prequential(ladder.models, data.take(data.group == 3))
-    for kind in ladder.models:
-        np.testing.assert_array_equal(again.scores[kind].nmse, expected[kind].nmse)
+    jump = commanded(data, data.command + np.where(data.group % 2 == 0, 6.0, -6.0)[:, None])
+    for own in (data, jump):
+        found = ladder(own, config)
+        held = found.held_out["gp"]
+        kept = np.isfinite(held.error)
+        z2 = [np.mean(held.error[k, j] ** 2 / held.variance[k, j]) for j, k in enumerate(kept.T)]
+        scale = np.concatenate([c.calibration for c in found.model.candidates])
+        np.testing.assert_allclose(scale, np.maximum(1.0, z2), rtol=1e-9)
+        plain = train(own, replace(config, calibrate=False))
+        assert all((c.calibration == 1.0).all() for c in plain.candidates)
+        assert not plain.calibrated
+        assert found.model.calibrated
+    assert (scale > 1.0).all()
+    assert not train(trajectories(3), config).calibrated
 
 
-def test_a_single_trajectory_is_scored_on_held_out_blocks(full) -> None:
-    spec, _ = full
-    ladder = train_ladder(trajectory(0), spec, AUTO, np.random.default_rng(0))
-    assert set(ladder.models) <= set(ladder.scores)
-    assert np.all(np.isfinite(ladder.scores["gp"].nmse))
+def test_what_the_masks_hide_changes_nothing(data) -> None:
+    hidden = ~data.moving
+    assert hidden.any(axis=0).all()
+    spoiled = commanded(data, np.where(hidden, 50.0, data.command))
+    new = trajectory(9).log
+    for config in (SMALL, replace(SMALL, rung="identified+gp"), TOGETHER):
+        same(train(spoiled, config).predict(new), train(data, config).predict(new))
+    unusable = replace(spoiled, usable=data.moving)
+    for rung in ("linear", "linear+gp"):
+        once = train(replace(data, usable=data.moving), replace(SMALL, rung=rung)).predict(new)
+        same(train(unusable, replace(SMALL, rung=rung)).predict(new), once)
+
+
+@BOTH
+def test_order_of_telling_and_telling_twice_change_nothing(config, data) -> None:
+    parts = [data.take(data.group == number) for number in (2, 0, 1)]
+    twice = replace(parts[0], group=np.full(len(parts[0]), 5))
+    new, once = trajectory(9).log, train(data, config)
+    for told in (joined_samples(parts), joined_samples([*parts, parts[1]]), joined_samples([*parts, twice])):
+        same(train(told, config).predict(new), once.predict(new))
+    shuffled = data.take(np.random.default_rng(1).permutation(len(data)))
+    same(train(shuffled, config).predict(new), once.predict(new))
+
+
+@BOTH
+def test_the_unit_of_the_command_does_not_matter(config, data) -> None:
+    found = ladder(commanded(data, 1000.0 * data.command), config, limit=1000.0 * LIMIT).model
+    new, model = trajectory(9).log, train(data, config)
+    (mean, variance), (scaled, spread) = model.predict(new), found.predict(new)
+    np.testing.assert_allclose(scaled / 1000.0, mean, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(spread / 1e6, variance, rtol=2e-2)
+
+
+def test_prequential_scores_are_of_motion_that_no_rung_has_seen(full) -> None:
+    new = trajectory(3)
+    scores = prequential(full.model, new, trajectories(3))
+    assert set(scores) == set(full.model.rungs)
+    expected = score(new, *full.model.of_rung("gp").predict(new.log), trajectories(3))
+    np.testing.assert_array_equal(scores["gp"].nmse, expected.nmse)
+    assert (scores["gp"].msll < -1.0).all()
+    with pytest.raises(UsageError, match="no rung 'nothing'"):
+        full.model.of_rung("nothing")
+
+
+def test_training_goes_on_from_the_rungs_of_the_last_model(data, full) -> None:
+    again = ladder(trajectories(4), replace(AUTO, steps=0), full.model)
+    for rung in ("gp", "identified+gp"):
+        pairs = zip(posteriors(full.model.of_rung(rung)), posteriors(again.model.of_rung(rung)), strict=True)
+        for old, new in pairs:
+            np.testing.assert_array_equal(new.theta, old.theta)
+            assert new.noise_variance == pytest.approx(old.noise_variance, rel=1e-3)
+    other = ladder(trajectories(4), replace(AUTO, steps=0, kernel="ard_se"), full.model)
+    assert posteriors(other.model.of_rung("gp"))[0].kernel != posteriors(full.model.of_rung("gp"))[0].kernel
+
+
+def test_one_trajectory_keeps_physics_where_a_process_is_not_surely_better(full) -> None:
+    one = ladder(trajectory(0), replace(AUTO, process_from=2))
+    assert set(one.chosen) == {"identified"}
+    assert not one.model.calibrated
+    loose = ladder(trajectory(0), AUTO)
+    assert set(loose.chosen) <= {"identified", "identified+gp", "gp"}
+    tiny = ladder(trajectory(0, seconds=3.0), AUTO)
+    assert np.isfinite(tiny.model.predict(full.model.inputs and trajectory(9).log)[0]).all()
+
+
+def test_floors_are_tried_and_the_noise_never_falls_below_them(data) -> None:
+    for config, least in ((TOGETHER, 0.15), (replace(TOGETHER, noise_floor="auto"), 0.15)):
+        model = train(data, config)
+        assert all(p.noise_variance > least**2 for p in posteriors(model))
+    floor = 0.5
+    limited = train(data, replace(SMALL, noise_floor=floor / 40.0))  # of the limit; capped by the deviation
+    for j, posterior in enumerate(posteriors(limited)):
+        cap = 0.1 * data.command[data.moving[:, j], j].std()
+        assert posterior.noise_variance > min(floor, cap) ** 2
+    assert np.isfinite(train(data, replace(SMALL, noise_floor="auto", steps=4)).predict(data.log)[0]).all()
+
+
+def test_several_starts_are_no_less_likely(data) -> None:
+    values = []
+    for starts in (1, 3):
+        model = train(data, replace(TOGETHER, starts=starts, prior="none", steps=40, noise_floor=0.0))
+        first = posteriors(model)[0]
+        gp = ExactGP(first.kernel, first.theta, 0.5 * np.log(first.noise_variance))
+        chosen = slice(None)
+        values.append(sum(gp.log_marginal_likelihood(p.X[chosen], p.y[chosen])[0] for p in posteriors(model)))
+    assert values[1] > values[0] - 5.0
+
+
+def test_student_t_is_fitted_to_the_held_out_errors(data) -> None:
+    found = ladder(data, replace(TOGETHER, student_t=True))
+    assert found.model.student is not None
+    assert 0.3 < found.model.student.scale < 2.0
+    assert train(data).student is None
+
+
+@BOTH
+def test_a_command_that_never_changes_stays(config, data) -> None:
+    command = data.command.copy()
+    command[:, 1] = 0.25
+    for rung in ("auto", "gp"):
+        model = train(commanded(data, command), replace(config, rung=rung))
+        mean, variance = model.predict(trajectory(9).log)
+        np.testing.assert_allclose(mean[:, 1], 0.25, atol=1e-9)
+        assert (variance > 0.0).all()
+
+
+def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
+    new = trajectory(9).log
+    still = replace(new, values={**new.values, "qd": 0.0 * new["qd"], "qdd": 0.0 * new["qdd"]})
+    physics = PHYSICS["identified"](trajectories(3))
+    model = full.model.of_rung("identified")
+    np.testing.assert_allclose(model.static(new), physics.predict(still), rtol=1e-9)
+    np.testing.assert_allclose(model.safe(new), physics.predict(new), rtol=1e-9)
+    gp = full.model.of_rung("gp")
+    np.testing.assert_allclose(gp.static(new), gp.mean(still), rtol=1e-9)
+    assert not gp.safe(new).any()
+    np.testing.assert_allclose(full.model.of_rung("identified+gp").safe(new), physics.predict(new), rtol=1e-9)
+
+
+def test_what_cannot_be_trained_is_refused(data) -> None:
+    with pytest.raises(DataError, match="hardly moves"):
+        ladder(replace(data, moving=np.zeros_like(data.moving)))
+    with pytest.raises(UsageError, match="2 commands, the robot's limits"):
+        ladder(data, limit=np.ones(3))
+    with pytest.raises(DataError, match="no sample"):
+        ladder(data.take(np.zeros(len(data), dtype=bool)))
+    with pytest.raises(DataError, match="NaN"):
+        ladder(commanded(data, data.command * np.nan))
+    with pytest.raises(DataError, match="lack an input"):
+        ladder(replace(data, log=data.log.without("qdd")))
+    with pytest.raises(UsageError, match="needs the command's own position and its friction"):
+        ladder(data, inputs=Inputs(v0=0.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rung": "magic"}, "rung must be one of"),
+        ({"choose_by": "luck"}, "choose_by must be one of"),
+        ({"kernel": "rbf"}, "kernel must be one of"),
+        ({"process": "magic"}, "process must be one of exact, dictionary_variance"),
+        ({"sharing": "some"}, "sharing must be one of"),
+        ({"floor_of": "luck"}, "floor_of must be one of"),
+        ({"prior": "strong"}, "prior must be one of"),
+        ({"schedule": "sometimes"}, "schedule must be one of update, constant, reinitialise, first"),
+        ({"points": 1}, "points must be at least 2"),
+        ({"basis": 0}, "basis must be at least 1"),
+        ({"starts": 0}, "starts must be at least 1"),
+        ({"noise_floor": -1.0}, "noise_floor must be a number >= 0"),
+        ({"fit_spacing_s": float("nan")}, "fit_spacing_s must be a number >= 0"),
+        ({"stretch_s": 0.0}, "stretch_s must be above 0"),
+        ({"sharing": "shared"}, "structured kernel is of one command"),
+        ({"process": "ssgp_fixed"}, "squared exponential"),
+        ({"steps": -3}, "negative steps count evaluations"),
+    ],
+)
+def test_impossible_configurations_are_refused(change, message) -> None:
+    with pytest.raises(UsageError, match=message):
+        replace(SMALL, **change)

@@ -8,13 +8,13 @@ import pytest
 from etude.errors import DataError, NumericalError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.priors import weak_prior
 from etude.models.gp.shared_exact import (
     condition_shared,
     fit_shared,
-    initial_shared,
     shared_likelihood,
-    shared_weak_prior,
 )
+from etude.models.gp.training import initial_gp
 
 D, M = 3, 4
 KERNEL = SquaredExponential((0, 1, 2)) + Linear((1, 2))
@@ -77,12 +77,12 @@ def test_samples_left_out_are_predicted_as_if_they_had_never_been() -> None:
 
 def test_training_takes_the_best_of_several_starts() -> None:
     X, Y = data(60)
-    prior = shared_weak_prior(KERNEL, X, Y)
+    prior = weak_prior(KERNEL, X, Y)
 
     def density(gp: ExactGP) -> float:
         return shared_likelihood(gp, X, Y)[0] + prior.log_density(gp.parameters)[0]
 
-    start = initial_shared(KERNEL, X, Y, noise_floor=0.1)
+    start = initial_gp(KERNEL, X, Y, noise_floor=0.1)
     far = start.parameters + np.array([0.0, 3.0, 3.0, 3.0, 0.0, 0.0, 0.0])
     ends = [
         fit_shared(start.with_parameters(p), X, Y, steps=15, prior=prior) for p in (start.parameters, far)

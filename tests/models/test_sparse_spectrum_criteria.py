@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etude import plugins
 from etude.design.batch import PlainBatch
-from etude.design.criteria import CRITERIA, Output, evaluate, value_of
+from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+
+CRITERIA = list(plugins.BUILT_IN["etude.criteria"])
 
 ONE = np.ones
 
@@ -35,7 +38,7 @@ def test_information_of_the_golden_batch() -> None:
     gp = SparseSpectrumGP(np.array([[0.7], [1.9], [3.1]]), np.log([np.sqrt(1.5), 1.0]), np.log(0.1))
     output = Output.of(gp.condition(X, np.sin(3.0 * X[:, 0])), np.zeros((0, 1)))
     batch = np.array([[0.6], [1.3]])
-    value = value_of(CRITERIA["info_gain"], [output], batch, ONE((2, 1)))
+    value = value_of(criterion_named("info_gain"), [output], batch, ONE((2, 1)))
     assert value == pytest.approx(1.39520881743265, rel=1e-10)
 
 
@@ -43,11 +46,11 @@ def test_information_of_the_golden_batch() -> None:
 @settings(max_examples=30, deadline=None)
 def test_closed_forms(seed: int) -> None:
     gp, posterior, Z, R, P, P_R, A = example(seed)
-    output = Output.of(posterior, R, raw_units=True)
+    output = Output.of(posterior, R, scale=1.0)
     noise, gains, inverse = gp.noise_variance, ONE((len(Z), 1)), np.linalg.inv(A)
 
     def value(name: str) -> float:
-        return value_of(CRITERIA[name], [output], Z, gains)
+        return value_of(criterion_named(name), [output], Z, gains)
 
     mean_variance = noise / len(Z) * np.sum(np.linalg.solve(np.linalg.cholesky(A), P.T) ** 2)
     assert value("mean_variance") == pytest.approx(mean_variance, rel=1e-8)
@@ -59,27 +62,27 @@ def test_closed_forms(seed: int) -> None:
     assert value("ivr") == pytest.approx(ivr, rel=1e-7, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", list(CRITERIA))
+@pytest.mark.parametrize("name", CRITERIA)
 def test_gradients_of_every_criterion(name: str) -> None:
     _, posterior, Z, R, *_ = example(3)
     gains = np.random.default_rng(1).uniform(0.5, 1.0, (len(Z), 1))
     outputs = [Output.of(posterior, R)]
-    value, in_Z, _ = evaluate(CRITERIA[name], outputs, Z, gains)
-    assert value == pytest.approx(value_of(CRITERIA[name], outputs, Z, gains), rel=1e-12)
+    value, in_Z, _ = evaluate(criterion_named(name), outputs, Z, gains)
+    assert value == pytest.approx(value_of(criterion_named(name), outputs, Z, gains), rel=1e-12)
     expected = np.empty_like(Z)
     for index in np.ndindex(Z.shape):
         shift = np.zeros_like(Z)
         shift[index] = 1e-3
         near, far = (
-            value_of(CRITERIA[name], outputs, Z + k * shift, gains)
-            - value_of(CRITERIA[name], outputs, Z - k * shift, gains)
+            value_of(criterion_named(name), outputs, Z + k * shift, gains)
+            - value_of(criterion_named(name), outputs, Z - k * shift, gains)
             for k in (1.0, 2.0)
         )
         expected[index] = (8.0 * near - far) / 12e-3
     np.testing.assert_allclose(in_Z, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", list(CRITERIA))
+@pytest.mark.parametrize("name", CRITERIA)
 def test_shared_factors_and_the_bare_contract_agree(name: str) -> None:
     _, posterior, Z, R, *_ = example(4)
 
@@ -93,8 +96,8 @@ def test_shared_factors_and_the_bare_contract_agree(name: str) -> None:
     assert isinstance(bare.reference_batch, PlainBatch)
     gains = ONE((len(Z), 1))
     for one, two in zip(
-        evaluate(CRITERIA[name], [Output.of(posterior, R)], Z, gains),
-        evaluate(CRITERIA[name], [bare], Z, gains),
+        evaluate(criterion_named(name), [Output.of(posterior, R)], Z, gains),
+        evaluate(criterion_named(name), [bare], Z, gains),
         strict=True,
     ):
         np.testing.assert_allclose(one, two, rtol=1e-8, atol=1e-10)

@@ -227,8 +227,8 @@ def near(t: Array, test: Mask, gap_s: float) -> Mask:
 def independence(error: Array, samples: Samples) -> Array:
     """(J,) independent samples that one sample is worth, from held-out errors (n, J), NaN where not known.
 
-    1 / (1 + 2 Σ ρ_k) over the lags at which the errors' autocorrelation is above zero, within trajectories;
-    samples between those that were held out add nothing. 1 where nothing was held out.
+    1 / (1 + 2 Σ ρ_k) over the first lags at which the errors' autocorrelation within trajectories is above
+    chance; samples between those that were held out add nothing. 1 where nothing was held out.
     """
     return np.array(
         [_worth(column, samples.group, use) for column, use in zip(error.T, samples.usable.T, strict=True)]
@@ -244,7 +244,7 @@ def _worth(error: Array, group: Index, usable: Mask) -> float:
     total, count = 0.0, sum(len(row) for row in rows)
     for lag in range(1, max(len(row) for row in rows)):
         correlation = sum(float(row[lag:] @ row[:-lag]) for row in rows if len(row) > lag) / power
-        if correlation <= 0.0:
+        if correlation <= 2.0 / np.sqrt(count):
             break
         total += correlation
     return count / max(int(np.count_nonzero(usable)), count) / (1.0 + 2.0 * total)

@@ -26,12 +26,6 @@ BASELINES = {
     "pd": Baseline("PD alone", "c2", "with PD alone", "PD control alone has {error} ({relation})."),
     "pid": Baseline("PID alone", "c2", "with PID alone", "PID control alone has {error} ({relation})."),
     "rigid_body": Baseline(
-        "rigid body",
-        "c5",
-        "with an identified rigid body",
-        "With an identified rigid-body model it is {error} ({relation}).",
-    ),
-    "identified": Baseline(
         "identified physics",
         "c5",
         "with identified physics",

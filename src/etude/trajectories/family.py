@@ -183,7 +183,7 @@ class FourierFamily:
         return self.config.duration
 
     def drawn(self, rng: np.random.Generator) -> FourierFamily:
-        """The family with a base frequency drawn from its range; itself, and no draw, if there is only one."""
+        """The family with a base frequency drawn from its range; itself, undrawn, if there is only one."""
         if len(set(self.config.choices)) == 1:
             return self
         omega0 = self.config.draw_omega0(rng)

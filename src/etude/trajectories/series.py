@@ -106,10 +106,8 @@ def instants(
         return rows[order], kappa
     if order >= RAMP_ORDERS:
         raise UsageError(f"nothing bounds derivative {order} of a series with a phase ramp of {ramp:g} s")
-    if order == 2:
-        sides, tops = [PEAK_RATE / ramp], (1.0,)
-    else:
-        sides, tops = [3.0 * PEAK_PRODUCT / ramp, PEAK_BEND / ramp**2], (1.0, 0.0)
+    sides = [PEAK_RATE / ramp] if order == 2 else [3.0 * PEAK_PRODUCT / ramp, PEAK_BEND / ramp**2]
+    tops = [1.0] if order == 2 else [1.0, 0.0]
     lower = [side * rows[order - 1 - k] for k, side in enumerate(sides)]
     corners = [
         top * rows[order] + sum(sign * part for sign, part in zip(signs, lower, strict=True))

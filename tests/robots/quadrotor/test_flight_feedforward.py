@@ -97,7 +97,9 @@ class Guess:
     """A model that is wrong by 3 V, with a stated deviation."""
 
     deviation: float
-    inputs: QuadrotorInputs = replace(QuadrotorInputs(), flights=4)  # noqa: RUF009
+    calibrated: bool = True
+    ranges: Array | None = None
+    inputs: QuadrotorInputs = QuadrotorInputs()  # noqa: RUF009
 
     @property
     def candidates(self) -> list[Candidate]:
@@ -125,12 +127,9 @@ def test_with_few_flights_a_model_is_asked_only_where_they_were(trajectories) ->
     log = planned(trajectories[0])
     safe, X = NOMINAL.predict(log), QuadrotorInputs().of_log(log)
     seen = np.stack([X.min(axis=0), X.max(axis=0)])
-    higher = seen + np.eye(13)[0] * 100.0
-    inside, outside = (replace(QuadrotorInputs(), flights=2, seen=one) for one in (seen, higher))
-    asked = GatedVoltages(Guess(0.01, inside), NOMINAL).predict(log)
-    np.testing.assert_allclose(asked, safe + LARGEST_CORRECTION)
-    for unknown in (outside, replace(outside, seen=None)):
-        np.testing.assert_allclose(GatedVoltages(Guess(0.01, unknown), NOMINAL).predict(log), safe)
+    for ranges, more in ((seen, LARGEST_CORRECTION), (seen + np.eye(13)[0] * 100.0, 0.0)):
+        asked = GatedVoltages(Guess(0.01, False, ranges), NOMINAL).predict(log)
+        np.testing.assert_allclose(asked, safe + more)
 
 
 def test_a_learned_feedforward_has_what_the_vehicle_takes() -> None:

@@ -121,11 +121,7 @@ def test_flights_teach_the_drag_and_tell_what_they_lack() -> None:
     dragged = samples_of(log.put(log.channels["specific_force"], force), samples.group)
     tuned = FlightData().inputs().tuned(dragged)
     np.testing.assert_allclose(tuned.drag, [0.5, 0.7, 0.0], atol=1e-12)
-    assert tuned.flights == 2
     assert tuned.notes == ()
-    X = tuned.of_log(dragged.log)
-    assert tuned.seen is not None
-    np.testing.assert_array_equal(tuned.seen, [X.min(axis=0), X.max(axis=0)])
     bare = samples_of(dragged.log.without("altitude", "body_velocity"), samples.group)
     poorer = FlightData().inputs().tuned(bare)
     assert poorer.parts == ("specific_force", "rates", "angular_acceleration")
@@ -134,6 +130,5 @@ def test_flights_teach_the_drag_and_tell_what_they_lack() -> None:
     for one in (tuned, poorer):
         again = FlightData().inputs().restore(one.arrays())
         assert again == one
-        np.testing.assert_array_equal(again.seen, one.seen)
     assert again.lateral is None
     assert SPEC.body is not None

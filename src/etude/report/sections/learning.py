@@ -25,8 +25,8 @@ JOINT_STYLES = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
 
 TEXT = (
     "Mean tracking error on motions that are never trained on, after each trajectory, beside what there is "
-    "without learning. “PD alone” and “PID alone” have no feedforward. “Rigid body” and “identified physics” "
-    "feed forward an identified model; a “perfect model” has the exact inverse dynamics: what it leaves is "
+    "without learning. “PD alone” and “PID alone” have no feedforward. “Identified physics” feeds "
+    "forward an identified model; a “perfect model” has the exact inverse dynamics: what it leaves is "
     "set by noise, delay and stiction. “Analytic” plans with the owner's model of a vehicle, without drag or "
     "with the exact linear drag, which nobody has outside a simulation."
 )

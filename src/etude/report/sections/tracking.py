@@ -15,7 +15,7 @@ from etude.report.words import FEEDBACK, unit_sign
 
 Array = NDArray[np.float64]
 
-SIZE = (380, 260)
+SIZE, WIDE = (380, 260), (560, 260)
 TITLE = "Desired against actual, feedforward against command"
 TESTED = (
     "The last test run, after round {number}: a motion that was never trained on, under the robot's own "
@@ -27,7 +27,7 @@ def tracking(record: Record) -> Html:
     """Panels per coordinate and command: of the last test run of what was learned, else of the newest log."""
     tested = record.test_run(None)
     if tested is not None:
-        text, log = TESTED.format(number=tested[0].number), tested[1]
+        words, log = TESTED.format(number=tested[0].number), tested[1]
         runs = (record.test_run(name) for name in FEEDBACK)
         alone = next((run[1] for run in runs if run is not None), None)
     else:
@@ -36,20 +36,10 @@ def tracking(record: Record) -> Html:
         newest, told_log = next(readable, (0, None))
         if told_log is None:
             return section("tracking", TITLE, missing("No log that can be read has come back yet."))
-        text, log, alone = f"The newest log, number {newest}.", told_log, None
+        words, log, alone = f"The newest log, number {newest}.", told_log, None
     run = Run(record, log, alone)
-    coordinates = [p for j in range(len(run.names)) for p in run.panels(j)]
-    commands = [run.command(j) for j in range(log["command"].shape[1])]
-    columns = 2 if run.wanted is not None else 1
-    return section(
-        "tracking",
-        TITLE,
-        paragraph(f"{text} {run.reading()}"),
-        *run.absent(),
-        grid(coordinates, columns),
-        *views(record, log, alone),
-        grid(commands, 3),
-    )
+    text = paragraph(f"{words} {run.reading()}")
+    return section("tracking", TITLE, text, *run.absent(), *run.grids(), *views(record, log, alone))
 
 
 class Run:
@@ -63,6 +53,7 @@ class Run:
         self.wanted = log.get(f"{self.channel.name}_des")
         self.true = f"{self.channel.name}_true"
         self.ahead = log.get("command_ff")
+        self.size = SIZE if self.outputs == self.names else WIDE
 
     def reading(self) -> str:
         if self.wanted is None:
@@ -89,6 +80,16 @@ class Run:
             )
         return [missing(sentence) for sentence in sentences]
 
+    def grids(self) -> list[Html]:
+        """A row for each joint; where commands are not the coordinates' own, in a grid of their own."""
+        commands = [self.command(j) for j in range(self.log["command"].shape[1])]
+        columns = 1 if self.wanted is None else 2
+        if self.outputs != self.names:
+            coordinates = [p for j in range(len(self.names)) for p in self.panels(j)]
+            return [grid(coordinates, 3 if columns == 1 else 2), grid(commands, 3)]
+        rows = [p for j, command in enumerate(commands) for p in (*self.panels(j), command)]
+        return [grid(rows, columns + 1)]
+
     def panels(self, j: int) -> list[Html]:
         """Position and error of one coordinate; the error only if the desired position is known."""
         positions = self._positions(j)
@@ -102,7 +103,7 @@ class Run:
         if self.wanted is not None:
             marks.append(_curve(self.log.t, self.wanted[:, j], "desired", "c2 dash"))
         title = f"{self.names[j]}: position"
-        return panel(title, _time(self.log), Axis(f"position ({self.units[j]})"), marks, size=SIZE)
+        return panel(title, _time(self.log), Axis(f"position ({self.units[j]})"), marks, size=self.size)
 
     def _error(self, j: int) -> Html:
         unit, factor = ("degrees", 180.0 / np.pi) if self.units[j] == "rad" else (self.units[j], 1.0)
@@ -116,7 +117,7 @@ class Run:
         mean = float(np.nanmean(np.abs(error[moving]))) if moving.any() else float("nan")
         sign = "°" if unit == "degrees" else f" {unit_sign(unit)}"
         title = f"{self.names[j]}: tracking error, mean {mean:.3g}{sign}"
-        return panel(title, _time(self.log), Axis(f"error ({unit})"), marks, size=SIZE)
+        return panel(title, _time(self.log), Axis(f"error ({unit})"), marks, size=self.size)
 
     def command(self, j: int) -> Html:
         """Applied command and feedforward of one output."""

@@ -39,8 +39,6 @@ class QuadrotorInputs:
         drag: (dx, dy, dz) 1/s that plans lean against; learned by `tuned`.
         left_out: inputs that were asked for and that not every flight tells, found by `tuned`.
         lateral: the drag in full, for feedforward; None where no flight tells the velocity.
-        seen: (2, D) lowest and highest of each input in the flights that it was tuned by; None before.
-        flights: how many these were.
     """
 
     altitude: bool = True
@@ -49,8 +47,6 @@ class QuadrotorInputs:
     drag: Drag = (0.0, 0.0, 0.0)
     left_out: tuple[str, ...] = ()
     lateral: DragModel | None = field(default=None, compare=False, repr=False)
-    seen: Array | None = field(default=None, compare=False, repr=False)
-    flights: int = 0
 
     def __post_init__(self) -> None:
         if self.acceleration not in SOURCES:
@@ -157,28 +153,22 @@ class QuadrotorInputs:
 
         missing = [name for name in OPTIONAL if getattr(self, name) and name not in samples.log]
         lateral = train_drag(samples) if "body_velocity" in samples.log else None
-        own = replace(
+        return replace(
             self,
             altitude=self.altitude and "altitude" not in missing,
             body_velocity=self.body_velocity and "body_velocity" not in missing,
             left_out=tuple(dict.fromkeys([*self.left_out, *missing])),
             drag=(0.0, 0.0, 0.0) if lateral is None else lateral.coefficients,
             lateral=lateral,
-            flights=len(np.unique(samples.group)),
         )
-        X = own.of_log(samples.log)
-        return replace(own, seen=np.stack([X.min(axis=0), X.max(axis=0)]))
 
     def arrays(self) -> Mapping[str, Array]:
-        """What `tuned` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag, ranges."""
+        """What `tuned` has set: inputs kept and left out as 0 or 1 for each of `OPTIONAL`, drag."""
         found = {
             "inputs": np.array([float(getattr(self, option)) for option in OPTIONAL]),
             "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
             "drag": np.array(self.drag),
-            "flights": np.array(float(self.flights)),
         }
-        if self.seen is not None:
-            found["seen"] = self.seen
         if self.lateral is not None:
             found |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
         return found
@@ -198,8 +188,6 @@ class QuadrotorInputs:
             left_out=tuple(name for name, out in pairs if out),
             drag=(dx, dy, dz),
             lateral=DragModel.restored(lateral) if lateral else None,
-            seen=arrays.get("seen"),
-            flights=int(arrays["flights"]),
         )
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002

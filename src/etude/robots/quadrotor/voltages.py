@@ -10,12 +10,10 @@ import numpy as np
 from etude.contracts import Array, Log, Model
 from etude.models.trust import familiar, trusted
 from etude.robots.quadrotor.flatness import Drag
-from etude.robots.quadrotor.inputs import COMMANDS, QuadrotorInputs
+from etude.robots.quadrotor.inputs import COMMANDS
 
 LARGEST_CORRECTION = 0.5
 """V by which a learned voltage may differ from the analytic one: more has always been an extrapolation."""
-LEAST_FLIGHTS = 4
-"""Flights from which held-out ones tell how wrong a new one will be; with fewer a model is uncalibrated."""
 
 
 class Voltages(Protocol):
@@ -53,8 +51,8 @@ class LinearDrag:
 class GatedVoltages:
     """A learned model's voltages where it knows better, the analytic one's elsewhere, never far from those.
 
-    The model's own deviation says how much it is trusted. One that too few flights have calibrated is trusted
-    besides only within the inputs that it was trained on.
+    The model's own deviation says how much it is trusted. One that says that too few flights have calibrated
+    it is trusted besides only within the ranges that it was trained on.
 
     Attributes:
         model: learned.
@@ -72,10 +70,9 @@ class GatedVoltages:
         mean, variance = self.model.predict(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
         found = trusted(near, variance, prior_deviation(self.model), safe)
-        inputs = self.model.inputs
-        if isinstance(inputs, QuadrotorInputs) and inputs.flights < LEAST_FLIGHTS:
-            known = np.zeros(len(log)) if inputs.seen is None else familiar(inputs.of_log(log), inputs.seen)
-            found = safe + known[:, None] * (found - safe)
+        ranges = None if getattr(self.model, "calibrated", True) else getattr(self.model, "ranges", None)
+        if ranges is not None:
+            found = safe + familiar(self.model.inputs.of_log(log), ranges)[:, None] * (found - safe)
         return found
 
 
