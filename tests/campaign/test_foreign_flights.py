@@ -47,7 +47,9 @@ def told(tmp_path_factory) -> Campaign:
 def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, capsys) -> None:
     facts = told.state().trained[-1].trained
     assert facts["logs"] == [1, 2]
-    assert "Not every flight tells its altitude and body velocity; the model does without." in facts["warnings"]
+    assert (
+        "Not every flight tells its altitude and body velocity; the model does without." in facts["warnings"]
+    )
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["repeated"]

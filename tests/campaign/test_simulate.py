@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ JOURNAL = "journal.jsonl"
 
 
 @pytest.fixture
-def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Campaign]:
+def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """Learning and designing cost nothing, and the model says nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> Learned:
@@ -50,7 +49,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Campaign]:
     (path / "campaign.toml").write_text(CONFIG)
     campaign = open_campaign(path)
     monkeypatch.setattr(type(campaign.kind), "controller", silent)
-    yield campaign
+    return campaign
 
 
 def test_rounds_tests_and_baselines(arm: Campaign) -> None:

@@ -42,12 +42,13 @@ ORIENTATION = Channel("orientation", ("w", "x", "y", "z"), ("1",) * 4, "aside")
 ATTITUDE = Channel("attitude", ("roll", "pitch", "yaw"), ("rad",) * 3, "aside")
 """The same as angles, z-y'-x''."""
 POSITION_DES = _vector(f"{PATH}_des", "m", "plan")
-VELOCITY_DES = _vector("velocity_des", "m/s", "plan")
-ACCELERATION_DES = _vector("acceleration_des", "m/s^2", "plan")
+VELOCITY_DES = _vector("velocity_des", "m/s", "plan", derivative_of=POSITION_DES.name)
+ACCELERATION_DES = _vector("acceleration_des", "m/s^2", "plan", derivative_of=VELOCITY_DES.name)
 ATTITUDE_DES = Channel("attitude_des", ("roll", "pitch", "yaw"), ("rad",) * 3, "plan")
+RATES_DES = _vector("rates_des", "rad/s", "plan")
 THRUST_DES = Channel("thrust_des", ("z",), ("m/s^2",), "plan")
 """Per mass."""
-PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, THRUST_DES)
+PLANNED = (POSITION_DES, VELOCITY_DES, ACCELERATION_DES, ATTITUDE_DES, RATES_DES, THRUST_DES)
 
 
 def command(spec: QuadrotorSpec) -> Channel:

@@ -198,7 +198,8 @@ class QuadrotorInputs:
 def _planned(flat: FlatMotion) -> tuple[Array, ...]:
     """The values of `PLANNED`."""
     position, velocity, acceleration = flat.motion.orders[:3]
-    return position, velocity, acceleration, roll_pitch_yaw(flat.R_world_body), flat.thrust[:, None]
+    attitude = roll_pitch_yaw(flat.R_world_body)
+    return position, velocity, acceleration, attitude, flat.states["rates"], flat.thrust[:, None]
 
 
 WITHOUT = {

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from etude.robots.quadrotor.vehicle import Vehicle
 
 
+SET_POINTS = 50.0
+"""Hz."""
+
+
 @dataclass(frozen=True)
 class QuadrotorSpec:
     """A vehicle as its owner describes it. World frame: z up; SI units.
@@ -53,6 +57,11 @@ class QuadrotorSpec:
         """Along x, y and z, m."""
         vertical = self.margin if self.vertical_margin is None else self.vertical_margin
         return self.margin, self.margin, vertical
+
+    @property
+    def table_rate(self) -> float:
+        """Hz at which an autopilot takes set-points."""
+        return SET_POINTS
 
     @property
     def reach(self) -> NDArray[np.float64]:
