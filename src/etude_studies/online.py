@@ -8,34 +8,27 @@ file in the folder and is not run again.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.control.closed_loop import run_closed_loop
-from etude.control.feedforward import no_feedforward
-from etude.control.online_loop import OnlineRun, run_online
+from etude.contracts import Robot, Trajectory
 from etude.errors import UsageError
-from etude.models.dataset import concatenate
-from etude.models.inverse_dynamics import InverseDynamicsModel, ModelConfig, train_model
+from etude.models.model import LearnedModel
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import OnlineModel
-from etude.models.preprocess import build_dataset, preset
-from etude.plants.changes import with_friction, with_payload
-from etude.plants.parameters import ArmParameters, load_parameters
-from etude.plants.registry import simulated_robot
-from etude.plants.robot import SimulatedRobot
 from etude.storage import write_atomic
+from etude.threads import threads_for
+from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.samples import Trajectory
+from etude_studies.world import World
 
 Array = NDArray[np.float64]
 
@@ -43,7 +36,12 @@ PASSES, PASS_S = 3, 60.0
 TRAINING = 2
 CHANGE_S = PASS_S
 """The robot changes after the first pass."""
-FRICTION, PAYLOAD_KG = 1.5, 0.5
+CHANGES: dict[str, dict[str, float]] = {
+    "same": {},
+    "friction": {"friction": 1.5},
+    "payload": {"payload": 0.5},
+}
+"""What happens to it, as `Robot.changed` takes it."""
 HALF_LIFE_S = 30.0
 RULES: dict[str, OnlineConfig | None] = {
     "none": None,
@@ -71,7 +69,7 @@ class Outcome(msgspec.Struct, frozen=True):
     """One rule in one cell.
 
     Attributes:
-        errors: (passes, dof) mean tracking error, degrees.
+        errors: (passes, J) mean tracking error, degrees.
         predict_us, update_us: median and 99th percentile of a tick's time; updates of ticks that learned.
     """
 
@@ -136,55 +134,53 @@ def run_cell(cell: Cell, folder: Path) -> dict[str, Outcome]:
 
 def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, Outcome]:
     """Trains, and runs the test motion under each of the rules."""
-    robot = simulated_robot(cell.robot, "compiled")
+    world = World.of(cell.robot)
     rng = np.random.default_rng([cell.seed, 0])
-    model = start_model(robot, rng)
-    motion = random_trajectory(rng, robot.spec, TrajectoryFamily(2, PASS_S))
-    changes = {CHANGE_S: changed(load_parameters(cell.robot), cell.change)}
+    model = start_model(world, rng)
+    motion = world.motion(rng, harmonics=2, duration=PASS_S)
+    change = {CHANGE_S: world.robot.changed(**CHANGES[cell.change])}
     return {
-        name: _outcome(run_rule(robot, model, motion, config, cell.seed, changes))
+        name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change))
         for name, config in rules.items()
     }
 
 
-def start_model(robot: SimulatedRobot, rng: np.random.Generator) -> InverseDynamicsModel:
-    """What a campaign without a model file knows after two random motions under PD control."""
-    parts = []
-    for number in range(TRAINING):
-        trajectory = random_trajectory(rng, robot.spec, TrajectoryFamily(duration=PASS_S))
-        log = run_closed_loop(robot, trajectory, no_feedforward(robot.spec), rng)
-        parts.append(build_dataset(log, robot.spec, preset("default"), number))
-    return train_model(concatenate(parts), robot.spec, replace(ModelConfig(), kind="gp"), rng)
-
-
-def changed(arm: ArmParameters, change: str) -> ArmParameters:
-    """The arm after what happens to it."""
-    if change == "friction":
-        return with_friction(arm, FRICTION)
-    return with_payload(arm, PAYLOAD_KG) if change == "payload" else arm
+def start_model(world: World, rng: np.random.Generator) -> LearnedModel:
+    """What a campaign without a model file knows after two random motions under feedback alone."""
+    motions = [world.motion(rng, duration=PASS_S) for _ in range(TRAINING)]
+    samples = world.samples(*(world.robot.run(motion, None, rng) for motion in motions))
+    return world.learned(samples, replace(world.config.model, rung="gp"), rng).model
 
 
 def run_rule(
-    robot: SimulatedRobot,
-    model: InverseDynamicsModel,
+    world: World,
+    model: LearnedModel,
     motion: Trajectory,
     config: OnlineConfig | None,
     seed: int,
-    changes: dict[float, ArmParameters],
+    changes: Mapping[float, Robot],
 ) -> OnlineRun:
-    """Three passes under one rule; the same seed gives every rule the same encoder noise."""
-    own = np.random.default_rng([seed, 1])
-    online = None if config is None else OnlineModel(model, config, robot.spec.rate, own)
+    """All passes under one rule; the same seed gives every rule the same encoder noise."""
+    frozen = world.kind.controller(world.spec, world.config, model)
+    watched = None
+    if config is not None:
+        channels, limits = world.kind.channels(world.spec), world.command_limits
+        own = np.random.default_rng([seed, 1])
+        watched = Watched(OnlineModel(model, channels, frozen, limits, config, world.spec.rate, own))
+    robot: Any = world.robot
     noise = np.random.default_rng([seed, 2])
-    return run_online(robot, motion, model, online, noise, passes=PASSES, changes=changes)
+    with threads_for(0):
+        log = robot.run(Repeated(motion, PASSES), watched or frozen, noise, changes=changes)
+    return OnlineRun(log, PASSES, watched)
 
 
-def _outcome(run: OnlineRun) -> Outcome:
-    return Outcome(
-        np.degrees(run.pass_errors()).tolist(),
-        _median_p99(run.predict_s),
-        _median_p99(run.update_s[run.learned]) if run.learned.any() else (0.0, 0.0),
-    )
+def _outcome(world: World, run: OnlineRun) -> Outcome:
+    errors = [world.robot.error(part)[0].tolist() for part in run.passes()]
+    if run.watched is None:
+        return Outcome(errors, (0.0, 0.0), (0.0, 0.0))
+    learned = run.watched.times("observe")[run.watched.learned > 0]
+    updates = _median_p99(learned) if len(learned) else (0.0, 0.0)
+    return Outcome(errors, _median_p99(run.watched.times("command")), updates)
 
 
 def _median_p99(seconds: Array) -> tuple[float, float]:

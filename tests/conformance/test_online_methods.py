@@ -7,12 +7,14 @@ import pytest
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
+from etude.models.gp.kernels import SquaredExponential, structured
 from etude.models.online.learner import OnlineConfig, OnlineOutput
 from etude.models.online.methods import METHODS, begin
 
 D = 8
-KERNELS = {"structured": structured_kernel(2, 0, 1), "ard_se": SquaredExponential(tuple(range(D)))}
+COLUMNS = [(name, part, "", "") for name in ("q", "qd", "qdd") for part in "ab"]
+COLUMNS += [("qd", part, "1", "tanh") for part in "ab"]
+KERNELS = {"structured": structured(COLUMNS, ("a",)), "ard_se": SquaredExponential(tuple(range(D)))}
 NOISE = 0.05
 
 

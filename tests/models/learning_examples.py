@@ -168,10 +168,11 @@ def commanded(samples: Samples, command: Array) -> Samples:
 def ladder(
     samples: Samples, config: ModelConfig = SMALL, previous: LearnedModel | None = None, **changes: Any
 ) -> Ladder:
-    """The ladder of the robot; `changes` of inputs, physics, limit."""
+    """The ladder of the robot; `changes` of inputs, physics, limit, seed."""
     inputs = changes.get("inputs", Inputs())
     physics, limit = changes.get("physics", PHYSICS), changes.get("limit", LIMIT)
-    return train_ladder(samples, inputs, physics, limit, config, np.random.default_rng(0), previous)
+    rng = np.random.default_rng(changes.get("seed", 0))
+    return train_ladder(samples, inputs, physics, limit, config, rng, previous)
 
 
 def train(

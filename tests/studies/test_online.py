@@ -10,9 +10,9 @@ import pytest
 
 from etude.errors import UsageError
 from etude.models.online.learner import OnlineConfig
-from etude.plants.parameters import load_parameters
 from etude_studies import online, online_rows
 from etude_studies.online import Cell, Outcome
+from etude_studies.world import World
 
 FEW = {"none": None, "variance": OnlineConfig("variance", size=40)}
 
@@ -55,11 +55,11 @@ def test_rows_are_means_beside_those_without_updates_and_paired_gains(monkeypatc
     assert (rows["update_us_variance"].value, rows["update_us_variance"].reference_value) == (30.0, 90.0)
 
 
-def test_the_arm_changes_as_named() -> None:
-    arm = load_parameters("arm4")
-    assert online.changed(arm, "same") is arm
-    assert online.changed(arm, "friction").motors[0].coulomb == pytest.approx(1.5 * arm.motors[0].coulomb)
-    assert online.changed(arm, "payload").links[-1].mass == pytest.approx(arm.links[-1].mass + 0.5)
+def test_every_place_is_a_robot_that_can_change_so() -> None:
+    for robot, change in online.PLACES:
+        arm = World.of(robot).robot
+        changed = arm.changed(**online.CHANGES[change])
+        assert (changed.parameters == arm.parameters) == (change == "same")
 
 
 def test_one_seed_has_no_interval() -> None:

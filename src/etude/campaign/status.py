@@ -16,7 +16,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
 
     Keys: kind, robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds,
     prequential (newest scores of each model before it learned the newest log), chosen, rungs (of each
-    output), calibration_factor, forecast_fraction, next_gain, held_out (of the newest log without proposal), verdict, problems.
+    output), calibration_factor, forecast_fraction, next_gain, held_out (of the newest log without
+    proposal), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()

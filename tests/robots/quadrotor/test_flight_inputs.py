@@ -86,6 +86,7 @@ def test_what_an_autopilot_is_told_is_the_plan() -> None:
     force = planned.orders[2] + [0.0, 0.0, 9.81]
     np.testing.assert_allclose(log["thrust_des"][:, 0], np.linalg.norm(force, axis=1), rtol=1e-12)
     np.testing.assert_allclose(log["attitude_des"][:, 2], 0.0, atol=1e-15)
+    np.testing.assert_array_equal(log["rates_des"], log["rates"])
     assert {log.channels[name].role for name in VECTORS} == {"state"}
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Array, Candidate, Channel, Controller, Log, Motion, Row
-from etude.errors import EtudeError, UsageError
-from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.single_point import PointMean
+from etude.contracts import Array, Channel, Controller, Log, Motion, Row
+from etude.errors import UsageError
 from etude.models.model import LearnedModel
-from etude.models.online.guard import Guard
-from etude.models.online.learner import OnlineConfig, OnlineOutput
-from etude.models.online.methods import begin
+from etude.models.online.command import Command, learning_command
+from etude.models.online.learner import OnlineConfig
 from etude.models.online.window import CentredWindow, sources
 
 COMMAND = "command"
@@ -37,28 +34,9 @@ class Counts:
     ignored: int = 0
 
 
-@dataclass(eq=False)
-class Command:
-    """One command that goes on learning, in the units of its process.
-
-    Attributes:
-        place: of the command. candidate: the rung that it comes from. offset, factor: from its process's
-            units to the command's. frozen: its process as it was trained.
-    """
-
-    place: int
-    candidate: Candidate
-    offset: float
-    factor: float
-    frozen: PointMean
-    learner: OnlineOutput
-    guard: Guard
-    waiting: deque[tuple[float, Array, float]] = field(default_factory=deque)
-
-
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """A plan asked for ahead of the run: times (T,), inputs (T, D), mean and frozen command (T, J)."""
+    """A plan asked for ahead of the run: times (T,), inputs (T, D), mean function, frozen command (T, J)."""
 
     t: Array
     X: Array
@@ -77,30 +55,33 @@ class OnlineModel:
     Args:
         model: its commands come from exact processes or dictionaries, or have such a rung beside physics.
         channels: of the kind; a wanted one that is not measured is had as the rate of one that is.
-        frozen: the controller of the model as it was trained, which drives where the learners have no weight.
-        limit: (J,) how far each command reaches.
+        frozen: the controller of the model as it was trained, which drives where the learners have no weight;
+            None: the model's own mean.
+        limits: lower and upper (J,) of the commands.
         config: how to go on.
         rate: of the control ticks, Hz.
         rng: of what the learners draw.
 
     Raises:
-        UsageError: a command has no such process.
+        UsageError: a command has no such process, or limits of another robot.
     """
 
     def __init__(
         self,
         model: LearnedModel,
         channels: Sequence[Channel],
-        frozen: Controller,
-        limit: Array,
+        frozen: Controller | None,
+        limits: tuple[Array, Array],
         config: OnlineConfig,
         rate: float,
         rng: np.random.Generator,
     ) -> None:
-        self.model, self.config, self._frozen, self._limit = model, config, frozen, limit
+        count = len(model.commands)
+        if any(np.shape(limit) != (count,) for limit in limits):
+            raise UsageError(f"the model has {count} commands, the limits are {limits}")
+        self.model, self.config, self._frozen, self._limits = model, config, frozen, limits
         self._channels = {channel.name: channel for channel in channels}
-        memory, count = config.memory_s * config.rate_hz, len(model.commands)
-        self.commands = [_command(model, j, config, memory, rng) for j in range(count)]
+        self.commands = [learning_command(model, j, config, rng) for j in range(count)]
         learned, still, refused = np.zeros((3, count), dtype=np.int64)
         self.counts = Counts(learned, still, refused)
         self._rate = rate
@@ -108,15 +89,17 @@ class OnlineModel:
         self._stride = max(1, round(rate / config.rate_hz))
         self._turn = [j * self._stride // count for j in range(count)]
         self._ticks = 0
+        self._path = _path(model, self._channels)
         self._ahead: Ahead | None = None
         self._memory: Array | None = None
 
     def planned(self, motion: Motion) -> Array | None:
         """None: what is measured counts. What the frozen model says of the plan is asked once, here."""
-        states, frozen = self.model.inputs.states(motion), self._frozen.planned(motion)
+        states = self.model.inputs.states(motion)
+        frozen = self.model.mean(states) if self._frozen is None else self._frozen.planned(motion)
         self._ahead = None
         if frozen is not None:
-            base = np.column_stack([self._base(command, states) for command in self.commands])
+            base = np.column_stack([command.base(states) for command in self.commands])
             self._ahead = Ahead(motion.t, self.model.inputs.of_log(states), base, frozen)
         return None
 
@@ -130,7 +113,7 @@ class OnlineModel:
                 if np.isfinite(updated):  # a learner that has lost its numbers never drives
                     out[own.place] += weight * (updated - frozen[own.place])
         noise = np.array([own.factor * own.guard.noise for own in self.commands])
-        return np.clip(out, -self._limit, self._limit), noise
+        return np.clip(out, *self._limits), noise
 
     def observe(self, t: float, row: Row) -> None:
         """One control tick's measurement: time in s, and the measured channels with the applied command."""
@@ -161,96 +144,47 @@ class OnlineModel:
             return ahead.X[k], ahead.base[k], ahead.frozen[k]
         x, self._memory = self.model.inputs.step(row, self._memory)
         states = self._states(t, row)
-        base = np.array([self._base(own, states)[0] for own in self.commands])
-        return x, base, self._frozen.command(t, row)[0]
+        base = np.array([own.base(states)[0] for own in self.commands])
+        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, row)[0]
+        return x, base, frozen
 
     def _begin(self, row: Row) -> CentredWindow:
-        wanted = dict.fromkeys([*(channel for channel, *_ in self.model.inputs.columns), COMMAND])
         measured = [name for name in row if name in self._channels]
-        found = sources(list(wanted), measured, self._channels)
+        inputs = [channel for channel, *_ in self.model.inputs.columns]
+        more = [name for name in measured if self._channels[name].role == "state"]  # physics may look at them
+        found = sources(list(dict.fromkeys([*inputs, COMMAND, *more])), measured, self._channels)
         sizes = {name: len(np.atleast_1d(row[name])) for name in measured}
         return CentredWindow(found, sizes, self._rate, self.config.window_s)
 
     def _judge(self, t: float, row: Mapping[str, Array]) -> None:
         x, _ = self.model.inputs.step(row, None)
-        states = self._states(t, row)
-        moving = self._moving(t, row)
-        for own in self.commands:
-            if not moving[own.place]:
-                self.counts.still[own.place] += 1
-                continue
-            y = float((row[COMMAND][own.place] - self._base(own, states)[0]) / own.factor)
-            own.guard.judge(y - float(own.frozen(x)[0]), y - own.learner.mean(x))
-            own.waiting.append((t, x, y))
+        states, moving = self._states(t, row), self._moving(t, row)
+        self.counts.still += ~moving
+        for j in np.flatnonzero(moving).tolist():
+            own = self.commands[j]
+            own.judge(t, x, float(row[COMMAND][j]), float(own.base(states)[0]))
 
     def _moving(self, t: float, row: Mapping[str, Array]) -> NDArray[np.bool_]:
         """(J,) whether a sample says something of each command; half the weight of a planned one tells."""
-        inputs = self.model.inputs
-        names = list(dict.fromkeys(channel for channel, *_ in inputs.columns))[: inputs.orders]
-        shapes = {row[name].shape for name in names}
-        if len(names) < inputs.orders or len(shapes) > 1:
+        if not self._path:
             return np.ones(len(self.commands), dtype=np.bool_)
-        motion = Motion(np.array([t]), np.stack([row[name][None] for name in names]))
-        return np.asarray(inputs.plan(motion).gains[0] ** 2 >= 0.5)
+        motion = Motion(np.array([t]), np.stack([row[name][None] for name in self._path]))
+        return np.asarray(self.model.inputs.plan(motion).gains[0] ** 2 >= 0.5)
 
     def _states(self, t: float, row: Mapping[str, Array]) -> Log:
         known = {name: np.atleast_2d(values) for name, values in row.items() if name in self._channels}
         return Log(np.array([t]), {name: self._channels[name] for name in known}, known)
 
-    def _base(self, own: Command, states: Log) -> Array:
-        """(n,) mean function of one command, offset included, in its unit."""
-        mean = own.candidate.mean
-        part = np.zeros(len(states)) if mean is None else mean.predict(states)[:, own.place]
-        return np.asarray(part + own.offset)
-
     def _teach(self, own: Command, now: float) -> None:
         """The command learns its oldest waiting sample, if that has waited long enough."""
-        due = now - self.config.hold_s - 0.5 * self.config.window_s
-        if not own.waiting or own.waiting[0][0] > due:
-            return
-        t, x, y = own.waiting.popleft()
-        try:
-            own.learner.observe(x, y, t)
-        except EtudeError:  # the learner is as it was
-            self.counts.refused[own.place] += 1
-            return
-        self.counts.learned[own.place] += 1
+        taken = own.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
+        if taken is not None:
+            counts = self.counts.learned if taken else self.counts.refused
+            counts[own.place] += 1
 
 
-def _command(
-    model: LearnedModel, j: int, config: OnlineConfig, memory: float, rng: np.random.Generator
-) -> Command:
-    chosen = model.chosen[j]
-    for rung in (chosen, f"{chosen}+gp"):
-        for candidate in model.candidates:
-            if candidate.rung != rung or j not in candidate.commands:
-                continue
-            place = candidate.commands.index(j)
-            own = getattr(candidate.process, "own", None)
-            posterior = own[place] if isinstance(own, tuple) else None
-            if isinstance(posterior, ExactPosterior):
-                learner = begin(posterior, config, rng)
-                offset, factor = candidate.units[:, place]
-                noise = posterior.noise_variance
-                return Command(
-                    j,
-                    candidate,
-                    float(offset),
-                    float(factor),
-                    PointMean([posterior]),
-                    learner,
-                    Guard(memory, noise),
-                )
-    raise UsageError(
-        f"command {model.commands[j]} comes from the rung {chosen!r}, which cannot go on learning",
-        next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",
-    )
-
-
-def going_on(model: object) -> LearnedModel:
-    """The model, if it is one that ladders train. UsageError otherwise."""
-    if not isinstance(model, LearnedModel):
-        raise UsageError(
-            f"a {type(model).__name__} cannot go on learning", next_step="Train one by a ladder."
-        )
-    return model
+def _path(model: LearnedModel, channels: Mapping[str, Channel]) -> list[str]:
+    """The inputs that are the path and its rates, as many as plans have; none if it looks elsewhere."""
+    names = list(dict.fromkeys(channel for channel, *_ in model.inputs.columns))[: model.inputs.orders]
+    follows = [channels[rate].derivative_of == name for name, rate in pairwise(names)]
+    return names if len(names) == model.inputs.orders and all(follows) else []

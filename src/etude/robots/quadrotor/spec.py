@@ -10,10 +10,6 @@ from numpy.typing import NDArray
 from etude.robots.quadrotor.vehicle import Vehicle
 
 
-SET_POINTS = 50.0
-"""Hz."""
-
-
 @dataclass(frozen=True)
 class QuadrotorSpec:
     """A vehicle as its owner describes it. World frame: z up; SI units.
@@ -60,8 +56,8 @@ class QuadrotorSpec:
 
     @property
     def table_rate(self) -> float:
-        """Hz at which an autopilot takes set-points."""
-        return SET_POINTS
+        """Hz of a table of set-points: what an autopilot takes them at."""
+        return 50.0
 
     @property
     def reach(self) -> NDArray[np.float64]:

@@ -1,1 +1,0 @@
-"""Feedforward from a model, and the closed loop that uses it."""

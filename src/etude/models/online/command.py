@@ -1,0 +1,105 @@
+"""One command that goes on learning: from which rung it comes, what judges it, and what still waits."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from etude.contracts import Array, Candidate, Log
+from etude.errors import EtudeError, UsageError
+from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.single_point import PointMean
+from etude.models.model import LearnedModel
+from etude.models.online.guard import Guard
+from etude.models.online.learner import OnlineConfig, OnlineOutput
+from etude.models.online.methods import begin
+
+
+@dataclass(eq=False)
+class Command:
+    """One command of a model, its learner in the units of a process.
+
+    Attributes:
+        place: of the command in the model. candidate: the rung whose process goes on learning.
+        offset, factor: from the process's units to the command's.
+        frozen: (D,) -> what the model as it was trained says, in the process's units and beside `base`.
+        learner, guard: of the command.
+        waiting: samples that were judged and not learned yet: time, input, output.
+    """
+
+    place: int
+    candidate: Candidate
+    offset: float
+    factor: float
+    frozen: Callable[[Array], float]
+    learner: OnlineOutput
+    guard: Guard
+    waiting: deque[tuple[float, Array, float]] = field(default_factory=deque)
+
+    def base(self, states: Log) -> Array:
+        """(n,) the mean function, offset included, in the command's unit."""
+        mean = self.candidate.mean
+        part = np.zeros(len(states)) if mean is None else mean.predict(states)[:, self.place]
+        return np.asarray(part + self.offset)
+
+    def judge(self, t: float, x: Array, command: float, base: float) -> None:
+        """Compares both models on a sample that neither has learned, and keeps it for later."""
+        y = (command - base) / self.factor
+        self.guard.judge(y - self.frozen(x), y - self.learner.mean(x))
+        self.waiting.append((t, x, y))
+
+    def learned(self, due: float) -> bool | None:
+        """Learns the oldest sample that waits, if its time is not after `due`.
+
+        Returns:
+            whether the learner took it; None if there was none.
+        """
+        if not self.waiting or self.waiting[0][0] > due:
+            return None
+        t, x, y = self.waiting.popleft()
+        try:
+            self.learner.observe(x, y, t)
+        except EtudeError:  # the learner is as it was
+            return False
+        return True
+
+
+def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.random.Generator) -> Command:
+    """Command j of the model, ready to go on from its process, or from that beside its physics.
+
+    Raises:
+        UsageError: neither is exact or a dictionary.
+    """
+    chosen = model.chosen[j]
+    for rung in (chosen, f"{chosen}+gp"):
+        candidate = next((c for c in model.candidates if c.rung == rung and j in c.commands), None)
+        posterior = None if candidate is None else _exact(candidate, j)
+        if candidate is None or posterior is None:
+            continue
+        offset, factor = (float(unit) for unit in candidate.units[:, candidate.commands.index(j)])
+        frozen = _point(posterior) if rung == chosen else _constant(-offset / factor)
+        guard = Guard(config.memory_s * config.rate_hz, posterior.noise_variance)
+        return Command(j, candidate, offset, factor, frozen, begin(posterior, config, rng), guard)
+    raise UsageError(
+        f"{model.commands[j]} comes from the rung {chosen!r} by a process that cannot go on learning",
+        next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",
+    )
+
+
+def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
+    own = getattr(candidate.process, "own", None)
+    found = own[candidate.commands.index(j)] if isinstance(own, tuple) else None
+    return found if isinstance(found, ExactPosterior) else None
+
+
+def _point(posterior: ExactPosterior) -> Callable[[Array], float]:
+    mean = PointMean([posterior])
+    return lambda x: float(mean(x)[0])
+
+
+def _constant(value: float) -> Callable[[Array], float]:
+    """A mean function drives alone: its process has nothing to say yet."""
+    return lambda _: value

@@ -1,0 +1,76 @@
+"""What a study needs of a robot of any kind: its nouns by name, motions, samples, and models of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.config import CampaignConfig, preset_config
+from etude.campaign.create import find_robot
+from etude.contracts import Array, Kind, Log, Robot, Samples, Trajectory
+from etude.errors import UsageError
+from etude.limits.feasible import FeasibleSet
+from etude.limits.samplers import scaled
+from etude.logs.read import read_log
+from etude.models.config import ModelConfig
+from etude.models.ladder import Ladder, train_ladder
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A robot and how a campaign would treat it.
+
+    Attributes:
+        kind: of the robot. spec: its description. config: a preset of the kind.
+    """
+
+    kind: Kind
+    spec: Any
+    config: CampaignConfig
+
+    @classmethod
+    def of(cls, robot: str | Path, preset: str = "default") -> World:
+        """A built-in robot, or that of a file. UsageError if there is none."""
+        kind, path = find_robot(str(robot))
+        return cls(kind, kind.spec(path), preset_config(kind, preset))
+
+    @property
+    def robot(self) -> Robot:
+        """The simulated stand-in. UsageError if there is none."""
+        found = self.kind.robot(self.spec, self.config)
+        if found is None:
+            raise UsageError(f"there is no simulated {self.spec.name}")
+        return found
+
+    def motion(self, rng: np.random.Generator, **trajectory: Any) -> Trajectory:
+        """A random motion enlarged to the limits; keys of [trajectory] may be other than the preset's."""
+        config = replace(self.config, trajectory=replace(self.config.trajectory, **trajectory))
+        family = self.kind.family(self.spec, config).drawn(rng)
+        limits = self.kind.limits(self.spec, config, None, {})
+        return family.trajectory(scaled(rng, FeasibleSet.of(limits, family, self.kind.home(self.spec)))[0])
+
+    def read(self, path: Path) -> Log:
+        """A recorded log, cleaned. DataError if it cannot be used."""
+        expected = self.kind.expected(self.spec)
+        channels = self.kind.channels(self.spec)
+        return read_log(path, channels, rate=expected.rate, limits=expected.limits)
+
+    def samples(self, *logs: Log, data: Any = None) -> Samples:
+        """Samples of the logs, each a group of its own; `data` in place of the preset's [data]."""
+        config = self.config if data is None else replace(self.config, data=data)
+        groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
+        return self.kind.samples(self.spec, config, logs, groups)
+
+    def learned(self, samples: Samples, model: ModelConfig, rng: np.random.Generator) -> Ladder:
+        """The ladder of these samples."""
+        kind, spec, config = self.kind, self.spec, self.config
+        physics = kind.physics(spec, config)
+        return train_ladder(samples, kind.inputs(spec, config), physics, kind.limit(spec), model, rng)
+
+    @property
+    def command_limits(self) -> tuple[Array, Array]:
+        """Lower and upper (J,) of the commands."""
+        return self.kind.expected(self.spec).limits["command"]
