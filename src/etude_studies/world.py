@@ -82,14 +82,13 @@ class World:
         *,
         body: bool = True,
     ) -> Ladder:
-        """The ladder of these samples, trained on from the `previous` model.
-
-        Args:
-            body: False as if nobody had described the robot's.
+        """The ladder of these samples, trained on from the `previous` model; with `body` False, as if nobody
+        had described the robot's.
         """
         kind, spec, config = self.kind, self.spec, self.config
-        inputs, physics = kind.inputs(spec, config), kind.physics(spec, config) if body else {}
-        return train_ladder(samples, inputs, physics, kind.limit(spec), model, rng, previous)
+        physics = kind.physics(spec, config) if body else {}
+        inputs, limit = kind.inputs(spec, config), kind.limit(spec)
+        return train_ladder(samples, inputs, physics, limit, model, rng, previous)
 
     @property
     def command_limits(self) -> tuple[Array, Array]:
