@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -108,6 +109,28 @@ def test_nothing_imports_the_studies() -> None:
     for path in modules():
         found = {name for name in all_imported(path) if name.split(".")[0] == "etude_studies"}
         assert not found, f"{module_name(path)} imports {found}"
+
+
+def studies() -> list[Path]:
+    return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", studies(), ids=module_name)
+def test_the_studies_use_what_an_outside_user_may(path: Path) -> None:
+    """Every module of etude that they import stands in the tuple PUBLIC of its room."""
+    for target in imported(path) & {module_name(own) for own in modules() if own.name != "__init__.py"}:
+        room_name, _, module = target.rpartition(".")
+        public = importlib.import_module(room_name).PUBLIC
+        assert module in public, f"{module_name(path)} imports {target}, which {room_name} does not offer"
+
+
+def test_what_is_offered_is_there() -> None:
+    for path in modules():
+        if path.name == "__init__.py":
+            offered = getattr(importlib.import_module(module_name(path)), "PUBLIC", ())
+            there = {p.stem if p.suffix == ".py" else p.name for p in path.parent.iterdir()}
+            assert set(offered) <= there, module_name(path)
+            assert list(offered) == sorted(offered)
 
 
 @pytest.mark.parametrize(("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"})])
