@@ -17,11 +17,13 @@ _PLACES = {
     "tell": "etude.campaign.tell",
     "status": "etude.campaign.status",
     "simulate": "etude.campaign.simulate",
-    "read_log": "etude.logs.read",
+    "read_log": "etude.campaign.reading",
     "load_robot": "etude.campaign.create",
     "load_model": "etude.campaign.learn",
     "certify": "etude.limits.certificate",
 }
+PUBLIC = ("contracts", "errors", "plugins", "storage", "testing", "threads")
+"""Modules that may be used from outside; every room says of its own."""
 _MODULES = ("contracts", "errors", "testing")
 __all__ = [
     "ask",

@@ -8,16 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Candidate, Inputs, Posterior
+from etude.contracts import Candidate, Inputs, Limit, Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured
+from etude.robots.arm import motions
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.rigid_body import RigidBodyModel
 from etude.robots.arm.physics.transmission import joint_drives
 from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.quadrotor import room
+from etude.robots.quadrotor.family import FlightConfig
 from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import PointToPoint
 
@@ -77,6 +81,10 @@ def arm_home() -> np.ndarray:
     return 0.5 * (arm_spec().lower + arm_spec().upper)
 
 
+def arm_limits(spec: ArmSpec | None = None) -> tuple[Limit, ...]:
+    return motions.limits(spec or arm_spec(), {})
+
+
 def arm_body() -> RigidBodyModel:
     """Two links of 0.4 m in a vertical plane, 2 kg and 1 kg with their mass half-way."""
     link = np.zeros((3, 10))
@@ -94,9 +102,9 @@ def arm_body() -> RigidBodyModel:
         gravity=np.array([0.0, 0.0, -9.81]),
         nominal=link,
     )
-    unknown = np.zeros(2)
+    unknown, terms = np.zeros(2), np.zeros((2, 6))
     return RigidBodyModel(
-        tree, joint_drives(2), V0, np.zeros((2, 20)), np.zeros((2, 6)), unknown.astype(int), unknown
+        tree, joint_drives(2), V0, np.zeros((2, 20)), terms, unknown.astype(int), unknown, terms
     )
 
 
@@ -122,20 +130,20 @@ def moves() -> PointToPoint:
     return PointToPoint(points, 0.4, 0.3, 1.0)
 
 
-def arm_model(seed: int = 0, points: int = 60, stick: float = 0.02) -> Model:
-    """Two outputs of very different size, each with a structured kernel, from two random motions."""
+def arm_model(seed: int = 0, points: int = 60, stick: float = 0.02, unit: float = 1.0) -> Model:
+    """Two outputs of very different size, in parts of `unit`, each with its kernel, from two motions."""
     rng, inputs, family = np.random.default_rng(seed), arm_inputs(stick), arm_family()
     t = np.linspace(1.0, 29.0, points // 2)
     X = np.concatenate(
         [inputs.plan(family.motion(arm_point(rng, family), t, inputs.orders)).X for _ in range(2)]
     )
     found = []
-    for j, size in enumerate((30.0, 2.0)):
+    for j, size in enumerate((30.0 / unit, 2.0 / unit)):
         y = size * (np.sin(X[:, j]) + 0.5 * X[:, 6 + j] + 0.2 * X[:, 4 + j])
         kernel = structured(inputs.columns, (arm_spec().names[j],))
         theta = kernel.initial(0.5 * np.ptp(X, axis=0), size)
         posterior = ExactGP(kernel, theta, np.log(0.03 * size)).condition(X, y - y.mean())
-        found.append(candidate(posterior, (j,)))
+        found.append(candidate(posterior, (j,), factor=unit))
     return Model(inputs, tuple(found))
 
 
@@ -144,6 +152,29 @@ def flight_family(*, rest: bool = False) -> FourierFamily:
         config = FourierConfig(harmonics=4, duration=30.0, omega0=4.0 * math.pi / 30.0)
         return FourierFamily.of(config, 3)
     return FourierFamily.of(FourierConfig(2, 30.0, rest="none"), 3, (0.0, 0.0, None))
+
+
+def flight_spec(**changes) -> QuadrotorSpec:
+    given = {
+        "name": "example",
+        "lower": (-10.0, -10.0, 0.3),
+        "upper": (10.0, 10.0, 5.0),
+        "speed": 5.0,
+        "command_names": ("m1", "m2", "m3", "m4"),
+        "command_unit": "V",
+        "command_lower": (0.0,) * 4,
+        "command_upper": (11.1,) * 4,
+        "rate": 10.0,
+    }
+    return QuadrotorSpec(**(given | changes))
+
+
+def flight_limits(spec: QuadrotorSpec) -> tuple[Limit, ...]:
+    return room.limits(spec, FlightConfig(), {})
+
+
+def flight_home(spec: QuadrotorSpec) -> np.ndarray:
+    return room.home(spec)
 
 
 def flight_point(rng: np.random.Generator, family: FourierFamily) -> np.ndarray:

@@ -95,9 +95,7 @@ def test_widths_are_those_of_the_whole_set() -> None:
 
 def test_room_in_a_cylinder_off_the_middle_of_its_box() -> None:
     limits = room((0.0, -5.0, 0.0), (10.0, 5.0, 5.0), radius=3.0)
-    with pytest.raises(
-        UnsafeTrajectoryError, match=r"about 5, 0, 2\.5 have no room .* vehicle, radius"
-    ):
+    with pytest.raises(UnsafeTrajectoryError, match=r"about 5, 0, 2\.5 have no room .* vehicle, radius"):
         FeasibleSet.of(limits, flights(centre=(5.0, 0.0)), np.array([5.0, 0.0, 2.5]))
     family = flights(free=True)
     feasible = FeasibleSet.of(limits, family, np.array([1.5, 0.0, 2.5]))

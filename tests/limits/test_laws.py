@@ -147,6 +147,32 @@ def test_a_ramp_takes_room_from_accelerations() -> None:
     assert uses[0] > 1.2 * uses[1] > 1.3 * uses[2]
 
 
+def swung(across: float, up: float) -> tuple[FeasibleSet, FourierTrajectory, np.ndarray]:
+    """A flight that leans to both sides by `across` m/s^2 while it climbs by `up`, under a limit of tilt."""
+    family = FourierFamily.of(FourierConfig(2, 2.0 * np.pi, 1.0, "none"), 3)
+    table = np.zeros((5, 3))
+    table[3, 0], table[4, 2] = across, 0.5 * up  # across cos t, up cos 2t
+    p = family.parameters(table)
+    return FeasibleSet.of((LONELY["tilt"], *WIDE), family, np.zeros(3)), family.trajectory(p), p
+
+
+def test_climbing_hard_and_leaning_far_at_once_is_left_out_although_it_may_be() -> None:
+    across = np.tan(0.3) * GRAVITY
+    feasible, motion, p = swung(1.1 * across, 0.3 * GRAVITY)
+    assert spare(LONELY["tilt"].prove(motion)[0]) > 0.0
+    assert not feasible.contains(p)
+    for share, up in ((0.6, 0.3), (0.6, -0.3), (0.95, 0.0)):
+        feasible, motion, p = swung(share * across, up * GRAVITY)
+        assert feasible.contains(p)
+        assert spare(LONELY["tilt"].prove(motion)[0]) > 0.0
+
+
+def test_tilt_alone_keeps_the_vehicle_from_falling() -> None:
+    assert swung(0.0, 0.65 * GRAVITY)[0].contains(swung(0.0, 0.65 * GRAVITY)[2])
+    feasible, _, p = swung(0.0, 0.75 * GRAVITY)
+    assert not feasible.contains(p)
+
+
 def test_margins_learned_by_form_are_kept_off() -> None:
     table = np.array([[0.1, np.nan], [0.2, 0.3]])
     margins = {"fourier": (table, 0.95)}

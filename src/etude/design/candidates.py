@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -60,13 +61,20 @@ class Source:
         """`count` large ones, as motions that stand in for tasks, or as a first trajectory."""
         return self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
 
+    @cached_property
+    def _whole(self) -> FeasibleSet:
+        return self._set(self.family)
+
+    def _set(self, family: Family) -> FeasibleSet:
+        return FeasibleSet.of(self.limits, family, self.home)
+
     def _drawn(self, rng: np.random.Generator, count: int, sample: Sample) -> list[Drawn]:
         """A family that leaves nothing to draw has one feasible set, and all are sampled at once."""
         families = [self.family.drawn(rng) for _ in range(count)]
         found: dict[int, Drawn] = {}
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
-            feasible = FeasibleSet.of(self.limits, family, self.home)
+            feasible = self._whole if family is self.family else self._set(family)
             for place, p in zip(places, sample(rng, feasible, len(places)), strict=True):
                 found[place] = Drawn(family, feasible, p)
         return [found[place] for place in range(count)]

@@ -53,7 +53,9 @@ class Design:
     @property
     def variance_removed(self) -> float:
         """Fraction of the reference variance that this motion is forecast to remove, mean over commands."""
-        return float(np.mean(1.0 - (self.deviation_after / self.deviation_before) ** 2))
+        known = self.deviation_before == 0.0
+        left = self.deviation_after / np.where(known, 1.0, self.deviation_before)
+        return float(np.mean(np.where(known, 0.0, 1.0 - left**2)))
 
 
 def design(
@@ -85,9 +87,13 @@ def design(
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
-        UsageError: the model lacks what the criterion needs, or the criterion fails.
+        UsageError: a task of another robot, the model lacks what the criterion needs, or the criterion fails.
     """
     started = time.process_time()
+    for task in tasks:
+        axes = task.motion(np.zeros(1), 1).orders.shape[2]
+        if axes != len(home):
+            raise UsageError(f"a task has {axes} coordinates, the robot has {len(home)}")
     with threads_for(0):
         source = Source(family, tuple(limits), home, config.sampler)
         standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
