@@ -20,6 +20,7 @@ RANKS = {
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,
+    "shown": 0,
     "trajectories": 1,
     "limits": 2,
     "logs": 2,
@@ -35,7 +36,14 @@ RANKS = {
 }
 # within one rank a room imports no other, but for these: what stands on nothing else may be used by all of
 # rank 0, and the entrance runs commands
-SIDEWAYS = {("storage", "errors"), ("plugins", "errors"), ("cli", "commands")}
+SIDEWAYS = {
+    ("storage", "errors"),
+    ("plugins", "errors"),
+    ("shown", "plugins"),
+    ("shown", "storage"),
+    ("contracts", "shown"),
+    ("cli", "commands"),
+}
 # of a lower rank, and still none of its business: a kind supplies nouns, the steps are the pipeline's
 FORBIDDEN = {("robots", "design"), ("robots", "campaign")}
 
