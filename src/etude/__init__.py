@@ -6,7 +6,19 @@ What stands in `__all__` is loaded when it is first used, so that importing the 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for type checkers and editors; nothing is loaded by `import etude`
+    from etude import contracts, errors, testing
+    from etude.campaign.ask import ask
+    from etude.campaign.create import create_campaign, load_robot
+    from etude.campaign.folder import open_campaign
+    from etude.campaign.learn import load_model
+    from etude.campaign.reading import read_log
+    from etude.campaign.simulate import simulate
+    from etude.campaign.status import status
+    from etude.campaign.tell import tell
+    from etude.limits.certificate import certify
 
 __version__ = "0.1.0"
 
@@ -17,7 +29,7 @@ _PLACES = {
     "tell": "etude.campaign.tell",
     "status": "etude.campaign.status",
     "simulate": "etude.campaign.simulate",
-    "read_log": "etude.logs.read",
+    "read_log": "etude.campaign.reading",
     "load_robot": "etude.campaign.create",
     "load_model": "etude.campaign.learn",
     "certify": "etude.limits.certificate",

@@ -13,10 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from etude.shown import Picture
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -69,7 +72,7 @@ class Finding:
     spans: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """A motion, recorded or planned: t (T,) s, increasing, 0 where the trajectory starts; values by
     channel name, each (T, parts). One table for every robot; what a log lacks is not in it. repairs: a
@@ -82,6 +85,17 @@ class Log:
     values: Mapping[str, Array]
     source: str = ""
     repairs: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:.3g} to {self.t[-1]:.3g} s" if len(self.t) else "empty"
+        parts = ", ".join(f"{n} ({len(c.parts)})" for n, c in self.channels.items())
+        return f"Log of {len(self.t)} rows, {span}, from {self.source or 'nowhere'}: {parts}"
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """States and commands over time: shown by a notebook, and saved as SVG if there is a path."""
+        from etude.shown import picture_of
+
+        return picture_of("log", self, path)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -155,7 +169,7 @@ class Expected:
     rest: bool = True
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
     (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
@@ -168,6 +182,9 @@ class Samples:
     group: Index
     usable: Mask
     moving: Mask
+
+    def __repr__(self) -> str:
+        return f"Samples of {len(np.unique(self.group))} groups, {self.log!r}"
 
     def __len__(self) -> int:
         return len(self.log)

@@ -48,6 +48,12 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "parquet": "etude.logs.readers:read_parquet",
     },
     "etude.exporters": {},
+    # what draws an object, by its noun; see `shown`
+    "etude.pictures": {
+        "campaign": "etude.report.pictures:of_campaign",
+        "log": "etude.report.pictures:of_log",
+        "trajectory": "etude.report.pictures:of_trajectory",
+    },
     # a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {
         "arm": "etude_studies.arm:run",

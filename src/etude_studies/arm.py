@@ -20,7 +20,7 @@ from etude.campaign.folder import open_campaign
 from etude.campaign.journal import JOURNAL
 from etude.campaign.simulate import simulate
 from etude.errors import UsageError
-from etude.models.model_config import Kind
+from etude.models.config import Rung
 from etude.storage import write_atomic
 from etude_studies.arm_rows import arm_rows
 from etude_studies.rows import rows_json, table
@@ -34,20 +34,20 @@ class Cell:
 
     Attributes:
         robot: a built-in simulated robot.
-        kind: `model.kind` in campaign.toml; everything else is the default preset.
+        rung: `model.rung` in campaign.toml; everything else is the default preset.
         seed: of the campaign.
     """
 
     robot: str
-    kind: Kind | Literal["auto"]
+    rung: Rung | Literal["auto"]
     seed: int
 
     @property
     def name(self) -> str:
-        return f"{self.robot}_{self.kind}_{self.seed:04d}"
+        return f"{self.robot}_{self.rung}_{self.seed:04d}"
 
 
-ARMS: tuple[tuple[str, Kind | Literal["auto"]], ...] = (
+ARMS: tuple[tuple[str, Rung | Literal["auto"]], ...] = (
     ("arm4", "gp"),
     ("arm4", "identified+gp"),
     ("arm4_rough", "gp"),
@@ -89,10 +89,10 @@ def run_one(cell: Cell, folder: Path) -> Cell:
     path = folder / cell.name
     if not (path / JOURNAL).exists():
         create_campaign(path, cell.robot, seed=cell.seed)
-    config, _ = load_config(path)
-    if config.model.kind != cell.kind:
-        chosen = replace(config, model=replace(config.model, kind=cell.kind))
-        write_atomic(path / CONFIG, config_text(chosen).encode())
+    found = load_config(path)
+    if found.config.model.rung != cell.rung:
+        chosen = replace(found.config, model=replace(found.config.model, rung=cell.rung))
+        write_atomic(path / CONFIG, config_text(chosen, found.kind).encode())
     campaign = open_campaign(path)
     for _ in simulate(campaign, ROUNDS - len(campaign.state().trained)):
         pass

@@ -10,27 +10,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.control.closed_loop import run_closed_loop
-from etude.control.feedforward import no_feedforward
-from etude.models.blocks import linear_regression
-from etude.models.calibration import score, standardised_log_loss
-from etude.models.dataset import Dataset, concatenate
-from etude.models.inverse_dynamics import feature_map
-from etude.models.model_config import ModelConfig
-from etude.models.output_process import LARGEST_FLOOR
-from etude.models.preprocess import build_dataset, preset
-from etude.plants.registry import simulated_robot
-from etude.robots.spec import RobotSpec
+from etude.contracts import Inputs, Samples
+from etude.models.fit import LARGEST_FLOOR
+from etude.models.linear import LinearPhysics
+from etude.models.score import score
 from etude_studies.model_cost import held_bytes, predict_seconds
 from etude_studies.model_members import MEMBERS, Member
 from etude_studies.model_table import FIGURES
 from etude_studies.rows import Row, mean_rows
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
+from etude_studies.world import World, one_period
 
 Array = NDArray[np.float64]
 
@@ -49,17 +42,17 @@ REPEATS_ONE, REPEATS_MANY = 50, 5
 
 def member_rows(rng: np.random.Generator, *, quick: bool = False) -> list[Row]:
     """The rows of `FIGURES` for every member, with intervals over seeds; nMSE beside linear regression's."""
-    robot = simulated_robot(ROBOT, engine="compiled")
+    world = World.of(ROBOT)
     measured: dict[str, list[dict[str, float]]] = {name: [] for name in MEMBERS}
     linear: list[float] = []
-    _compile_members(robot.spec.dof)
     seeds = rng.spawn(QUICK_SEEDS if quick else SEEDS)
     for own in _shown(seeds, quick=quick):
-        train, test = arm_data(own)
-        found = score(test.tau, linear_regression(train, test), None, ~test.stuck)
-        linear.append(_mean(found.nmse))
+        train, test = arm_data(world, own)
+        inputs = world.kind.inputs(world.spec, world.config)
+        _compile_members(len(inputs.columns))
+        linear.append(_mean(score(test, LinearPhysics(inputs)(train).predict(test.log)).nmse))
         for name, member in MEMBERS.items():
-            measured[name].append(_measure(member, train, test, robot.spec, own))
+            measured[name].append(_measure(member, train, test, inputs, world.kind.limit(world.spec), own))
     return [row for name, found in measured.items() for row in _rows_of(name, found, linear)]
 
 
@@ -91,15 +84,11 @@ def _shown(seeds: list[np.random.Generator], *, quick: bool) -> Iterable[np.rand
     return track(seeds, "all models, seed by seed", console=console, transient=True, disable=quick)
 
 
-def arm_data(rng: np.random.Generator) -> tuple[Dataset, Dataset]:
+def arm_data(world: World, rng: np.random.Generator) -> tuple[Samples, Samples]:
     """Samples of `TRAINING` random motions, and of one more."""
-    robot, family = simulated_robot(ROBOT, engine="compiled"), TrajectoryFamily(duration=DURATION_S)
-    parts = []
-    for number in range(TRAINING + 1):
-        trajectory = random_trajectory(rng, robot.spec, family)
-        log = run_closed_loop(robot, trajectory, no_feedforward(robot.spec), rng)
-        parts.append(build_dataset(log, robot.spec, preset("default"), number))
-    return concatenate(parts[:-1]), parts[-1]
+    motions = (world.motion(rng, **one_period(DURATION_S)) for _ in range(TRAINING + 1))
+    samples = world.samples(*(world.robot.run(motion, None, rng) for motion in motions))
+    return samples.take(samples.group < TRAINING), samples.take(samples.group == TRAINING)
 
 
 def _compile_members(inputs: int) -> None:
@@ -111,38 +100,29 @@ def _compile_members(inputs: int) -> None:
 
 
 def _measure(
-    member: Member, train: Dataset, test: Dataset, spec: RobotSpec, rng: np.random.Generator
+    member: Member, train: Samples, test: Samples, inputs: Inputs, limit: Array, rng: np.random.Generator
 ) -> dict[str, float]:
     """The figures of one seed."""
-    features = feature_map(spec, ModelConfig())
-    X, at = (features.transform(data.q, data.qd, data.qdd) for data in (train, test))
-    mean, variance = np.empty_like(test.tau), np.empty_like(test.tau)
-    trivial = np.empty((2, spec.dof))
+    X, at = (inputs.of_log(samples.log) for samples in (train, test))
+    mean, variance = np.empty_like(test.command), np.empty_like(test.command)
     posteriors, seconds = [], 0.0
-    for j in range(spec.dof):
-        moving = ~train.stuck[:, j]
-        tau = train.tau[moving, j]
-        trivial[:, j] = tau.mean(), tau.var()
-        floor = min(FLOOR * float(spec.command[j]), LARGEST_FLOOR * float(tau.std()))
+    for j, largest in enumerate(limit.tolist()):
+        use = (train.usable & train.moving)[:, j]
+        command = train.command[use, j]
+        offset, floor = command.mean(), min(FLOOR * largest, LARGEST_FLOOR * float(command.std()))
         start = time.process_time()
-        posteriors.append(member(X[moving], tau - trivial[0, j], floor, rng))
+        posteriors.append(member(X[use], command - offset, floor, rng))
         seconds += time.process_time() - start
         predicted, latent = posteriors[-1].predict(at)
-        mean[:, j], variance[:, j] = predicted + trivial[0, j], latent + posteriors[-1].noise_variance
-    many = np.resize(at, (POINTS, X.shape[1]))
-    return _described(test, mean, variance, trivial) | {
+        mean[:, j], variance[:, j] = predicted + offset, latent + posteriors[-1].noise_variance
+    known = replace(train, usable=train.usable & train.moving)
+    found, many = score(test, mean, variance, known), np.resize(at, (POINTS, X.shape[1]))
+    return {name: _mean(getattr(found, name)) for name in ("nmse", "msll", "z2")} | {
         "fit_s": seconds,
         "predict_1_us": 1e6 * predict_seconds(posteriors, at[:1], REPEATS_ONE),
         "predict_600_ms": 1e3 * predict_seconds(posteriors, many, REPEATS_MANY),
         "memory_mb": 1e-6 * held_bytes(posteriors),
     }
-
-
-def _described(test: Dataset, mean: Array, variance: Array, trivial: Array) -> dict[str, float]:
-    """How good predictions are; `trivial` (2, dof) is mean and variance of the training commands."""
-    found = score(test.tau, mean, variance, ~test.stuck)
-    loss = standardised_log_loss(test.tau, mean, variance, ~test.stuck, trivial)
-    return {"nmse": _mean(found.nmse), "msll": _mean(loss), "z2": _mean(found.z2)}
 
 
 def _mean(values: Array) -> float:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.campaign.folder import Campaign, open_campaign
-from etude.logs.parquet import read_parquet
-from etude.models.calibration import score
-from etude.models.model_file import load_model
-from etude.models.preprocess import build_dataset
+from etude.campaign.learn import stored_model
+from etude.campaign.rounds import measured
+from etude.logs.log_file import read_log_file
+from etude.models.score import score
 from etude_studies.rows import Row, mean_rows
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Named(Protocol):
     @property
     def robot(self) -> str: ...
     @property
-    def kind(self) -> str: ...
+    def rung(self) -> str: ...
     @property
     def name(self) -> str: ...
 
@@ -37,10 +37,10 @@ def arm_rows(folder: Path, cells: Iterable[Named]) -> list[Row]:
     """Tracking errors beside the perfect model's, the baselines, held-out calibration; a block per arm."""
     arms: dict[tuple[str, str], list[Campaign]] = {}
     for cell in cells:
-        arms.setdefault((cell.robot, cell.kind), []).append(open_campaign(folder / cell.name))
+        arms.setdefault((cell.robot, cell.rung), []).append(open_campaign(folder / cell.name))
     rows = []
-    for (robot, kind), campaigns in arms.items():
-        name = f"{robot}_{kind}"
+    for (robot, rung), campaigns in arms.items():
+        name = f"{robot}_{rung}"
         rows += _tracking_rows(name, campaigns)
         rows += _calibration_rows(name, campaigns)
     return rows
@@ -66,7 +66,7 @@ def _errors(
     found = []
     for campaign in campaigns:
         fitting = [
-            event["tracking_error_deg"]
+            measured(event)[0]
             for event in campaign.state().evaluated
             if event["test"] == test
             and event.get("baseline") == baseline
@@ -104,11 +104,11 @@ def _next_score(campaign: Campaign, number: int) -> tuple[float, float]:
 
 
 def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
-    """Of the model in use after round `number`, on the test motion as PD alone ran it."""
-    log = read_parquet(campaign.path / "tests" / "0000.pd.parquet")
-    new = build_dataset(log, campaign.spec, campaign.config.data)
-    model = load_model(campaign.model_folder(number))
-    found = score(new.tau, *model.predict(new.q, new.qd, new.qdd), ~new.stuck)
+    """Of the model in use after round `number`, on the test motion as feedback alone ran it."""
+    log = read_log_file(campaign.path / "tests" / f"0000.pd.{TESTS[0]}.parquet")
+    groups = [np.zeros(len(log), dtype=np.int64)]
+    new = campaign.kind.samples(campaign.spec, campaign.config, [log], groups)
+    found = score(new, *stored_model(campaign, number).predict(new.log))
     return float(np.nanmean(found.z2)), float(np.nanmean(found.coverage))
 
 

@@ -28,10 +28,10 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import initial_gp
+from etude.threads import threads_for
 from etude_studies import bench_peers
 from etude_studies.peers.catalogue import EXACT, SPECTRUM
 from etude_studies.rows import Row, rows_json, table
-from etude.threads import threads_for
 
 if TYPE_CHECKING:
     from etude.design.criteria import Criterion

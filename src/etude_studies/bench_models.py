@@ -1,12 +1,9 @@
-"""`etude bench models`: what the members of the model family do in the time and with the memory they take.
-
-A measure is a function of a random generator that returns rows, with a shorter form if it takes `quick`;
-`MEASURES` lists them.
-"""
+"""`etude bench models`: what the members of the model family do in the time and with the memory they take."""
 
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,32 +12,21 @@ from scipy.linalg.blas import dsymv, dsyr2
 
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
-from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential
-from etude_studies.model_table import show
-from etude_studies.registry import call
-from etude_studies.rows import Row, rows_json
 from etude.threads import threads_for
+from etude_studies.arm_accuracy import member_rows
+from etude_studies.crazyflie_accuracy import crazyflie_accuracy_rows
+from etude_studies.model_latency import latency_rows
+from etude_studies.model_table import show
+from etude_studies.online_rows import online_rows
+from etude_studies.real_accuracy import real_rows
+from etude_studies.rows import Row, rows_json
+from etude_studies.streams import INPUTS, NOISE, motions, outputs, process
 
 Array = NDArray[np.float64]
 
-MEASURES = (
-    "etude_studies.bench_models:dictionary_points_per_s",
-    "etude_studies.bench_models:dictionary_drift_10k",
-    "etude_studies.model_latency:latency_rows",
-    "etude_studies.real_accuracy:real_rows",
-    "etude_studies.crazyflie_accuracy:crazyflie_accuracy_rows",
-    "etude_studies.arm_accuracy:member_rows",
-    "etude_studies.online_rows:online_rows",
-)
-"""module:function, each (rng[, quick][, logs]) -> list of rows, in the order they are run."""
-
-INPUTS, SIZE = 12, 500
-PERIOD_S, RATE_HZ = 60.0, 100.0
-LENGTH = 2.0
-"""Length scales, in deviations of the inputs: as trained ones on a robot's features."""
-RATE_NOISE, DRIFT_NOISE = 1e-2, 1e-4
-"""Noise variances, in signal variances."""
+SIZE = 500
+DRIFT_NOISE = 1e-4
+"""Noise variance, in signal variances; `streams.NOISE` where rates are measured."""
 SWAP_SHARE = 0.3
 REPLACEMENTS = 10_000
 
@@ -50,10 +36,8 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | 
 
     `quick` measures the same rows with fewer seeds; `logs` is a folder with further recordings (`real_logs`).
     """
-    rows: list[Row] = []
     with threads_for(0):
-        for place in MEASURES:
-            rows += call(place, np.random.default_rng(seed), quick=quick, logs=logs)
+        rows = measured(seed, quick, logs)
     if json:
         command = (
             "etude bench models" + " --quick" * quick + " --logs FOLDER" * (logs is not None) + " --json"
@@ -62,6 +46,20 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | 
     else:
         show(rows, "model family")
     return rows
+
+
+def measured(seed: int, quick: bool, logs: Path | None) -> list[Row]:
+    """The rows, in the order in which they are measured; each measure draws from a generator of its own."""
+    rng = partial(np.random.default_rng, seed)
+    return [
+        *dictionary_points_per_s(rng()),
+        *dictionary_drift_10k(rng()),
+        *latency_rows(rng()),
+        *real_rows(rng(), logs=logs),
+        *crazyflie_accuracy_rows(rng()),
+        *member_rows(rng(), quick=quick),
+        *online_rows(rng(), quick),
+    ]
 
 
 def dictionary_points_per_s(rng: np.random.Generator) -> list[Row]:
@@ -73,7 +71,7 @@ def dictionary_points_per_s(rng: np.random.Generator) -> list[Row]:
     """
     half_life, share, rate = 32.0 * SIZE, 0.0, 0.0
     while share < SWAP_SHARE and half_life > 1.0:
-        stream = _stream(RATE_NOISE, half_life, rng)
+        stream = _stream(NOISE, half_life, rng)
         X = motions(2, rng)
         y = outputs(X, rng)
         start = time.perf_counter()
@@ -102,31 +100,12 @@ def dictionary_drift_10k(rng: np.random.Generator) -> list[Row]:
     return [Row("dictionary_drift_10k", worst, "1", "inverse computed anew", stream.drift())]
 
 
-def process(noise: float) -> ExactGP:
-    """A process of unit variance with that noise variance, and lengths as a robot's trained ones."""
-    theta = np.concatenate([[0.0], np.full(INPUTS, np.log(LENGTH))])
-    return ExactGP(SquaredExponential(tuple(range(INPUTS))), theta, 0.5 * float(np.log(noise)))
-
-
 def _stream(noise: float, half_life: float, rng: np.random.Generator) -> DictionaryStream:
     """A dictionary that has been filled from one motion, and compiled."""
     stream = DictionaryGP(process(noise), DictionaryConfig(size=SIZE, half_life=half_life)).stream(INPUTS)
     X = motions(1, rng)
     stream.offer(X, outputs(X, rng))
     return stream
-
-
-def motions(count: int, rng: np.random.Generator) -> Array:
-    """(count * 6000, INPUTS) of random Fourier series with three harmonics at 100 Hz."""
-    samples = int(PERIOD_S * RATE_HZ)
-    phase = 2.0 * np.pi / samples * np.arange(samples)[:, None] * np.arange(1, 4)
-    waves = np.concatenate([np.sin(phase), np.cos(phase)], axis=1) / np.sqrt(3.0)
-    return np.concatenate([waves @ rng.normal(size=(6, INPUTS)) for _ in range(count)])
-
-
-def outputs(X: Array, rng: np.random.Generator) -> Array:
-    """(n,) noisy outputs at X (n, INPUTS)."""
-    return np.asarray(np.sin(X[:, 0]) + X[:, 1] * X[:, 2] + 0.05 * rng.normal(size=len(X)))
 
 
 def _blas_seconds(rng: np.random.Generator, repeats: int = 200) -> tuple[float, float]:

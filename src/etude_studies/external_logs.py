@@ -10,12 +10,11 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Log, Samples
 from etude.errors import DataError
-from etude.logs.log import RobotLog
 from etude.logs.read import clean_log
-from etude.models.dataset import Dataset
-from etude.models.preprocess import preset
-from etude.robots.spec import Axis, RobotSpec
+from etude.robots.arm.spec import ArmSpec, Axis
+from etude_studies.world import World
 
 Array = NDArray[np.float64]
 
@@ -28,7 +27,7 @@ MARGIN = 1.1
 """Where no limits are published, those of the recording times this."""
 
 
-def panda_log(path: Path) -> tuple[RobotLog, RobotSpec]:
+def panda_log(path: Path) -> tuple[Log, World]:
     """The log in an .npz with t (T,) s, q and tau (T, 7) rad and N m, and a robot with the log's limits.
 
     Raises:
@@ -39,12 +38,14 @@ def panda_log(path: Path) -> tuple[RobotLog, RobotSpec]:
     _check(path, t=(t, (len(t),)), q=(q, (len(t), JOINTS)), tau=(tau, (len(t), JOINTS)))
     _check_time(path, t)
     speed = np.abs(arrays["qd"]).max(axis=0) if "qd" in arrays else np.full(JOINTS, 2.0)
-    spec = _spec("panda", q, speed, np.array(PANDA_COMMAND), float(1.0 / np.median(np.diff(t))))
-    log = RobotLog(spec.names, spec.command_unit, t, q, tau, source=path.name)
-    return clean_log(log, spec), spec
+    rate = float(1.0 / np.median(np.diff(t)))
+    world = World.described("arm", _spec("panda", q, speed, np.array(PANDA_COMMAND), rate))
+    channels = world.kind.channels(world.spec)
+    log = _log(world, t, {"q": q, "command": tau}, path.name)
+    return clean_log(log, channels, world.kind.expected(world.spec).limits), world
 
 
-def sarcos_samples(path: Path) -> tuple[RobotSpec, Dataset]:
+def sarcos_samples(path: Path) -> tuple[World, Samples]:
     """Samples of sarcos_inv_test in their order: .npz with q, qd, qdd, tau (n, 7), or the .mat (n, 28).
 
     They are used as they are: filtered by whoever recorded them, without time.
@@ -57,13 +58,18 @@ def sarcos_samples(path: Path) -> tuple[RobotSpec, Dataset]:
     for name, array in parts.items():
         _check(path, **{name: (array, shape)})
     speed = np.abs(parts["qd"]).max(axis=0)
-    spec = _spec("sarcos", parts["q"], speed, MARGIN * np.abs(parts["tau"]).max(axis=0), 1.0 / SARCOS_STEP_S)
-    stuck = np.abs(parts["qd"]) < preset("default").stick_fraction * speed
+    command = MARGIN * np.abs(parts["tau"]).max(axis=0)
+    world = World.described("arm", _spec("sarcos", parts["q"], speed, command, 1.0 / SARCOS_STEP_S))
+    moving = np.abs(parts["qd"]) >= world.config.data.stick_fraction * speed
     t = np.asarray(SARCOS_STEP_S * np.arange(shape[0]), dtype=np.float64)
-    dataset = Dataset(
-        t, parts["q"], parts["qd"], parts["qdd"], parts["tau"], stuck, np.zeros(shape[0], dtype=np.int64)
-    )
-    return spec, dataset
+    values = {"command" if name == "tau" else name: array for name, array in parts.items()}
+    log = _log(world, t, values, path.name)
+    return world, Samples(log, np.zeros(shape[0], dtype=np.int64), np.ones_like(moving), moving)
+
+
+def _log(world: World, t: Array, values: Mapping[str, Array], source: str) -> Log:
+    known = {channel.name: channel for channel in world.kind.channels(world.spec)}
+    return Log(t, {name: known[name] for name in values}, values, source)
 
 
 def _sarcos_arrays(path: Path) -> Mapping[str, Array]:
@@ -123,7 +129,7 @@ def _check_time(path: Path, t: Array) -> None:
         )
 
 
-def _spec(name: str, q: Array, speed: Array, command: Array, rate: float) -> RobotSpec:
+def _spec(name: str, q: Array, speed: Array, command: Array, rate: float) -> ArmSpec:
     axes = tuple(
         Axis(
             f"joint_{j + 1}",
@@ -135,7 +141,7 @@ def _spec(name: str, q: Array, speed: Array, command: Array, rate: float) -> Rob
         )
         for j in range(JOINTS)
     )
-    return RobotSpec(name, axes, "N m", rate)
+    return ArmSpec(name, axes, "N m", rate)
 
 
 def _unreadable(path: Path, error: Exception) -> DataError:

@@ -7,12 +7,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from etude.contracts import Column
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import structured_kernel
+from etude.models.gp.kernels import structured
 from etude.models.gp.single_point import PointMean
-from etude_studies.bench_models import INPUTS, LENGTH, RATE_NOISE, motions, outputs, process
 from etude_studies.rows import Row
+from etude_studies.streams import INPUTS, LENGTH, NOISE, motions, outputs, process
+from etude_studies.world import World
 
 OUTPUTS = 4
 POINTS = 500
@@ -28,19 +30,21 @@ def latency_rows(rng: np.random.Generator) -> list[Row]:
     100 Hz has 10,000 µs. The updates are of a full dictionary that samples of a smooth motion stream through
     one by one, swaps and refreshes included.
     """
-    structured = [_structured(axis) for axis in range(OUTPUTS)]
+    world = World.of("arm4")
+    columns = world.kind.inputs(world.spec, world.config).columns
+    joints = [_structured(columns, joint) for joint in world.spec.names]
     return [
-        _predict_row("predict_one_point_us", [process(RATE_NOISE)] * OUTPUTS, INPUTS, rng),
-        _predict_row("predict_one_point_structured_us", structured, 6 * OUTPUTS, rng),
+        _predict_row("predict_one_point_us", [process(NOISE)] * OUTPUTS, INPUTS, rng),
+        _predict_row("predict_one_point_structured_us", joints, len(columns), rng),
         _update_row(rng),
     ]
 
 
-def _structured(axis: int) -> ExactGP:
-    """The default process of one of `OUTPUTS` joints, three friction columns each."""
-    kernel = structured_kernel(OUTPUTS, axis, 3)
-    theta = kernel.initial(np.full(6 * OUTPUTS, LENGTH), 1.0)
-    return ExactGP(kernel, theta, 0.5 * float(np.log(RATE_NOISE)))
+def _structured(columns: Sequence[Column], joint: str) -> ExactGP:
+    """The default process of one joint."""
+    kernel = structured(columns, (joint,))
+    theta = kernel.initial(np.full(len(columns), LENGTH), 1.0)
+    return ExactGP(kernel, theta, 0.5 * float(np.log(NOISE)))
 
 
 def _predict_row(metric: str, processes: Sequence[ExactGP], inputs: int, rng: np.random.Generator) -> Row:
@@ -57,7 +61,7 @@ def _predict_row(metric: str, processes: Sequence[ExactGP], inputs: int, rng: np
 def _update_row(rng: np.random.Generator) -> Row:
     X = motions(1, rng)
     y = outputs(X, rng)
-    stream = DictionaryGP(process(RATE_NOISE), DictionaryConfig(size=MEMBERS)).stream(INPUTS)
+    stream = DictionaryGP(process(NOISE), DictionaryConfig(size=MEMBERS)).stream(INPUTS)
     stream.offer(X[:MEMBERS], y[:MEMBERS])
     stream.offer(X[MEMBERS - 1 : MEMBERS], y[MEMBERS - 1 : MEMBERS])  # compiles the update
     value = _median_us(lambda i: stream.offer(X[MEMBERS + i, None], y[MEMBERS + i, None]))

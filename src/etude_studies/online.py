@@ -28,7 +28,7 @@ from etude.storage import write_atomic
 from etude.threads import threads_for
 from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table
-from etude_studies.world import World
+from etude_studies.world import World, one_period
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, 
     world = World.of(cell.robot)
     rng = np.random.default_rng([cell.seed, 0])
     model = start_model(world, rng)
-    motion = world.motion(rng, harmonics=2, duration=PASS_S)
+    motion = world.motion(rng, harmonics=2, **one_period(PASS_S))
     change = {CHANGE_S: world.robot.changed(**CHANGES[cell.change])}
     return {
         name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change))
@@ -147,7 +147,7 @@ def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, 
 
 def start_model(world: World, rng: np.random.Generator) -> LearnedModel:
     """What a campaign without a model file knows after two random motions under feedback alone."""
-    motions = [world.motion(rng, duration=PASS_S) for _ in range(TRAINING)]
+    motions = (world.motion(rng, **one_period(PASS_S)) for _ in range(TRAINING))
     samples = world.samples(*(world.robot.run(motion, None, rng) for motion in motions))
     return world.learned(samples, replace(world.config.model, rung="gp"), rng).model
 

@@ -6,17 +6,16 @@ commands as recorded. The test blocks lie between training blocks of the same mo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.blocks import linear_regression
-from etude.models.calibration import score
-from etude.models.inverse_dynamics import InverseDynamicsModel, train_model
-from etude.models.ladder import train_ladder
-from etude.models.model_config import ModelConfig
+from etude.models.linear import LinearPhysics
+from etude.models.model import LearnedModel
+from etude.models.score import figures
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row
 
@@ -24,13 +23,13 @@ Array = NDArray[np.float64]
 
 
 def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row]:
-    """For every recording that is there, figures of the default process without a rigid body.
+    """For every recording that is there, figures of the default model without a rigid body.
 
     `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all_points` conditioned on
     all samples, where these are more than the default's cap; `nmse_<log>_ladder` of the default choice for a
     robot with a model file. Means over the joints, on samples where that joint moves. A log that should be
-    there and is not has no row but a message on stderr; so has every output that fell back to linear
-    regression.
+    there and is not has no row but a message on stderr; so has every output that linear regression predicts
+    better.
 
     Args:
         logs: folder with recordings that are not part of the project.
@@ -54,50 +53,46 @@ def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row
 
 def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list[Row]:
     """The rows of one recording."""
-    model = train_model(data.train, data.spec, ModelConfig(kind="gp"), rng)
-    for message in model.warnings(data.spec.names):
+    world, test = data.world, data.test
+    config, use = world.config.model, test.usable & test.moving
+    model = world.learned(data.train, config, rng, body=False).model
+    for message in model.warnings:
         say(f"{name}, {message}")
-    linear = linear_regression(data.train, data.test)
-    rows = accuracy_rows(name, data.test.tau, _mean(model, data), linear, ~data.test.stuck, data.raw)
-    if len(data.train) > ModelConfig().points:  # what the cap on the samples conditioned on costs
-        every = train_model(data.train, data.spec, ModelConfig(kind="gp", points=len(data.train)), rng)
-        rows.append(
-            accuracy_rows(f"{name}_all_points", data.test.tau, _mean(every, data), linear, ~data.test.stuck)[
-                0
-            ]
-        )
-    if data.spec.model_file is not None:
-        chosen = train_ladder(data.train, data.spec, ModelConfig(), rng).model
-        ladder = accuracy_rows(f"{name}_ladder", data.test.tau, _mean(chosen, data), linear, ~data.test.stuck)
-        rows.append(ladder[0])
+    linear = LinearPhysics(model.inputs)(data.train).predict(test.log)
+    rows = accuracy_rows(name, test.command, model.mean(test.log), linear, use, data.raw)
+
+    def row(more: str, other: LearnedModel) -> Row:
+        return accuracy_rows(f"{name}_{more}", test.command, other.mean(test.log), linear, use)[0]
+
+    if len(data.train) > config.points:  # what the cap on the samples conditioned on costs
+        every = replace(config, points=len(data.train))
+        rows.append(row("all_points", world.learned(data.train, every, rng, body=False).model))
+    if world.kind.physics(world.spec, world.config):
+        rows.append(row("ladder", world.learned(data.train, config, rng).model))
     return rows
 
 
 def accuracy_rows(
     name: str,
-    tau: Array,
+    command: Array,
     mean: Array,
     linear: Array,
     moving: NDArray[np.bool_],
     raw: Array | None = None,
 ) -> list[Row]:
-    """Rows of predictions `mean` of `tau`, both (n, k), beside `linear` regression's, where `moving`."""
+    """Rows of predictions `mean` of `command`, both (n, k), beside `linear` regression's, where `moving`."""
     rows = []
-    mine, theirs = (score(tau, predicted, None, moving).nmse for predicted in (mean, linear))
+    mine, theirs = (figures(command, predicted, None, moving).nmse for predicted in (mean, linear))
     beside = "linear regression"
     rows.append(Row(f"nmse_{name}", float(np.nanmean(mine)), "1", beside, float(np.nanmean(theirs))))
     if raw is not None:
-        found, floor = (score(raw, predicted, None, moving).nmse for predicted in (mean, tau))
+        found, floor = (figures(raw, predicted, None, moving).nmse for predicted in (mean, command))
         noise = "what the filter took out of the command"
         rows.append(Row(f"nmse_{name}_raw", float(np.nanmean(found)), "1", noise, float(np.nanmean(floor))))
     worst = int(np.nanargmax(mine / theirs))
     ratio = float(mine[worst] / theirs[worst])
     rows.append(Row(f"nmse_{name}_worst_vs_linear", ratio, "1", f"no worse; output {worst + 1}", 1.0))
     return rows
-
-
-def _mean(model: InverseDynamicsModel, data: Recording) -> Array:
-    return model.predict(data.test.q, data.test.qd, data.test.qdd)[0]
 
 
 def _check_folder(logs: Path | None) -> None:

@@ -10,48 +10,43 @@ no test block lies at an end.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.logs.log import RobotLog
-from etude.models import output_process
-from etude.models.blocks import COUNT, EVERY, FIRST, linear_regression, near
-from etude.models.dataset import Dataset
-from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured_kernel
-from etude.models.inverse_dynamics import train_model
-from etude.models.lesson import Lesson
-from etude.models.model_config import ModelConfig
-from etude.models.preprocess import DataConfig, build_dataset, filter_cutoff, preset
-from etude.robots.spec import RobotSpec
+from etude.contracts import Column, Log, Samples
+from etude.models.gp.kernel_algebra import Kernel
+from etude.models.gp.kernels import Linear, SquaredExponential, structured
+from etude.models.held_out import COUNT, EVERY, FIRST, near
+from etude.models.linear import LinearPhysics
+from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row
+from etude_studies.world import World
 
 Array = NDArray[np.float64]
-Builder = Callable[[int, int, int], Kernel]
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One way of learning: options of the model and of the data, and what is called a structured kernel.
+    """One way of learning: keys of [model] and [data] that differ from the default's.
 
-    With `other`, each output takes that kernel if it gives stretches left out in training a higher density.
+    With `other`, each output takes that kernel if it errs less on stretches left out in training.
     """
 
-    model: ModelConfig
-    data: DataConfig
-    kernel: Builder
-    other: Builder | None = None
+    model: dict[str, Any] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict)
+    other: str = ""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Squared errors of samples left out, (folds, dof) sums over those that move; `spread` (dof,) of all."""
+    """Squared errors of samples left out, (folds, J) sums over those that move; `spread` (J,) of all."""
 
     process: Array
     linear: Array
@@ -59,40 +54,46 @@ class LeftOut:
     spread: Array
 
     def nmse(self, errors: Array) -> Array:
-        """(dof,) of one of the three above."""
+        """(J,) of one of the three above."""
         return np.asarray(errors.sum(axis=0) / self.spread)
 
 
-def _with_inertia(dof: int, axis: int, frictions: int = 1) -> Kernel:
+def inertia(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """The structured kernel, and an inertia that depends on the posture."""
-    return structured_kernel(dof, axis, frictions) + _accelerations(dof) * _posture(dof)
+    return structured(columns, commands) + _of_order(columns, 2) * _posture(columns)
 
 
-def _with_rigid_body(dof: int, axis: int, frictions: int = 1) -> Kernel:
+def rigid_body(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """The same with products of velocities too: the terms of a rigid body."""
-    speeds = Linear(tuple(range(dof, 2 * dof)))
-    products = (_accelerations(dof) + speeds * speeds) * _posture(dof)
-    return structured_kernel(dof, axis, frictions) + products
+    speeds = _of_order(columns, 1)
+    products = (_of_order(columns, 2) + speeds * speeds) * _posture(columns)
+    return structured(columns, commands) + products
 
 
-def _accelerations(dof: int) -> Linear:
-    return Linear(tuple(range(2 * dof, 3 * dof)))
+def _of_order(columns: Sequence[Column], order: int) -> Linear:
+    return Linear(_places(columns, order))
 
 
-def _posture(dof: int) -> SquaredExponential:
-    return SquaredExponential(tuple(range(dof)), unit=True, share=2.0)
+def _posture(columns: Sequence[Column]) -> SquaredExponential:
+    return SquaredExponential(_places(columns, 0), unit=True, share=2.0)
 
 
-DEFAULT = Choice(ModelConfig(kind="gp"), preset("default"), structured_kernel)
+def _places(columns: Sequence[Column], order: int) -> tuple[int, ...]:
+    """Columns of positions, velocities or accelerations."""
+    own = list(dict.fromkeys(channel for channel, *_ in columns))[order]
+    return tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == own and not op)
+
+
+HERE = "etude_studies.real_choices"
 CHOICES: dict[str, Choice] = {
-    "default": DEFAULT,
-    "inertia": replace(DEFAULT, kernel=_with_inertia),
-    "rigid_body": replace(DEFAULT, kernel=_with_rigid_body),
-    "rigid_body_or_not": replace(DEFAULT, other=_with_rigid_body),
-    "noise_floor_auto": replace(DEFAULT, model=ModelConfig(kind="gp", noise_floor="auto")),
-    "samples_300": replace(DEFAULT, data=replace(preset("default"), least_samples=300)),
-    "samples_600": replace(DEFAULT, data=replace(preset("default"), least_samples=600)),
-    "ard_se": replace(DEFAULT, model=ModelConfig(kind="gp", kernel="ard_se")),
+    "default": Choice(),
+    "inertia": Choice({"kernel": f"{HERE}:inertia"}),
+    "rigid_body": Choice({"kernel": f"{HERE}:rigid_body"}),
+    "rigid_body_or_not": Choice(other=f"{HERE}:rigid_body"),
+    "noise_floor_auto": Choice({"noise_floor": "auto"}),
+    "samples_300": Choice(data={"least_samples": 300}),
+    "samples_600": Choice(data={"least_samples": 600}),
+    "ard_se": Choice({"kernel": "ard_se"}),
 }
 
 
@@ -105,7 +106,7 @@ def choice_rows(logs: Path | None = None, *, only: Sequence[str] = ()) -> list[R
     Args:
         logs: folder with Panda's recording. only: names of the logs to take, all arms' if empty.
     """
-    found = {name: left_out(DEFAULT, *arm) for name, arm in _arms(logs, only)}
+    found = {name: left_out(CHOICES["default"], *arm) for name, arm in _arms(logs, only)}
     rows = [_stacked_row(name, one) for name, one in found.items()]
     for choice, options in CHOICES.items():
         ratios = []
@@ -120,27 +121,39 @@ def choice_rows(logs: Path | None = None, *, only: Sequence[str] = ()) -> list[R
     return rows
 
 
-def left_out(choice: Choice, log: RobotLog, spec: RobotSpec) -> LeftOut:
+def left_out(choice: Choice, log: Log, world: World) -> LeftOut:
     """What one choice makes of the folds of one log."""
     errors, linears, held = [], [], []
-    for train, test in folds(log, spec, choice.data):
-        with structured_as(choice.kernel, choice.other):
-            model = train_model(train, spec, choice.model, np.random.default_rng(SEED))
-        moving = ~test.stuck
-        errors.append(np.where(moving, model.predict(test.q, test.qd, test.qdd)[0] - test.tau, 0.0))
-        linears.append(np.where(moving, linear_regression(train, test) - test.tau, 0.0))
-        held.append(np.where(moving, test.tau, np.nan))
-    tau = np.concatenate(held)
+    for train, test in folds(log, world, choice):
+        moving = test.usable & test.moving
+        errors.append(np.where(moving, predicted(choice, world, train, test) - test.command, 0.0))
+        line = LinearPhysics(world.kind.inputs(world.spec, world.config))(train).predict(test.log)
+        linears.append(np.where(moving, line - test.command, 0.0))
+        held.append(np.where(moving, test.command, np.nan))
+    command = np.concatenate(held)
     return LeftOut(
         np.array([(e**2).sum(axis=0) for e in errors]),
         np.array([(e**2).sum(axis=0) for e in linears]),
         stacked_errors(errors, linears),
-        np.nanvar(tau, axis=0) * np.isfinite(tau).sum(axis=0),
+        np.nanvar(command, axis=0) * np.isfinite(command).sum(axis=0),
     )
 
 
+def predicted(choice: Choice, world: World, train: Samples, test: Samples) -> Array:
+    """Commands (n, J) of the test by the process of that choice."""
+    config = replace(world.config.model, **{"rung": "gp", **choice.model})
+    ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
+    found = ladder.model.mean(test.log)
+    if not choice.other:
+        return found
+    other = world.learned(
+        train, replace(config, kernel=choice.other), np.random.default_rng(SEED), body=False
+    )
+    return np.where(other.errors["gp"] < ladder.errors["gp"], other.model.mean(test.log), found)
+
+
 def stacked_errors(process: Sequence[Array], linear: Sequence[Array]) -> Array:
-    """Squared errors (folds, dof) with linear regression weighed in, by one weight for each output.
+    """Squared errors (folds, J) with linear regression weighed in, by one weight for each output.
 
     The weight in [0, 1] is that of least squared error on the other folds.
     """
@@ -153,42 +166,19 @@ def stacked_errors(process: Sequence[Array], linear: Sequence[Array]) -> Array:
     return np.array(out)
 
 
-def folds(log: RobotLog, spec: RobotSpec, data: DataConfig) -> Iterator[tuple[Dataset, Dataset]]:
+def folds(log: Log, world: World, choice: Choice) -> Iterator[tuple[Samples, Samples]]:
     """Training and left-out samples, of the training part alone."""
-    dataset, gap = build_dataset(log, spec, data), 1.0 / filter_cutoff(log, data)
-    block = np.argsort(np.argsort(dataset.t, kind="stable")) * COUNT // len(dataset)
+    data = replace(world.config.data, **choice.data)
+    samples, gap = world.samples(log, data=data), 1.0 / filter_cutoff(log, data)
+    block = np.argsort(np.argsort(samples.t, kind="stable")) * COUNT // len(samples)
     test = block % EVERY == FIRST
-    known = ~test & ~near(dataset.t, test, gap)
+    known = ~test & ~near(samples.t, test, gap)
     for remainder in sorted(set(range(EVERY)) - {FIRST}):
         own = known & (block % EVERY == remainder) & (block > 0) & (block < COUNT - 1)
-        yield dataset.take(known & ~own & ~near(dataset.t, own, gap)), dataset.take(own)
+        yield samples.take(known & ~own & ~near(samples.t, own, gap)), samples.take(own)
 
 
-@contextmanager
-def structured_as(builder: Builder, other: Builder | None = None) -> Iterator[None]:
-    """Trains with another kernel in the place of the structured one, or with the better of two."""
-    place = vars(output_process)
-    own = {name: place[name] for name in ("structured_kernel", "_attempt")}
-    asked: list[tuple[int, int, int]] = []
-
-    def build(dof: int, axis: int, frictions: int) -> Kernel:
-        asked.append((dof, axis, frictions))
-        return builder(dof, axis, frictions)
-
-    def better(lesson: Lesson, *options: object) -> object:
-        attempts = [own["_attempt"](lesson, *options)]
-        if other is not None:
-            attempts.append(own["_attempt"](replace(lesson, kernel=other(*asked[-1])), *options))
-        return max(attempts, key=lambda attempt: attempt.density)
-
-    place.update(structured_kernel=build, _attempt=better)
-    try:
-        yield
-    finally:
-        place.update(own)
-
-
-def _arms(logs: Path | None, only: Sequence[str]) -> Iterator[tuple[str, tuple[RobotLog, RobotSpec]]]:
+def _arms(logs: Path | None, only: Sequence[str]) -> Iterator[tuple[str, tuple[Log, World]]]:
     """Logs with times: SARCOS has none, and is no short log."""
     for real in REAL_LOGS:
         path = real.find(logs)

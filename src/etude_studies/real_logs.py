@@ -13,35 +13,32 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.logs.log import RobotLog
-from etude.logs.read import read_log
-from etude.models.blocks import split_blocks
-from etude.models.dataset import Dataset
-from etude.models.preprocess import build_dataset, filter_cutoff, preset
-from etude.robots.spec import RobotSpec
-from etude.robots.toml_file import load_robot
+from etude.contracts import Log, Samples
+from etude.models.held_out import split_blocks
+from etude.robots.arm.recipe import filter_cutoff
+from etude_studies.world import World
 
 Array = NDArray[np.float64]
 
-PLACES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[3] / "examples")
+PLACES = (Path(__file__).parents[1] / "etude" / "examples", Path(__file__).parents[2] / "examples")
 EXAMPLES = next((place for place in PLACES if place.is_dir()), PLACES[0])
 """In a package, and in a checkout."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """A real arm's log as a campaign would learn it, divided.
 
     Attributes:
-        spec: the robot.
+        world: the robot.
         train, test: blocks 3, 8, 13 and 18 of 20 are the test. Training samples within one period of the
             filter's cutoff of a test sample are left out: their filtered commands hold the test's noise.
-        raw: (n, dof) commands at the test samples as they were recorded, interpolated; None without a filter.
+        raw: (n, J) commands at the test samples as they were recorded, interpolated; None without a filter.
     """
 
-    spec: RobotSpec
-    train: Dataset
-    test: Dataset
+    world: World
+    train: Samples
+    test: Samples
     raw: Array | None
 
 
@@ -80,38 +77,34 @@ def bundled_arm(path: Path) -> Recording:
     return recording(*_example(path))
 
 
-def _example(path: Path) -> tuple[RobotLog, RobotSpec]:
-    spec = load_robot(path.with_name(f"{path.parent.name}.toml"))
-    return read_log(path, spec), spec
+def _example(path: Path) -> tuple[Log, World]:
+    world = World.of(path.with_name(f"{path.parent.name}.toml"))
+    return world.read(path), world
 
 
-def arm_log(name: str, path: Path) -> tuple[RobotLog, RobotSpec]:
+def arm_log(name: str, path: Path) -> tuple[Log, World]:
     """The log itself of one of `REAL_LOGS`, and its robot; SARCOS has samples without times, and no log."""
     from etude_studies.external_logs import panda_log
 
     return panda_log(path) if name == "panda" else _example(path)
 
 
-def recording(log: RobotLog, spec: RobotSpec) -> Recording:
+def recording(log: Log, world: World) -> Recording:
     """A cleaned log through the default preset of a campaign, divided into blocks."""
-    config = preset("default")
-    dataset = build_dataset(log, spec, config)
-    train, test = split_blocks(dataset, gap_s=1.0 / filter_cutoff(log, config))
-    raw = np.column_stack([np.interp(test.t, log.t, column) for column in log.tau.T])
-    return Recording(spec, train, test, raw)
+    train, test = split_blocks(world.samples(log), gap_s=1.0 / filter_cutoff(log, world.config.data))
+    raw = np.column_stack([np.interp(test.t, log.t, column) for column in log["command"].T])
+    return Recording(world, train, test, raw)
 
 
 def panda(path: Path) -> Recording:
-    from etude_studies.external_logs import panda_log
-
-    return recording(*panda_log(path))
+    return recording(*arm_log("panda", path))
 
 
 def sarcos(path: Path) -> Recording:
     from etude_studies.external_logs import sarcos_samples
 
-    spec, dataset = sarcos_samples(path)
-    return Recording(spec, *split_blocks(dataset), raw=None)
+    world, samples = sarcos_samples(path)
+    return Recording(world, *split_blocks(samples), raw=None)
 
 
 SARCOS_NOTE = (

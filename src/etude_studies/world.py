@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from etude import plugins
 from etude.campaign.config import CampaignConfig, preset_config
 from etude.campaign.create import find_robot
 from etude.contracts import Array, Kind, Log, Robot, Samples, Trajectory
@@ -37,6 +39,12 @@ class World:
         kind, path = find_robot(str(robot))
         return cls(kind, kind.spec(path), preset_config(kind, preset))
 
+    @classmethod
+    def described(cls, kind: str, spec: Any, preset: str = "default") -> World:
+        """A robot that is described here, of a kind by name."""
+        found = plugins.load("etude.robots", kind)
+        return cls(found, spec, preset_config(found, preset))
+
     @property
     def robot(self) -> Robot:
         """The simulated stand-in. UsageError if there is none."""
@@ -64,13 +72,20 @@ class World:
         groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
         return self.kind.samples(self.spec, config, logs, groups)
 
-    def learned(self, samples: Samples, model: ModelConfig, rng: np.random.Generator) -> Ladder:
-        """The ladder of these samples."""
+    def learned(
+        self, samples: Samples, model: ModelConfig, rng: np.random.Generator, *, body: bool = True
+    ) -> Ladder:
+        """The ladder of these samples; with `body` False, as if nobody had described the robot's."""
         kind, spec, config = self.kind, self.spec, self.config
-        physics = kind.physics(spec, config)
+        physics = kind.physics(spec, config) if body else {}
         return train_ladder(samples, kind.inputs(spec, config), physics, kind.limit(spec), model, rng)
 
     @property
     def command_limits(self) -> tuple[Array, Array]:
         """Lower and upper (J,) of the commands."""
         return self.kind.expected(self.spec).limits["command"]
+
+
+def one_period(duration: float) -> dict[str, float]:
+    """Keys of [trajectory] for a motion that nothing in it repeats, s."""
+    return {"duration": duration, "omega0": 2.0 * math.pi / duration}

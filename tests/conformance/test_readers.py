@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import random
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +13,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from etude.contracts import Channel
 from etude.errors import DataError
-from etude.logs.table import READERS, read_table
+from etude.logs.read import read_log
+from etude.logs.readers import READERS, read_raw
 
 Columns = dict[str, list[float | None]]
 
@@ -44,24 +49,24 @@ def suffix(request: pytest.FixtureRequest) -> str:
 def test_reads_every_column_exactly_and_in_order(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"run{suffix}"
     WRITERS[suffix](path, COLUMNS)
-    table = read_table(path)
-    assert list(table.columns) == list(COLUMNS)
+    table = read_raw(path)
+    assert list(table.values) == list(COLUMNS)
     for name, values in COLUMNS.items():
-        np.testing.assert_array_equal(table.columns[name], values)
-        assert table.columns[name].dtype == np.float64
+        np.testing.assert_array_equal(table[name][:, 0], values)
+        assert table[name].dtype == np.float64
     assert table.repairs == ()
 
 
 def test_upper_case_suffixes_are_known(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"RUN{suffix.upper()}"
     WRITERS[suffix](path, COLUMNS)
-    assert list(read_table(path).columns) == list(COLUMNS)
+    assert list(read_raw(path).values) == list(COLUMNS)
 
 
 def test_unreadable_cells_become_nan(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"run{suffix}"
     WRITERS[suffix](path, {"t": [0.0, 1.0, 2.0], "q": [None, math.nan, math.inf]})
-    np.testing.assert_array_equal(read_table(path).columns["q"], [np.nan, np.nan, np.inf])
+    np.testing.assert_array_equal(read_raw(path)["q"][:, 0], [np.nan, np.nan, np.inf])
 
 
 @pytest.mark.parametrize("content", [b"", bytes(range(256)) * 64, b"\x00" * 4096])
@@ -69,7 +74,7 @@ def test_empty_and_foreign_files_are_refused(suffix: str, content: bytes, tmp_pa
     path = tmp_path / f"run{suffix}"
     path.write_bytes(content)
     with pytest.raises(DataError) as problem:
-        read_table(path)
+        read_raw(path)
     assert str(path) in str(problem.value)
     assert problem.value.next_step
 
@@ -81,16 +86,87 @@ def test_files_cut_anywhere_give_an_error_or_whole_rows(suffix: str, tmp_path: P
     for size in range(0, len(data), max(1, len(data) // 40)):
         path.write_bytes(data[:size])
         try:
-            table = read_table(path)
+            table = read_raw(path)
         except DataError:
             continue
-        for name, values in table.columns.items():
-            np.testing.assert_array_equal(values, COLUMNS[name][: len(values)])
+        for name, values in table.values.items():
+            np.testing.assert_array_equal(values[:, 0], COLUMNS[name][: len(values)])
 
 
 def test_a_missing_file_is_named(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no such log file"):
-        read_table(tmp_path / f"gone{suffix}")
+        read_raw(tmp_path / f"gone{suffix}")
+
+
+CHANNELS = (
+    Channel("q", ("a", "b"), ("rad", "rad"), required=True),
+    Channel("command", ("a", "b"), ("N m", "N m"), "command", required=True, acts_on="q"),
+)
+LIMITS = {"q": (np.array([-2.0, -2.0]), np.array([2.0, 2.0]))}
+TOKENS = (b",", b"\n", b'"', b"nan", b"1e308", b"[", b"\0", b"\xff", b"#", b"9" * 400, b"\t", b"t", b"")
+
+
+def whole_log() -> Columns:
+    t = np.arange(300) / 100
+    names = (("q", "a"), ("q", "b"), ("tau", "a"), ("tau", "b"))
+    signals = {f"{w}_{p}": np.sin(t * k) for k, (w, p) in enumerate(names, 1)}
+    return {name: values.tolist() for name, values in ({"t": t} | signals).items()}
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """One to sixteen changes: bytes, bits, pieces cut, doubled, exchanged, put in; often near an end."""
+    out = bytearray(data)
+    for _ in range(rng.choice([1, 1, 2, 4, 16])):
+        near = rng.choice([rng.randrange(300), len(out) - 1 - rng.randrange(300)])
+        place = min(max(rng.choice([near, rng.randrange(len(out))]), 0), len(out) - 1)
+        length = rng.choice([1, 4, 50, 1000])
+        other = rng.randrange(len(out))
+        match rng.randrange(7):
+            case 0:
+                out[place] = rng.randrange(256)
+            case 1:
+                out[place] ^= 1 << rng.randrange(8)
+            case 2:
+                del out[place : place + length]
+            case 3:
+                out[place:place] = rng.choice(TOKENS)
+            case 4:
+                out[place:place] = out[place : place + length]
+            case 5:
+                out[place : place + length], out[other : other + length] = (
+                    out[other : other + length],
+                    out[place : place + length],
+                )
+            case _:
+                del out[place:]
+        out = out or bytearray(b" ")
+    return bytes(out)
+
+
+def test_damaged_files_give_an_error_or_a_log_within_a_second(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run{suffix}"
+    WRITERS[suffix](path, whole_log())
+    data = path.read_bytes()
+    assert len(read_log(path, CHANNELS, rate=100.0, limits=LIMITS)) == 300
+    for number in range(100):
+        path.write_bytes(damaged(data, random.Random(number)))
+        began = time.perf_counter()
+        with contextlib.suppress(DataError):
+            log = read_log(path, CHANNELS, rate=100.0, limits=LIMITS)
+            assert np.isfinite(log["q"]).all(), number
+        assert time.perf_counter() - began < 1.0, number
+
+
+def test_counts_that_are_not_true_do_not_end_the_program(tmp_path: Path) -> None:
+    """The decoder asked for 2^61 bytes, and the program ended."""
+    frame = pl.DataFrame({"t": np.arange(2000) / 100})
+    frame.write_parquet(tmp_path / "run.parquet", compression="uncompressed", statistics=False)
+    data = (tmp_path / "run.parquet").read_bytes()
+    count = b"\x15\xa0\x1f"  # field of type i32, 2000 in zigzag
+    assert count in data
+    (tmp_path / "run.parquet").write_bytes(data.replace(count, b"\x15\xf9\xff\xff\xff\x0f", 1))
+    with pytest.raises(DataError, match="cannot be read as Parquet"):
+        read_raw(tmp_path / "run.parquet")
 
 
 def test_every_reader_is_tested() -> None:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_examples import SPEC
+from log_examples import CHANNELS, FLIGHT_CHANNELS, JOINTS, joint_channels
 
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 
-JOINTS = SPEC.names
-
 
 def names_of(headers: list[str], channel: str) -> list[str]:
-    return [column.name for column in match_columns(headers, SPEC, "log.csv").channels[channel]]
+    return [column.name for column in match_columns(headers, CHANNELS, "log.csv").channels[channel]]
 
 
 @pytest.mark.parametrize(
@@ -51,9 +49,10 @@ def test_spellings_of_a_position(pattern: str, word: str, short: bool) -> None:
     ],
 )
 def test_the_command_is_the_column_of_the_robots_unit(unit: str, word: str) -> None:
-    spec = replace(SPEC, command_unit=unit)
     headers = [f"q_{j}" for j in JOINTS] + [f"{j}.{word}" for j in JOINTS]
-    assert [c.name for c in match_columns(headers, spec, "f").channels["tau"]] == headers[3:]
+    assert [
+        c.name for c in match_columns(headers, joint_channels(unit=unit), "f").channels["command"]
+    ] == headers[3:]
 
 
 def test_desired_is_not_measured() -> None:
@@ -62,10 +61,11 @@ def test_desired_is_not_measured() -> None:
     assert names_of(headers, "q") == headers[3:6]
 
 
+@settings(max_examples=25)
 @given(st.permutations([f"{c}.{j}" for c in ("position", "velocity", "effort") for j in JOINTS]))
 def test_any_order(headers: list[str]) -> None:
     assert names_of(headers, "q") == [f"position.{j}" for j in JOINTS]
-    assert names_of(headers, "tau") == [f"effort.{j}" for j in JOINTS]
+    assert names_of(headers, "command") == [f"effort.{j}" for j in JOINTS]
     assert names_of(headers, "qd") == [f"velocity.{j}" for j in JOINTS]
 
 
@@ -73,24 +73,24 @@ def test_any_order(headers: list[str]) -> None:
 @pytest.mark.parametrize("first", [0, 1])
 def test_numbers_stand_for_the_axis_order_and_are_reported(pattern: str, first: int) -> None:
     headers = [pattern.format(first + i) for i in (2, 0, 1)] + [f"tau_{j}" for j in JOINTS]
-    matching = match_columns(headers, SPEC, "log.csv")
+    matching = match_columns(headers, CHANNELS, "log.csv")
     assert [c.name for c in matching.channels["q"]] == [pattern.format(first + i) for i in range(3)]
-    assert any("taken for the joints pan_joint, lift_joint, elbow_joint" in s for s in matching.repairs)
+    assert any("taken for pan_joint, lift_joint, elbow_joint" in s for s in matching.repairs)
 
 
 def test_numbers_in_the_joints_names_win_over_their_order() -> None:
-    axes = tuple(replace(axis, name=f"joint_{n}") for axis, n in zip(SPEC.axes, (3, 1, 2), strict=True))
+    channels = joint_channels(tuple(f"joint_{n}" for n in (3, 1, 2)))
     headers = [f"{c}_{n}" for c in ("q", "tau") for n in (1, 2, 3)]
-    matching = match_columns(headers, replace(SPEC, axes=axes), "f")
+    matching = match_columns(headers, channels, "f")
     assert [c.name for c in matching.channels["q"]] == ["q_3", "q_1", "q_2"]
 
 
 def test_units_in_headers_become_factors() -> None:
     headers = [f"q_{j} [deg]" for j in JOINTS] + [f"tau_{j} (Nm)" for j in JOINTS]
-    matching = match_columns(headers, SPEC, "f")
+    matching = match_columns(headers, CHANNELS, "f")
     assert [c.factor for c in matching.channels["q"]] == pytest.approx([0.017453292519943295] * 3)
     with pytest.raises(DataError, match=r"unknown unit 'furlong'.*column 'q_pan_joint \[furlong\]'"):
-        match_columns([f"q_{j} [furlong]" for j in JOINTS], SPEC, "f")
+        match_columns([f"q_{j} [furlong]" for j in JOINTS], CHANNELS, "f")
 
 
 @pytest.mark.parametrize(
@@ -98,20 +98,20 @@ def test_units_in_headers_become_factors() -> None:
     [
         (
             ["q_pan", "q_lift", "tau_pan", "tau_lift", "tau_elbow"],
-            ("'q' of joint elbow_joint", "pan_joint, lift"),
+            ("'q' of elbow_joint", "pan_joint, lift"),
         ),
-        (["q_pan", "q_lift", "q_elbwo", "tau_pan"], ("joint elbow_joint", "Did you mean q_elbwo", "Rename")),
-        (["q_pan", "q_lift", "q_elbow"], ("channel 'tau'", "pan_joint, lift_joint, elbow_joint")),
+        (["q_pan", "q_lift", "q_elbwo", "tau_pan"], ("of elbow_joint", "Did you mean q_elbwo", "Rename")),
+        (["q_pan", "q_lift", "q_elbow"], ("channel 'command'", "pan_joint, lift_joint, elbow_joint")),
         (["q_pan", "position_pan", "q_lift", "q_elbow"], ("q_pan and position_pan mean the same", "Remove")),
-        (["q0", "q1", "q2", "q3", "tau0", "tau1", "tau2"], ("numbered 0, 1, 2, 3", "3 joints pan_joint")),
+        (["q0", "q1", "q2", "q3", "tau0", "tau1", "tau2"], ("numbered 0, 1, 2, 3", "3 parts pan_joint")),
         (["q2", "q3", "q4"], ("numbered 2, 3, 4", "q_pan_joint")),
-        (["q0", "q_lift", "q_elbow"], ("no column for channel 'q' of joint pan_joint",)),
+        (["q0", "q_lift", "q_elbow"], ("no column for channel 'q' of pan_joint",)),
         ([], ("no column for channel 'q'", "q_pan_joint")),
     ],
 )
 def test_wrong_joints_are_named(headers: list[str], words: tuple[str, ...]) -> None:
     with pytest.raises(DataError) as problem:
-        match_columns(headers, SPEC, "log.csv")
+        match_columns(headers, CHANNELS, "log.csv")
     assert problem.value.exit_code == 3
     for word in (*words, "log.csv"):
         assert word in str(problem.value)
@@ -119,6 +119,75 @@ def test_wrong_joints_are_named(headers: list[str], words: tuple[str, ...]) -> N
 
 def test_extra_columns_are_ignored_and_listed() -> None:
     headers = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS] + ["battery", "q_gripper"]
-    matching = match_columns(headers, SPEC, "f")
+    matching = match_columns(headers, CHANNELS, "f")
     assert matching.ignored == ("battery", "q_gripper")
     assert any("battery, q_gripper" in sentence for sentence in matching.repairs)
+
+
+def flight_headers(*extra: str) -> list[str]:
+    sensors = [f"{word}_{axis}" for word in ("acc", "gyro") for axis in "xyz"]
+    return [*sensors, *(f"motor_{i}" for i in range(1, 5)), *extra]
+
+
+@pytest.mark.parametrize(
+    ("headers", "channel"),
+    [
+        (["gyro.x", "gyro.y", "gyro.z"], "rates"),
+        (["wx [deg/s]", "wy [deg/s]", "wz [deg/s]"], "rates"),
+        (["omega_0", "omega_1", "omega_2"], "rates"),
+        (["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"], "rates"),
+        (["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], "position"),
+        (["px", "py", "pz"], "position"),
+        (["vx", "vy", "vz"], "velocity"),
+        (["stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"], "velocity"),
+        (["qw", "qx", "qy", "qz"], "orientation"),
+        (["quat_w", "quat_x", "quat_y", "quat_z"], "orientation"),
+        (["roll", "pitch", "yaw"], "attitude"),
+        (["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"], "attitude"),
+        (["setpoint_x", "setpoint_y", "setpoint_z"], "position_des"),
+        (["front_right", "back_right", "back_left", "front_left"], "command"),
+        (["pwm_front_right", "pwm_back_right", "pwm_back_left", "pwm_front_left"], "command"),
+        (["m1", "m2", "m3", "m4"], "command"),
+        (["motor.m1", "motor.m2", "motor.m3", "motor.m4"], "command"),
+        (["altitude"], "altitude"),
+    ],
+)
+def test_spellings_of_a_flight(headers: list[str], channel: str) -> None:
+    other = [
+        h
+        for h in flight_headers()
+        if channel not in ("command", "rates")
+        or not h.startswith({"command": "motor", "rates": "gyro"}[channel])
+    ]
+    matching = match_columns([*reversed(headers), *other], FLIGHT_CHANNELS, "f")
+    assert [c.name for c in matching.channels[channel]] == headers
+    assert set(matching.channels) == {"command", "specific_force", "rates", channel}
+
+
+def test_of_several_sensors_the_first_spelling_is_taken() -> None:
+    more = [*(f"imu_acc_{a}" for a in "xyz"), *(f"accel_{a}" for a in "xy")]
+    matching = match_columns(flight_headers(*more), FLIGHT_CHANNELS, "f")
+    assert [c.name for c in matching.channels["specific_force"]] == ["acc_x", "acc_y", "acc_z"]
+    assert matching.ignored == tuple(more)
+
+
+def test_a_channel_that_no_log_needs_may_be_there_in_part() -> None:
+    matching = match_columns(flight_headers("stateEstimate.z", "roll"), FLIGHT_CHANNELS, "f")
+    assert "position" not in matching.channels
+    assert any("position lacks x, y" in sentence for sentence in matching.repairs)
+
+
+def test_bare_names_of_commands_are_not_taken_for_the_attitude() -> None:
+    """Vehicles commanded by roll, pitch, yaw rate and thrust, whose attitude has the same names."""
+    command = replace(FLIGHT_CHANNELS[0], parts=("roll", "pitch", "yaw_rate", "thrust"), units=("1",) * 4)
+    channels = (command, *FLIGHT_CHANNELS[1:])
+    sensors, attitude = flight_headers()[:6], ["roll", "pitch", "yaw"]
+    both = [*sensors, *attitude, *(f"command_{part}" for part in command.parts)]
+    found = match_columns(both, channels, "f").channels
+    assert [c.name for c in found["attitude"]] == attitude
+    assert [c.name for c in found["command"]] == both[-4:]
+    alone = match_columns([*sensors, *command.parts], channels, "f").channels
+    assert [c.name for c in alone["command"]] == list(command.parts)
+    assert "attitude" not in alone
+    with pytest.raises(DataError, match="may be of the channel command or attitude"):
+        match_columns([*sensors, *command.parts, "yaw"], channels, "f")

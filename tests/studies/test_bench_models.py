@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from etude.commands.bench import Bench
+from etude.errors import UsageError
 from etude_studies import (
     arm_accuracy,
     bench_models,
@@ -19,10 +21,11 @@ from etude_studies import (
     online_rows,
     real_accuracy,
     real_logs,
+    streams,
 )
 from etude_studies.model_members import MEMBERS
 from etude_studies.online import Cell, Outcome
-from etude_studies.registry import run_bench
+from etude_studies.world import World
 
 DICTIONARIES = ("dictionary_variance", "dictionary_error")
 MODELS = (
@@ -39,6 +42,9 @@ MODELS = (
 )
 
 
+WORLD = World.of("arm4")
+
+
 def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
     """What `test_online` tests; here only its place among the rows."""
     return {name: Outcome([[1.0, 2.0]], (1.0, 1.0), (1.0, 1.0)) for name in rules}
@@ -47,7 +53,7 @@ def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
 @pytest.fixture(autouse=True)
 def small(monkeypatch) -> None:
     monkeypatch.setattr(bench_models, "SIZE", 40)
-    monkeypatch.setattr(bench_models, "RATE_HZ", 10.0)
+    monkeypatch.setattr(streams, "RATE_HZ", 10.0)
     monkeypatch.setattr(bench_models, "REPLACEMENTS", 600)
     monkeypatch.setattr(model_latency, "POINTS", 30)
     monkeypatch.setattr(model_latency, "MEMBERS", 30)
@@ -61,7 +67,7 @@ def small(monkeypatch) -> None:
 
 
 def test_all_rows_are_there_and_finite(capsys) -> None:
-    run_bench("models", json=True, seed=1, quick=True)
+    bench_models.run(json=True, seed=1, quick=True)
     found = json.loads(capsys.readouterr().out)
     rows = {row["metric"]: row for row in found["rows"]}
     assert found["command"] == "etude bench models --quick --json"
@@ -97,12 +103,12 @@ def test_every_measure_exists_and_the_same_seed_measures_the_same_drift() -> Non
 
 
 def test_training_and_test_motions_differ_and_the_same_seed_makes_the_same() -> None:
-    (train, test), (again, _) = (arm_accuracy.arm_data(np.random.default_rng(3)) for _ in range(2))
-    assert np.array_equal(train.tau, again.tau)
+    (train, test), (again, _) = (arm_accuracy.arm_data(WORLD, np.random.default_rng(3)) for _ in range(2))
+    assert np.array_equal(train.command, again.command)
     assert set(train.group) == {0, 1}
     assert set(test.group) == {2}
     for motion in (train.take(train.group == 0), train.take(train.group == 1)):
-        assert np.abs(motion.q[:50] - test.q[:50]).max() > 0.05
+        assert np.abs(motion.log["q"][:50] - test.log["q"][:50]).max() > 0.05
 
 
 def test_figures_are_those_of_the_definitions(monkeypatch) -> None:
@@ -118,14 +124,13 @@ def test_figures_are_those_of_the_definitions(monkeypatch) -> None:
     monkeypatch.setattr(arm_accuracy, "QUICK_SEEDS", 1)
     rows = arm_accuracy.member_rows(np.random.default_rng(5), quick=True)
     nmse, msll, z2, *costs = rows
-    train, test = arm_accuracy.arm_data(np.random.default_rng(5).spawn(1)[0])
+    train, test = arm_accuracy.arm_data(WORLD, np.random.default_rng(5).spawn(1)[0])
     errors, wanted, gains = [], [], []
     for j in range(4):
-        tau = test.tau[~test.stuck[:, j], j]
-        errors.append(float(np.mean((tau - train.tau[~train.stuck[:, j], j].mean()) ** 2)))
-        wanted.append(errors[-1] / float(np.var(tau)))
-        known = train.tau[~train.stuck[:, j], j]
-        own, plain = (norm(known.mean(), deviation).logpdf(tau) for deviation in (2.0, known.std()))
+        command, known = (part.command[part.moving[:, j], j] for part in (test, train))
+        errors.append(float(np.mean((command - known.mean()) ** 2)))
+        wanted.append(errors[-1] / float(np.var(command)))
+        own, plain = (norm(known.mean(), deviation).logpdf(command) for deviation in (2.0, known.std()))
         gains.append(float(np.mean(plain - own)))
     assert nmse.value == pytest.approx(np.mean(wanted))
     assert z2.value == pytest.approx(np.mean(errors) / 4.0)
@@ -158,8 +163,14 @@ def test_without_the_log_its_rows_are_left_out_with_a_message(monkeypatch, capsy
     assert printed.out == ""
 
 
-def test_a_bench_that_knows_no_shorter_form_is_run_as_it_is(monkeypatch) -> None:
+def test_the_command_runs_it_with_the_options_that_it_knows(monkeypatch) -> None:
     seen = []
-    monkeypatch.setattr(bench_models, "run", lambda *, json, seed: seen.append((json, seed)))
-    run_bench("models", json=False, seed=5, quick=True)
-    assert seen == [(False, 5)]
+
+    def run(*, json: bool, seed: int, quick: bool = False) -> None:
+        seen.append((json, seed, quick))
+
+    monkeypatch.setattr(bench_models, "run", run)
+    Bench(name="models", seed=5, quick=True).run(print)
+    assert seen == [(False, 5, True)]
+    with pytest.raises(UsageError, match="no use for --logs"):
+        Bench(name="models", logs=Path()).run(print)

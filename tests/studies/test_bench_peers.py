@@ -20,7 +20,6 @@ from etude_studies import bench_gp, bench_peers
 from etude_studies.bench_peers import in_turn, peer_rows, spectrum_rows
 from etude_studies.peers.catalogue import EXACT, SPECTRUM
 from etude_studies.peers.running import Running
-from etude_studies.registry import run_bench
 
 HERE = Path(sys.executable)
 ABSENT = "import no_such_library_anywhere"
@@ -198,7 +197,7 @@ def small_bench(monkeypatch: pytest.MonkeyPatch, make: MakePeer, small_spectrum:
 @pytest.mark.usefixtures("small_bench")
 @pytest.mark.parametrize("quick", [True, False])
 def test_the_bench_ends_with_the_rows_of_the_peers(capsys, quick: bool) -> None:
-    run_bench("gp", json=True, seed=0, quick=quick, pythons=[Path("an env/python")])
+    Bench(name="gp", json=True, quick=quick, python=(Path("an env/python"),)).run(print)
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     names = [row["metric"] for row in found["rows"]]
     peers = ["nlml_agreement_n8_dense", "nlml_gradient_n8_dense"]
@@ -217,7 +216,7 @@ def test_other_interpreters_come_from_the_command_line() -> None:
 
 def test_a_bench_without_peers_refuses_interpreters() -> None:
     with pytest.raises(UsageError, match="no use for --python"):
-        run_bench("models", json=True, seed=0, pythons=[HERE])
+        Bench(name="models", python=(HERE,)).run(print)
 
 
 def test_the_sizes_and_the_extra() -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from etude.commands.bench import Bench
 from etude.errors import DataError, UsageError
-from etude.models.blocks import split_blocks
-from etude.models.calibration import score
+from etude.models.held_out import split_blocks
+from etude.models.score import figures
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples
 from etude_studies.real_accuracy import accuracy_rows, real_rows
 from etude_studies.real_logs import REAL_LOGS, Recording
-from etude_studies.registry import run_bench
+from etude_studies.world import World
 
 
 @pytest.fixture(scope="module")
@@ -54,21 +57,17 @@ def test_no_training_sample_is_within_the_filters_length_of_a_test_sample(tx40: 
 
 def test_what_is_measured_in_a_test_block_does_not_reach_the_training_samples() -> None:
     """A disturbance of the command in the middle of a test block, filtered as always."""
-    from dataclasses import replace
-
-    from etude.logs.read import read_log
-    from etude.robots.toml_file import load_robot
-
     folder = real_logs.EXAMPLES / "tx40"
-    spec = load_robot(folder / "tx40.toml")
-    log = read_log(folder / "tx40_exciting.csv", spec)
-    whole = real_logs.recording(log, spec)
-    blow = log.tau.copy()
+    world = World.of(folder / "tx40.toml")
+    log = world.read(folder / "tx40_exciting.csv")
+    whole = real_logs.recording(log, world)
+    blow = log["command"].copy()
     blow[(log.t > 1.5) & (log.t < 1.6)] += 20.0
-    hit = real_logs.recording(replace(log, tau=blow), spec)
-    assert np.abs(hit.test.tau - whole.test.tau).max() > 10.0
-    assert np.abs(hit.train.tau - whole.train.tau).max() < 0.3  # N m, of 20: what the filter's tail carries
-    np.testing.assert_array_equal(hit.train.q, whole.train.q)
+    hit = real_logs.recording(log.put(log.channels["command"], blow), world)
+    assert np.abs(hit.test.command - whole.test.command).max() > 10.0
+    # N m, of 20: what the filter's tail carries
+    assert np.abs(hit.train.command - whole.train.command).max() < 0.3
+    np.testing.assert_array_equal(hit.train.log["q"], whole.train.log["q"])
 
 
 def test_raw_commands_are_those_recorded(tx40: Recording) -> None:
@@ -94,7 +93,7 @@ def test_rows_are_the_defined_figures() -> None:
     mean, linear, raw = (tau + size * rng.normal(size=tau.shape) for size in (0.1, 0.3, 0.2))
     moving = rng.uniform(size=tau.shape) < 0.8
     nmse, noisy, worst = accuracy_rows("log", tau, mean, linear, moving, raw)
-    mine, theirs = (score(tau, p, None, moving).nmse for p in (mean, linear))
+    mine, theirs = (figures(tau, p, None, moving).nmse for p in (mean, linear))
     assert [r.metric for r in (nmse, noisy, worst)] == [
         "nmse_log",
         "nmse_log_raw",
@@ -102,7 +101,7 @@ def test_rows_are_the_defined_figures() -> None:
     ]
     assert nmse.value == pytest.approx(mine.mean())
     assert nmse.reference_value == pytest.approx(theirs.mean())
-    assert noisy.value == pytest.approx(score(raw, mean, None, moving).nmse.mean())
+    assert noisy.value == pytest.approx(figures(raw, mean, None, moving).nmse.mean())
     assert worst.value == pytest.approx((mine / theirs).max())
 
 
@@ -119,7 +118,7 @@ def test_an_empty_folder_is_refused_and_a_bench_without_recordings_takes_none(tm
     with pytest.raises(UsageError, match="none of the recordings"):
         real_rows(np.random.default_rng(0), logs=tmp_path)
     with pytest.raises(UsageError, match="no use for --logs"):
-        run_bench("gp", json=True, seed=0, logs=tmp_path)
+        Bench(name="gp", logs=tmp_path).run(print)
 
 
 def test_the_original_matlab_file_is_the_same(tmp_path) -> None:
@@ -129,8 +128,9 @@ def test_the_original_matlab_file_is_the_same(tmp_path) -> None:
     np.savez(tmp_path / "sarcos_inv_test.npz", **arrays)
     savemat(tmp_path / "sarcos_inv_test.mat", {"sarcos_inv_test": np.hstack(list(arrays.values()))})
     (_, one), (_, other) = (sarcos_samples(tmp_path / f"sarcos_inv_test.{kind}") for kind in ("npz", "mat"))
-    for field in ("q", "qd", "qdd", "tau", "stuck"):
-        np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+    for name in ("q", "qd", "qdd", "command"):
+        np.testing.assert_array_equal(one.log[name], other.log[name])
+    np.testing.assert_array_equal(one.moving, other.moving)
     (tmp_path / "sarcos_inv_test.mat").write_bytes(b"MATLAB 5.0, not")
     with pytest.raises(DataError, match="cannot be read"):
         sarcos_samples(tmp_path / "sarcos_inv_test.mat")
@@ -159,9 +159,9 @@ def test_a_panda_log_is_read_and_damaged_ones_refused(tmp_path) -> None:
     path = tmp_path / "panda_exciting.npz"
     t = 0.1 * np.arange(200)
     np.savez(path, t=t, q=arrays["q"], qd=arrays["qd"], tau=arrays["tau"])
-    log, spec = panda_log(path)
-    assert log.q.shape == (200, 7)
-    assert spec.rate == pytest.approx(10.0)
+    log, world = panda_log(path)
+    assert log["q"].shape == (200, 7)
+    assert world.spec.rate == pytest.approx(10.0)
     np.savez(path, t=t[::-1], q=arrays["q"], qd=arrays["qd"], tau=arrays["tau"])
     with pytest.raises(DataError, match="time does not increase"):
         panda_log(path)
@@ -170,19 +170,12 @@ def test_a_panda_log_is_read_and_damaged_ones_refused(tmp_path) -> None:
         panda_log(path)
 
 
-def test_fallen_outputs_are_said(monkeypatch, capsys, tx40: Recording) -> None:
-    trained = real_accuracy.train_model
+def test_outputs_that_linear_regression_predicts_better_are_said(monkeypatch, capsys, tx40) -> None:
+    class Warned:
+        def __init__(self, ladder) -> None:
+            self.model = replace(ladder.model, warnings=("joint_1: a line is better.",))
 
-    class Fallen:
-        def __init__(self, model) -> None:
-            self.model = model
-
-        def warnings(self, names):
-            return (f"{names[0]}: fell back",)
-
-        def predict(self, *motion):
-            return self.model.predict(*motion)
-
-    monkeypatch.setattr(real_accuracy, "train_model", lambda *a: Fallen(trained(*a)))
+    learned = World.learned
+    monkeypatch.setattr(World, "learned", lambda *a, **options: Warned(learned(*a, **options)))
     real_accuracy.recording_rows("tx40", tx40, np.random.default_rng(0))
-    assert "tx40, joint_1: fell back" in capsys.readouterr().err
+    assert "tx40, joint_1: a line is better." in capsys.readouterr().err

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.models import output_process
-from etude.models.gp.kernels import SquaredExponential, structured_kernel
-from etude.models.model_config import ModelConfig
-from etude.models.preprocess import filter_cutoff, preset
+from etude.models.gp.kernels import structured
+from etude.robots.arm.recipe import filter_cutoff
 from etude_studies import real_choices
-from etude_studies.real_choices import DEFAULT, choice_rows, folds, left_out, stacked_errors
+from etude_studies.real_choices import Choice, choice_rows, folds, left_out, predicted, stacked_errors
 from etude_studies.real_logs import REAL_LOGS, arm_log
 
-QUICK = replace(DEFAULT, model=ModelConfig(kind="gp", steps=3, fit_points=40))
+FEW = {"steps": 3, "fit_points": 40}
+QUICK = Choice(FEW)
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +24,10 @@ def tx40():
 
 
 def test_no_fold_holds_a_test_sample_or_one_near_it(tx40) -> None:
-    real, path, (log, spec) = tx40
-    test, gap = real.load(path).test.t, 1.0 / filter_cutoff(log, preset("default"))
+    real, path, (log, world) = tx40
+    test, gap = real.load(path).test.t, 1.0 / filter_cutoff(log, world.config.data)
     seen = set()
-    for train, held in folds(log, spec, preset("default")):
+    for train, held in folds(log, world, QUICK):
         for part in (train, held):
             assert np.abs(part.t[:, None] - test).min() >= gap - 1e-9
         assert np.abs(train.t[:, None] - held.t).min() >= gap - 1e-9
@@ -42,18 +41,15 @@ def test_no_fold_holds_a_test_sample_or_one_near_it(tx40) -> None:
 
 
 def test_a_disturbance_of_the_test_blocks_changes_no_choice(tx40) -> None:
-    _, _, (log, spec) = tx40
-    blow = log.tau.copy()
+    _, _, (log, world) = tx40
+    blow = log["command"].copy()
     blow[(log.t > 1.5) & (log.t < 1.6)] += 20.0  # in the middle of block 3
-    parts = zip(
-        folds(log, spec, preset("default")),
-        folds(replace(log, tau=blow), spec, preset("default")),
-        strict=True,
-    )
+    hurt = log.put(log.channels["command"], blow)
+    parts = zip(folds(log, world, QUICK), folds(hurt, world, QUICK), strict=True)
     for plain, hit in parts:
         for mine, theirs in zip(plain, hit, strict=True):
-            np.testing.assert_array_equal(mine.q, theirs.q)
-            assert np.abs(mine.tau - theirs.tau).max() < 0.3  # what the filter's tail carries
+            np.testing.assert_array_equal(mine.log["q"], theirs.log["q"])
+            assert np.abs(mine.command - theirs.command).max() < 0.3  # what the filter's tail carries
 
 
 def test_stacking_takes_its_weight_from_the_other_folds() -> None:
@@ -73,40 +69,37 @@ def test_stacking_takes_its_weight_from_the_other_folds() -> None:
     np.testing.assert_allclose(stacked_errors(process, wild)[0], expected)
 
 
-def test_a_choice_is_what_its_kernel_and_its_options_say(tx40) -> None:
-    _, _, (log, spec) = tx40
-    used = []
-
-    def plain(dof: int, axis: int, frictions: int = 1):
-        used.append(axis)
-        return SquaredExponential(tuple(range((3 + frictions) * dof)))
-
-    one = left_out(QUICK, log, spec)
-    other = left_out(replace(QUICK, kernel=plain), log, spec)
-    assert sorted(set(used)) == list(range(spec.dof))
-    assert output_process.structured_kernel is structured_kernel
+def test_a_choice_is_what_its_keys_say(tx40) -> None:
+    _, _, (log, world) = tx40
+    one = left_out(QUICK, log, world)
+    other = left_out(Choice({**FEW, "kernel": "ard_se"}), log, world)
     assert other.nmse(other.process).mean() > 1.5 * one.nmse(one.process).mean()
     np.testing.assert_array_equal(one.linear, other.linear)
     assert np.all(one.nmse(one.linear) < 1.0)
 
 
+@pytest.mark.parametrize("kernel", ["inertia", "rigid_body"])
+def test_a_kernel_of_this_study_is_the_structured_one_and_more(tx40, kernel: str) -> None:
+    _, _, (_, world) = tx40
+    columns = world.kind.inputs(world.spec, world.config).columns
+    own = getattr(real_choices, kernel)(columns, (world.spec.names[1],))
+    plain = structured(columns, (world.spec.names[1],))
+    assert own.names()[: len(plain.names())] == plain.names()
+    X = np.random.default_rng(0).normal(size=(5, len(columns)))
+    theta = own.initial(np.ones(len(columns)), 1.0)
+    assert (own.diagonal(theta, X) > plain.diagonal(theta[: plain.size], X)).all()
+
+
 def test_of_two_kernels_each_output_takes_the_better_one(tx40) -> None:
-    _, _, (log, spec) = tx40
-
-    def plain(dof: int, axis: int, frictions: int = 1):
-        return SquaredExponential(tuple(range((3 + frictions) * dof)))
-
-    train, _ = next(folds(log, spec, preset("default")))
-    with real_choices.structured_as(plain, structured_kernel):
-        model = real_choices.train_model(train, spec, QUICK.model, np.random.default_rng(0))
-    kernels = [posterior.kernel for posterior in model.posteriors]
-    assert kernels == [structured_kernel(spec.dof, axis, 3) for axis in range(spec.dof)]
-    assert output_process._attempt.__module__ == output_process.__name__
+    _, _, (log, world) = tx40
+    train, test = next(folds(log, world, QUICK))
+    plain = Choice({**FEW, "kernel": "ard_se"})
+    both = predicted(replace(plain, other="structured"), world, train, test)
+    np.testing.assert_array_equal(both, predicted(QUICK, world, train, test))
 
 
 def test_rows_are_beside_the_default(monkeypatch) -> None:
-    choices = {"default": QUICK, "brief": replace(QUICK, model=replace(QUICK.model, steps=0))}
-    monkeypatch.setattr(real_choices, "DEFAULT", QUICK)
+    choices = {"default": QUICK, "brief": Choice({**FEW, "steps": 0})}
     monkeypatch.setattr(real_choices, "CHOICES", choices)
     rows = {row.metric: row for row in choice_rows(only=("tx40",))}
     assert set(rows) == {

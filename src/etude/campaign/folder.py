@@ -15,6 +15,7 @@ from etude.campaign.journal import Event, commit, read_events
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit
 from etude.errors import UsageError
+from etude.shown import Picture, picture_of
 from etude.storage import writer_lock
 
 ROBOT = "robot.toml"
@@ -24,7 +25,7 @@ Say = Callable[[str], None]
 """Receives one sentence per step."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Campaign:
     """A campaign folder with its configuration and robot, both as they were when it was opened.
 
@@ -43,6 +44,17 @@ class Campaign:
     kind: Kind
     spec: Any
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        state = self.state()
+        return (
+            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): {len(state.told)} logs told, "
+            f"{len(state.trained)} learned, {len(state.proposals)} proposals open"
+        )
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """The learning curve: shown by a notebook, and saved as SVG if there is a path."""
+        return picture_of("campaign", self, path)
 
     @property
     def name(self) -> str:

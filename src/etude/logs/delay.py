@@ -68,7 +68,8 @@ def _correlations(a: Array, b: Array, shifts: Index) -> Array:
     stop = np.minimum(len(a), len(b) - shifts)
     energy_a, energy_b = (np.concatenate([[0.0], np.cumsum((x * x).sum(axis=1))]) for x in (a, b))
     norm = (energy_a[stop] - energy_a[start]) * (energy_b[stop + shifts] - energy_b[start + shifts])
-    return np.asarray(product / np.sqrt(np.maximum(norm, np.finfo(float).tiny)))
+    values = product / np.sqrt(np.maximum(norm, np.finfo(float).tiny))
+    return np.asarray(np.where(np.isfinite(values), values, -1.0))  # of numbers too wild to correlate
 
 
 def _rates(values: Array) -> Array:

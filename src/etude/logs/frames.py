@@ -6,7 +6,10 @@ take the names beside them (`name`, `name[0]`), row by row: the order of joints 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+import io
+import os
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,6 +19,7 @@ from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.cells import numbers_of
 from etude.logs.named_arrays import named_columns
+from etude.logs.parquet_shape import check_shape
 
 if TYPE_CHECKING:
     import polars as pl
@@ -59,14 +63,41 @@ def parquet_frame(path: Path) -> pl.DataFrame:
     """All columns of a Parquet file. DataError: missing, truncated, or not Parquet."""
     import polars as pl
 
-    return guarded(lambda: pl.read_parquet(path, glob=False, hive_partitioning=False), path, "Parquet")
+    return _from_parquet(path, pl.read_parquet)
 
 
 def parquet_metadata(path: Path) -> Mapping[str, str]:
     """The file's own key-value metadata. DataError: missing, truncated, or not Parquet."""
     import polars as pl
 
-    return guarded(lambda: pl.read_parquet_metadata(path), path, "Parquet")
+    return _from_parquet(path, pl.read_parquet_metadata)
+
+
+def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
+    def checked() -> T:
+        data = path.read_bytes()
+        check_shape(data)
+        with _without_panics_on_screen():
+            return read(io.BytesIO(data))
+
+    return guarded(checked, path, "Parquet")
+
+
+@contextlib.contextmanager
+def _without_panics_on_screen() -> Iterator[None]:
+    """Sends what compiled code writes to standard error nowhere: a panic there is told as an error here."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def guarded(action: Callable[[], T], path: Path, format_: str) -> T:
@@ -78,7 +109,7 @@ def guarded(action: Callable[[], T], path: Path, format_: str) -> T:
 
     try:
         return action()
-    except (OSError, ValueError, TypeError, MemoryError, pl.exceptions.PolarsError) as problem:
+    except (OSError, ValueError, TypeError, LookupError, MemoryError, pl.exceptions.PolarsError) as problem:
         reason: BaseException = problem
     except BaseException as problem:
         if type(problem).__name__ != "PanicException":

@@ -22,7 +22,7 @@ from etude.logs.words import normal
 if TYPE_CHECKING:
     import polars as pl
 
-NAMES = re.compile(r"(?P<prefix>(?:.*_)?)(?:joint_?)?names?")
+NAMES = re.compile(r"(?P<prefix>(?:.*_)??)(?:joint_?)?names?")
 ENTRY = re.compile(r"(?P<stem>.*?[a-z])_?(?P<index>\d+)")
 LEAST_ROWS = 0.5  # part of the rows that a name must stand in: the others are damaged cells
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Mask
+from etude.contracts import Array, Channel, Log, Mask, Role
 from etude.errors import DataError
 from etude.logs.units import Limits
 
@@ -19,50 +19,55 @@ AT_LIMIT = 0.99  # a command this near to its limit throughout says nothing of t
 LIKE = 0.5  # correlation of a rate with its position's slope: below, their ratio says nothing
 
 
-def bounded(log: Log, limits: Limits) -> list[Channel]:
-    """The channels of positions whose limits are known."""
-    return [c for n, c in log.channels.items() if n in limits and c.role != "command" and not c.derivative_of]
+def bounded(log: Log, limits: Limits, roles: Sequence[Role] = ("state",)) -> list[Channel]:
+    """The channels of positions whose limits are known: by default those that models look at."""
+    return [c for n, c in log.channels.items() if n in limits and c.role in roles and not c.derivative_of]
 
 
 def check_positions(log: Log, limits: Limits) -> Log:
-    """Notes positions a little outside the limits; refuses degrees and positions far outside."""
-    for channel in bounded(log, limits):
+    """Notes positions a little outside the limits; refuses degrees, and positions far outside.
+
+    What no model looks at (a vehicle's place) is noted however far outside it is.
+    """
+    for channel in bounded(log, limits, ("state", "aside")):
         log = _checked_positions(log, channel, *limits[channel.name])
     return log
 
 
 def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -> Log:
-    q = log[channel.name]
-    unit = _suspicion(q, lower, upper)
+    q, units = log[channel.name], channel.units
+    unit = _suspicion(q, lower, upper, "rad" in units)
     if unit:
         raise DataError(
-            f"the positions look like {unit}, not radians: they reach {np.abs(q).max():.4g} "
-            f"where the limits are within {max(np.abs(lower).max(), np.abs(upper).max()):.4g} rad",
+            f"the positions look like {unit}, not {'radians' if 'rad' in units else units[0]}: they reach "
+            f"{np.abs(q).max():.4g} where the limits are within "
+            f"{max(np.abs(lower).max(), np.abs(upper).max()):.4g} {units[0]}",
             where=log.source,
             next_step="Convert them, name the unit in the header (q_joint [deg]), or ask for the conversion.",
         )
     over = np.maximum(q.max(axis=0) - upper, lower - q.min(axis=0))
-    if not _fits(q, lower, upper):
+    if channel.role == "state" and not _fits(q, lower, upper):
         j = int(np.argmax(over / (upper - lower)))
         raise DataError(
-            f"the position reaches {q[np.argmax(np.abs(q[:, j])), j]:.4g} {channel.units[j]}, outside the "
-            f"limits {lower[j]:.4g} to {upper[j]:.4g} {channel.units[j]}",
+            f"the position reaches {q[np.argmax(np.abs(q[:, j])), j]:.4g} {units[j]}, outside the "
+            f"limits {lower[j]:.4g} to {upper[j]:.4g} {units[j]}",
             where=f"{log.source}, {channel.parts[j]}",
             next_step="Is this log of another robot or in another unit? If not, correct the robot's limits.",
         )
     for k in np.flatnonzero(over > 0):
         log = log.repaired(
-            f"{channel.parts[k]} went {over[k]:.2g} {channel.units[k]} outside its position limits; kept."
+            f"{channel.parts[k]} went {over[k]:.2g} {units[k]} outside its position limits; kept."
         )
     return log
 
 
-def _suspicion(values: Array, lower: Array, upper: Array) -> str:
+def _suspicion(values: Array, lower: Array, upper: Array, angles: bool) -> str:
     """The unit ("degrees", ...) that positions (T, k) outside the limits seem to have, else ''."""
     excess = np.maximum(values.max(axis=0) - upper, lower - values.min(axis=0))
     if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
         return ""
-    return next((unit for unit, factor in SMALLER.items() if _fits(values * factor, lower, upper)), "")
+    units = {unit: factor for unit, factor in SMALLER.items() if angles or unit != "degrees"}
+    return next((unit for unit, factor in units.items() if _fits(values * factor, lower, upper)), "")
 
 
 def _fits(values: Array, lower: Array, upper: Array) -> bool:

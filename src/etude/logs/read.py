@@ -5,13 +5,13 @@ Times begin at 0 unless the log itself marks its 0; `identity.align` puts it whe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log
+from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.doctor import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
@@ -34,7 +34,6 @@ def read_log(
     limits: Limits | None = None,
     topics: Sequence[str] = (),
     own_clock: bool = False,
-    checks: Callable[[Log], Sequence[Finding]] | None = None,
 ) -> Log:
     """Reads, checks and repairs a recorded motion.
 
@@ -48,19 +47,17 @@ def read_log(
         topics: of a file that holds several.
         own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
             that answers no trajectory then needs `units.start_at_zero`.
-        checks: the robot's own; what they find certain is refused (red) or noted (yellow).
 
     Raises:
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
-    log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
-    with np.errstate(all="ignore"):  # wild numbers are judged below
+    with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
+        log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
         if degrees:
             log = from_degrees(log, stated)
         log = clean_log(log, channels, limits, stated)
-        log = log if own_clock else start_at_zero(log)
-        return log if checks is None else _judged(log, checks(log))
+        return log if own_clock else start_at_zero(log)
 
 
 def clean_log(
@@ -87,14 +84,6 @@ def clean_log(
     else:
         log = check_positions(drop_spikes(log, channels, limits), limits)
     return check_lengths(check_constant(check_commands(log, limits)), stated)
-
-
-def _judged(log: Log, findings: Sequence[Finding]) -> Log:
-    """DataError for the first that is certain and red; those that are yellow are noted."""
-    for finding in findings:
-        if finding.light == "red" and not finding.flag:
-            raise DataError(finding.sentence, where=log.source, next_step=finding.step)
-    return log.repaired(*(f.sentence for f in findings if f.light == "yellow" and not f.flag))
 
 
 def ending(log: Log) -> str:
@@ -162,5 +151,4 @@ def _recorded(
 
 def _values(raw: Log, columns: Sequence[Column]) -> Array:
     factors = np.array([column.factor for column in columns])
-    with np.errstate(all="ignore"):
-        return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)
+    return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)

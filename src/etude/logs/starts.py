@@ -15,7 +15,7 @@ ROWS = 2000  # on which starts are compared
 WILD = 4.0  # squared deviation over the spread, beyond which all rows are equally wrong
 # Cost of a second, over the proposal's duration: of the proposal that the log lacks, and at most of a row
 # outside it that is not at rest in the first or last pose (an approach, a landing).
-MISSING, OUTSIDE = 1.0, 0.5
+MISSING, OUTSIDE = 0.5, 0.5
 TIE = 0.02  # of cost: starts that cannot be told apart, of which the clock's own counts
 LONGEST_LAG = 0.5  # s: no controller that tracks lags more
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Log, Mean, Posterior
 from etude.errors import UsageError
+from etude.models.given import as_log
 from etude.models.linear import at_rest
 from etude.models.student_t import StudentT
 
@@ -17,7 +18,7 @@ PHYSICAL = ("nominal", "identified")
 """Means that go on where no data are, so that a command may fade to them."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LearnedModel:
     """What was learned (implements `contracts.Model`).
 
@@ -102,8 +103,17 @@ class LearnedModel:
         """(J,) independent samples that a sample is worth."""
         return self.independence
 
-    def predict(self, log: Log) -> tuple[Array, Array]:
-        """Mean and variance (n, J) of the commands; the variance includes noise and calibration."""
+    def __repr__(self) -> str:
+        rungs = ", ".join(f"{name}: {rung}" for name, rung in zip(self.commands, self.chosen, strict=True))
+        known = "calibrated" if self.calibrated else "not calibrated yet"
+        return f"LearnedModel of {len(self.commands)} commands, {known} ({rungs})"
+
+    def predict(self, log: Any) -> tuple[Array, Array]:
+        """Mean and variance (n, J) of the commands; the variance includes noise and calibration.
+
+        `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
+        """
+        log = as_log(log, self.inputs.columns)
         X, means = self.inputs.of_log(log), _Means(log)
         parts = []
         average = np.zeros((len(log), len(self.commands)))
@@ -124,8 +134,9 @@ class LearnedModel:
         X, means = self.inputs.of_log(log), _Means(log)
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
 
-    def static(self, log: Log) -> Array:
-        """The part (n, J) of the commands that remains at rest."""
+    def static(self, log: Any) -> Array:
+        """The part (n, J) of the commands that remains at rest; states as for `predict`."""
+        log = as_log(log, self.inputs.columns)
         still = at_rest(log)
         X, means = self.inputs.of_log(still), _Means(log, static=True)
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])

@@ -6,18 +6,15 @@ Regenerate a picture with `python -m etude.report.picture CAMPAIGN_FOLDER OUT.sv
 from __future__ import annotations
 
 import sys
-from importlib import resources
 from pathlib import Path
 
 from etude.errors import UsageError
 from etude.report.curves import tests
 from etude.report.markup import Html
+from etude.report.pictures import alone
 from etude.report.record import Record, read_record
 from etude.report.sections.learning import learning_panel
 from etude.storage import write_atomic
-
-WIDTH, HEIGHT = 560, 320
-NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 
 
 def write_picture(folder: Path, path: Path) -> Path:
@@ -43,18 +40,7 @@ def learning_picture(record: Record) -> Html:
             where=str(record.folder),
             next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
         )
-    width = WIDTH * len(drawn)
-    panels = "".join(
-        drawing.replace("<svg ", f'<svg x="{WIDTH * index}" width="{WIDTH}" height="{HEIGHT}" ', 1)
-        for index, drawing in enumerate(drawn)
-    )
-    style = resources.files("etude.report").joinpath("report.css").read_text(encoding="utf-8")
-    paper = f'<rect width="{width}" height="{HEIGHT}" style="fill:var(--paper)"/>'
-    font = 'font-family="system-ui, sans-serif"'
-    return Html(
-        f'<svg {NAMESPACE} viewBox="0 0 {width} {HEIGHT}" width="{width}" height="{HEIGHT}" {font}>'
-        f"<style>{style}</style>{paper}{panels}</svg>\n"
-    )
+    return alone(drawn)
 
 
 def main(arguments: list[str]) -> None:

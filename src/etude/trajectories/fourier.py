@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Motion, Trajectory
 from etude.errors import UsageError
+from etude.shown import Picture, picture_of
 from etude.trajectories.exact_json import to_text
 from etude.trajectories.series import basis, instants
 
@@ -104,6 +106,10 @@ class FourierTrajectory:
 
     def __hash__(self) -> int:
         return hash((self.coefficients.tobytes(), self.omega0, self.duration, self.ramp))
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        return picture_of("trajectory", self, path)
 
     def to_json(self) -> str:
         """The exact trajectory as JSON text; every float reads back to the same bits."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Motion, Trajectory
 from etude.errors import UsageError
+from etude.shown import Picture, picture_of
 from etude.trajectories.exact_json import to_text
 from etude.trajectories.extremes import ROOM
 
@@ -129,6 +131,10 @@ class PointToPoint:
         """The same moves in `factor` times the time, dwells included."""
         speeds = self.peak_velocity / factor, self.peak_acceleration / factor**2
         return PointToPoint(self.waypoints, speeds[0], self.dwell * factor, speeds[1])
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        return picture_of("trajectory", self, path)
 
     def to_json(self) -> str:
         """The exact motion as JSON text; every float reads back to the same bits."""

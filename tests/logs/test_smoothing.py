@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from log_examples import make_log
 from scipy.signal import butter, sosfiltfilt
 
-from etude.logs.derivatives import (
+from etude.logs.smoothing import (
     auto_cutoff,
     median_rate,
     motion_bands,
@@ -91,9 +91,9 @@ def test_a_better_encoder_allows_a_wider_filter() -> None:
 
 def test_a_faster_robot_gets_a_proportionally_wider_filter() -> None:
     slow, fast = make_log(noise=0.0), make_log(noise=0.0)
-    ratio = auto_cutoff(fast.t / 3, fast.q) / auto_cutoff(slow.t, slow.q)
+    ratio = auto_cutoff(fast.t / 3, fast["q"]) / auto_cutoff(slow.t, slow["q"])
     assert ratio == pytest.approx(3.0, rel=1e-6)
-    np.testing.assert_allclose(motion_bands(slow.t, slow.q), [0.4, 0.6, 0.7], atol=0.11)
+    np.testing.assert_allclose(motion_bands(slow.t, slow["q"]), [0.4, 0.6, 0.7], atol=0.11)
 
 
 def test_the_cutoff_stays_below_an_eighth_of_the_rate() -> None:

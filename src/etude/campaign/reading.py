@@ -1,0 +1,38 @@
+"""Reads a log of a robot that was named, not described."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from etude.campaign.create import find_robot
+from etude.campaign.folder import Campaign
+from etude.contracts import Log
+from etude.logs import read as logs
+
+
+def read_log(path: str | Path, robot: Campaign | str | Path, *, degrees: bool = False) -> Log:
+    """The log in a file: columns matched by name, units checked, rows repaired, a sentence for each repair.
+
+    Args:
+        path: CSV, Parquet, or what a plug-in reads.
+        robot: whose log it is: an open campaign, a built-in name, or the path of a description.
+        degrees: the file's angles are degrees.
+
+    Raises:
+        DataError: the log cannot be used; says what, where, and what to do.
+        UsageError: there is no such robot.
+    """
+    if isinstance(robot, Campaign):
+        kind, spec = robot.kind, robot.spec
+    else:
+        kind, place = find_robot(str(robot))
+        spec = kind.spec(place)
+    known = kind.expected(spec)
+    return logs.read_log(
+        path,
+        kind.channels(spec),
+        rate=known.rate,
+        degrees=degrees,
+        limits=known.limits,
+        checks=lambda log: kind.checks(spec, log),
+    )

@@ -1,0 +1,83 @@
+"""States as people have them: a Log, arrays by channel, or a data frame with a column for each part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Channel, Column, Log
+from etude.errors import UsageError
+
+
+def as_log(states: Any, columns: Sequence[Column]) -> Log:
+    """The states as a Log with the channels that a model's inputs look at.
+
+    Args:
+        states: a Log, as it is; a mapping from channel to (n, parts) arrays; or a data frame (polars, pandas)
+            with columns named as in files, q_elbow for part elbow of channel q.
+        columns: of the model's inputs.
+
+    Raises:
+        UsageError: a channel is missing, or has another shape than is wanted, or holds what is not a number.
+    """
+    if isinstance(states, Log):
+        return states
+    wanted = _channels(columns)
+    if isinstance(states, Mapping):
+        values = {name: _array(states, channel) for name, channel in wanted.items()}
+    elif hasattr(states, "columns"):
+        values = {name: _from_frame(states, channel) for name, channel in wanted.items()}
+    else:
+        raise UsageError(
+            f"states cannot be read from a {type(states).__name__}",
+            next_step=f"Give a Log, a data frame, or a mapping with {', '.join(wanted)}.",
+        )
+    rows = {name: len(array) for name, array in values.items()}
+    if len(set(rows.values())) > 1:
+        raise UsageError(
+            f"channels have different numbers of rows: {rows}", next_step="Give each one row per instant."
+        )
+    return Log(np.arange(max(rows.values(), default=0), dtype=float), wanted, values)
+
+
+def _channels(columns: Sequence[Column]) -> dict[str, Channel]:
+    parts: dict[str, dict[str, str]] = {}
+    for channel, part, unit, op in columns:
+        known = parts.setdefault(channel, {})
+        known.setdefault(part, unit if not op else "")
+    return {name: Channel(name, tuple(own), tuple(own.values())) for name, own in parts.items()}
+
+
+def _array(states: Mapping[str, Any], channel: Channel) -> Array:
+    if channel.name not in states:
+        raise UsageError(
+            f"there is no {channel.name!r} among the states, only {', '.join(map(str, states)) or 'nothing'}",
+            next_step=f"Give {channel.name} with shape {_shape(channel)}.",
+        )
+    try:
+        array = np.asarray(states[channel.name], dtype=float)
+    except (TypeError, ValueError):
+        raise UsageError(f"{channel.name} holds what is not a number") from None
+    if array.ndim != 2 or array.shape[1] != len(channel.parts):
+        raise UsageError(
+            f"{channel.name} has shape {array.shape}, wanted {_shape(channel)}",
+            next_step="One row per instant, one column per part, in this order.",
+        )
+    return array
+
+
+def _shape(channel: Channel) -> str:
+    return f"(n, {len(channel.parts)}): {', '.join(channel.parts)}"
+
+
+def _from_frame(frame: Any, channel: Channel) -> Array:
+    names = [f"{channel.name}_{part}" for part in channel.parts]
+    missing = [name for name in names if name not in frame.columns]
+    if missing:
+        raise UsageError(
+            f"the data frame has no column {', '.join(missing)}",
+            next_step=f"It needs {', '.join(names)} for {channel.name}.",
+        )
+    return np.column_stack([np.asarray(frame[name].to_numpy(), dtype=float) for name in names])
