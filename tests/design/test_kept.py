@@ -80,7 +80,7 @@ def test_a_disc_that_is_far_changes_nothing() -> None:
 
 def test_the_penalty_is_zero_where_it_is_kept_and_its_gradient_right() -> None:
     family, rng = arm_family(), np.random.default_rng(1)
-    at = arm_point(rng, family, 4.0)
+    at = arm_point(rng, family)
     kept = Kept.of((*arm_limits(), DISC), family, at)
     assert kept.limits == (DISC,)
     wide = Kept.of([Disc(DISC.middle, 0.6)], family, at)
