@@ -1,18 +1,21 @@
 """`etude bench quadrotor`: cost, orderings, calibration and tracking of flights, and what is asked of each.
 
-A measure is a function of a random generator that returns rows, with a shorter form if it takes `quick`;
-`MEASURES` lists them.
+A measure is a function of a random generator and `quick`, for a shorter form, that returns rows; `MEASURES`
+lists them.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from etude.control.flight_feedforward import PID_ALONE, flight_plan
-from etude.plants.flight.registry import flight_plant
+from etude.robots.quadrotor.controller import flight_plan
+from etude.threads import threads_for
+from etude_studies.crazyflie import crazyflie_rows
+from etude_studies.flight_design_cost import design_rows
 from etude_studies.flight_loop import Cell as LoopCell
 from etude_studies.flight_loop import seed_errors
 from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights
@@ -27,21 +30,8 @@ from etude_studies.flight_orders_rows import (
     ratio_rows,
 )
 from etude_studies.flight_orders_verdicts import CALIBRATED_FROM
-from etude_studies.registry import call
+from etude_studies.flight_world import Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table
-from etude.threads import threads_for
-from etude.trajectories.flight.family import FlightFamily
-from etude.trajectories.flight.feasible import feasible_flights
-from etude.trajectories.flight.samplers import uniform_parameters
-
-MEASURES = (
-    "etude_studies.bench_quadrotor:flight_cost_rows",
-    "etude_studies.flight_design_cost:design_rows",
-    "etude_studies.bench_quadrotor:order_bench_rows",
-    "etude_studies.bench_quadrotor:tracking_rows",
-    "etude_studies.crazyflie:crazyflie_rows",
-)
-"""module:function, each (rng[, quick]) -> list of rows, in the order they are run."""
 
 REPEATS = 5
 PRESET = "clean"
@@ -57,8 +47,8 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     """
     rows: list[Row] = []
     with threads_for(0):
-        for place in MEASURES:
-            rows += call(place, np.random.default_rng(seed), quick=quick)
+        for measure in MEASURES:
+            rows += measure(np.random.default_rng(seed), quick)
     if json:
         command = "etude bench quadrotor --quick --json" if quick else "etude bench quadrotor --json"
         print(rows_json(rows, command))  # noqa: T201
@@ -67,11 +57,11 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     return rows
 
 
-def flight_cost_rows(rng: np.random.Generator) -> list[Row]:
+def flight_cost_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:  # noqa: ARG001
     """`flight_cpu_s`: CPU of one simulated flight of 30 s once compiled, the least of some."""
-    plant, family = flight_plant("quadrotor"), FlightFamily(start="moving")
-    parameters = uniform_parameters(rng, feasible_flights(plant.spec, family))[0]
-    plan = flight_plan(family.trajectory(parameters), PID_ALONE, plant.vehicle, plant.rate)
+    flights = Flights.of("quadrotor", "mid")
+    (flight,), plant = flights.drawn(rng, 1), flights.robot.vehicle
+    plan = flight_plan(flight, None, plant.vehicle, plant.rate)
     costs = []
     for _ in range(REPEATS + 1):
         began = time.process_time()
@@ -141,3 +131,13 @@ def tracking_rows(
     rows = mean_rows("pid_error_m", pid, "m", "exact drag known", exact)
     rows += mean_rows("feedforward_error_m", learned, "m", "required at most", [0.06])
     return rows + mean_rows("exact_drag_error_m", exact, "m", "PID alone", pid)
+
+
+MEASURES: tuple[Callable[[np.random.Generator, bool], list[Row]], ...] = (
+    flight_cost_rows,
+    lambda rng, _: design_rows(rng),
+    order_bench_rows,
+    tracking_rows,
+    crazyflie_rows,
+)
+"""In the order they are run."""

@@ -6,24 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.flight.lag import command_lag
-from etude.logs.flight.log import FlightLog
-from etude.models.calibration import NORMAL_95
-from etude.models.flight.config import PRESETS
+from etude.contracts import Array, Log, Mask
+from etude.models.score import NORMAL_95
+from etude.threads import threads_for
 from etude_studies.crazyflie_flights import (
-    Array,
-    Mask,
     Outcome,
     by_block,
     by_manoeuvre,
+    crazyflie,
     crazyflie_flights,
     in_flight,
+    lag_of,
     nmse,
-    training_pieces,
 )
 from etude_studies.real_accuracy import say
 from etude_studies.rows import Row, mean_rows, rows_json, table
-from etude.threads import threads_for
 
 SEEDS = 8
 ALL_POINTS = 5000
@@ -64,7 +61,7 @@ def crazyflie_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:
     rows = mean_rows("crazyflie_nmse", errors, "1", f"linear regression; chosen: {block.chosen}", linear)
     if not quick:
         rows.append(Row("crazyflie_nmse_worst_seed", max(errors), "1", "the best", min(errors)))
-        every_point = by_block(flights, rng, config=replace(PRESETS["default"], points=ALL_POINTS))
+        every_point = by_block(flights, rng, config=replace(crazyflie().config.model, points=ALL_POINTS))
         error = nmse(every_point.command, every_point.mean)
         rows.append(Row("crazyflie_nmse_all_points", error, "1", "default, first seed", errors[0]))
         late = by_block(flights, rng, lag=0.0)
@@ -122,11 +119,11 @@ def _doubt_rows(found: Outcome, missing: Mask) -> list[Row]:
     return rows
 
 
-def _lag_rows(flights: dict[int, list[FlightLog]], block: Outcome) -> list[Row]:
+def _lag_rows(flights: dict[int, list[Log]], block: Outcome) -> list[Row]:
     rows = [Row("crazyflie_lag_ms", 1e3 * block.lag, "ms", "training blocks of all flights")]
     for number in (10, 15):
-        lag = command_lag(*training_pieces(flights[number]))
-        rows.append(Row(f"crazyflie_lag_flight_{number}_ms", 1e3 * lag, "ms", "that flight alone"))
+        own = 1e3 * lag_of(flights[number])
+        rows.append(Row(f"crazyflie_lag_flight_{number}_ms", own, "ms", "that flight alone"))
     return rows
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from etude.contracts import Mask
 from etude_studies.crazyflie_flights import (
-    Mask,
     Outcome,
     by_block,
     by_manoeuvre,

@@ -9,27 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.logs.flight.lag import command_lag, without_lag
-from etude.logs.flight.log import FlightLog
-from etude.logs.flight.table import read_flight
-from etude.models.blocks import block_masks
-from etude.models.flight.config import PRESETS, FlightModelConfig
-from etude.models.flight.dataset import FlightDataset
-from etude.models.flight.ladder import train_flight_ladder
-from etude.models.flight.lesson import fitted_physics, lesson
-from etude.models.flight.preprocess import FlightDataConfig, build_flight_dataset, joined
-from etude.models.guard import linear_fit, linear_inputs
-from etude.robots.flight_spec import FlightSpec
-from etude.robots.toml_file import load_robot
+from etude.campaign.learn import label
+from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
+from etude.logs.steps import median_rate, without_lag
+from etude.models.config import ModelConfig
+from etude.models.held_out import block_masks
+from etude.models.linear import LinearPhysics
+from etude.robots.quadrotor.recipe import common_lag
+from etude.robots.quadrotor.recorded import on_even_grid, with_states
 from etude_studies.real_logs import EXAMPLES
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from etude_studies.world import World
 
 FOLDER = "crazyflie"
 FILES = {
@@ -37,6 +29,7 @@ FILES = {
     15: ("log15_roll_pitch.csv",),
     16: ("log16_yaw_first.csv", "log16_yaw_second.csv"),
 }
+ROBOT = "crazyflie.toml"
 UNSEEN = 16
 GAP_S = 0.1
 """Training samples this near to a test sample are left out: longer than the means and the lowpass of the
@@ -55,7 +48,7 @@ class Outcome:
         lag: s by which the flights were corrected. chosen: kind of the model.
     """
 
-    group: NDArray[np.int64]
+    group: Index
     command: Array
     raw: Array
     mean: Array
@@ -67,48 +60,53 @@ class Outcome:
     chosen: str
 
 
-def crazyflie_flights() -> dict[int, list[FlightLog]]:
-    """The stretches of each flight by its number; empty where the examples are not all there."""
+def crazyflie_flights() -> dict[int, list[Log]]:
+    """The stretches of each flight by its number, with the states that they tell; empty where the examples
+    are not all there.
+    """
     folder = EXAMPLES / FOLDER
     files = [folder / name for names in FILES.values() for name in names]
-    if not all(path.is_file() for path in (*files, _robot())):
+    if not all(path.is_file() for path in (*files, folder / ROBOT)):
         return {}
-    spec = crazyflie()
-    return {number: [read_flight(folder / name, spec) for name in names] for number, names in FILES.items()}
+    world = crazyflie()
+    return {
+        number: [with_states(on_even_grid(world.read(folder / name))) for name in names]
+        for number, names in FILES.items()
+    }
 
 
-def crazyflie() -> FlightSpec:
+def crazyflie() -> World:
     """The vehicle of the example."""
-    spec = load_robot(_robot()).flight
-    assert spec is not None
-    return spec
-
-
-def _robot() -> Path:
-    return EXAMPLES / FOLDER / "crazyflie.toml"
+    return World.of(EXAMPLES / FOLDER / ROBOT)
 
 
 def by_block(
-    flights: dict[int, list[FlightLog]],
+    flights: dict[int, list[Log]],
     rng: np.random.Generator,
     lag: float | None = None,
-    config: FlightModelConfig = PRESETS["default"],
+    config: ModelConfig | None = None,
 ) -> Outcome:
     """Blocks 3, 8, 13 and 18 of 20 of every stretch, predicted from the others.
 
     Args:
         lag: s; None measures it on the training blocks.
-        config: of the ladder; inputs that the flights lack are left out.
+        config: of the ladder, if not the preset's.
     """
     if lag is None:
-        lag = command_lag(*training_pieces([log for logs in flights.values() for log in logs]))
+        lag = lag_of([log for logs in flights.values() for log in logs])
     return _outcome(flights, (), lag, rng, config)
 
 
-def by_manoeuvre(flights: dict[int, list[FlightLog]], rng: np.random.Generator) -> Outcome:
+def by_manoeuvre(flights: dict[int, list[Log]], rng: np.random.Generator) -> Outcome:
     """Flight 16 whole, and the held-out blocks of flights 10 and 15, from the other blocks of these two."""
     seen = [log for number, logs in flights.items() if number != UNSEEN for log in logs]
-    return _outcome(flights, (UNSEEN,), command_lag(*training_pieces(seen)), rng, PRESETS["default"])
+    return _outcome(flights, (UNSEEN,), lag_of(seen), rng)
+
+
+def lag_of(logs: Sequence[Log]) -> float:
+    """Seconds by which the motion lags behind the commands, by the training blocks of these logs."""
+    world = crazyflie()
+    return common_lag(training_pieces(logs), world.spec, world.config.data)
 
 
 def in_flight(found: Outcome, number: int = UNSEEN) -> Mask:
@@ -116,13 +114,13 @@ def in_flight(found: Outcome, number: int = UNSEEN) -> Mask:
     return np.asarray(found.group == number)
 
 
-def training_pieces(logs: Sequence[FlightLog]) -> list[FlightLog]:
+def training_pieces(logs: Sequence[Log]) -> list[Log]:
     """What lies between the held-out blocks of each log, as logs of their own."""
     pieces = []
     for log in logs:
         known = np.flatnonzero(block_masks(log.t, GAP_S)[0])
         for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
-            pieces.append(replace(log, t=log.t[run], states=log.states.take(run), command=log.command[run]))
+            pieces.append(log.take(run))
     return pieces
 
 
@@ -131,28 +129,28 @@ def nmse(command: Array, mean: Array) -> float:
     return float(np.mean(np.mean((command - mean) ** 2, axis=0) / np.var(command, axis=0)))
 
 
-def _samples(log: FlightLog, number: int, lag: float) -> tuple[FlightDataset, Array]:
-    """The samples of a stretch, and the set-points (n, 4) recorded `lag` before the middle of each."""
-    data = build_flight_dataset(log, crazyflie(), FlightDataConfig(lag_s=lag), number)
-    shifted = without_lag(log, lag)
-    middle = shifted.t[0] + data.t + 0.5 * (_step(data.t) - _step(log.t))
-    return data, np.column_stack([np.interp(middle, shifted.t, column) for column in shifted.command.T])
-
-
-def _step(t: Array) -> float:
-    return float(np.median(np.diff(t)))
+def _samples(log: Log, number: int, lag: float, start: float = 0.0) -> tuple[Samples, Array]:
+    """The samples of a stretch, the first at `start` s, and the set-points (n, 4) recorded `lag` before the
+    middle of each.
+    """
+    world = crazyflie()
+    data = world.samples(log, data=replace(world.config.data, lag_s=lag))
+    recorded = without_lag(log, lag)
+    first = recorded.t[0] + 0.5 * (1.0 / median_rate(data.t) - 1.0 / median_rate(log.t))
+    raw = np.column_stack([np.interp(first + data.t, recorded.t, c) for c in recorded["command"].T])
+    group = np.full_like(data.group, number)
+    return replace(data, log=replace(data.log, t=start + data.t), group=group), raw
 
 
 def _divided(
-    flights: dict[int, list[FlightLog]], unseen: tuple[int, ...], lag: float
-) -> tuple[FlightDataset, FlightDataset, Array]:
+    flights: dict[int, list[Log]], unseen: tuple[int, ...], lag: float
+) -> tuple[Samples, Samples, Array]:
     """Training and test samples, and the test's recorded set-points; flights of `unseen` are test alone."""
     train, test, raw = [], [], []
     for number, logs in flights.items():
         start = 0.0
         for log in logs:
-            data, recorded = _samples(log, number, lag)
-            data = replace(data, t=start + data.t)
+            data, recorded = _samples(log, number, lag, start)
             known, held = block_masks(data.t, GAP_S)
             if number in unseen:
                 known, held = np.zeros_like(known), np.ones_like(held)
@@ -160,37 +158,34 @@ def _divided(
             test.append(data.take(held))
             raw.append(recorded[held])
             start = float(data.t[-1]) + 1.0  # a pause: the recording goes on later
-    return joined(train), joined(test), np.concatenate(raw)
+    return joined_samples(train), joined_samples(test), np.concatenate(raw)
 
 
 def _outcome(
-    flights: dict[int, list[FlightLog]],
+    flights: dict[int, list[Log]],
     unseen: tuple[int, ...],
     lag: float,
     rng: np.random.Generator,
-    config: FlightModelConfig,
+    config: ModelConfig | None = None,
 ) -> Outcome:
     train, test, raw = _divided(flights, unseen, lag)
-    config = config.suited_to(train.states)
-    model = train_flight_ladder(train, None, config, rng).model
-    mean, variance = model.predict(test.states)
-    X = model.features.transform(test.states)
-    latent = np.column_stack([posterior.predict(X)[1] for posterior in model.posteriors])
-    rigid, _ = fitted_physics(lesson(train, None, config, rng), "identified")
+    world = crazyflie()
+    model = world.learned(train, config or world.config.model, rng).model
+    mean, variance = model.predict(test.log)
+    latent, X = np.zeros_like(mean), model.inputs.of_log(test.log)
+    for candidate in model.candidates:
+        assert candidate.process is not None
+        own = candidate.weights * candidate.units[1] ** 2 * candidate.process.predict(X)[1]
+        latent[:, list(candidate.commands)] += own
     return Outcome(
         group=test.group,
         command=test.command,
         raw=raw,
         mean=mean,
         variance=variance,
-        latent=model.deviation**2 * latent,
-        linear=_linear(test) @ linear_fit(_linear(train), train.command),
-        rigid=rigid.predict(test.states),
+        latent=latent,
+        linear=LinearPhysics(model.inputs)(train).predict(test.log),
+        rigid=world.kind.physics(world.spec, world.config)["identified"](train).predict(test.log),
         lag=lag,
-        chosen=model.kind,
+        chosen=label(model.chosen),
     )
-
-
-def _linear(data: FlightDataset) -> Array:
-    states = data.states
-    return linear_inputs(states.specific_force, states.rates, states.angular_acceleration)

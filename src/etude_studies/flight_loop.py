@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json as json_module
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,38 +18,22 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.control.flight_feedforward import (
-    PID_ALONE,
-    FlightFeedforward,
-    GatedVoltages,
-    LinearDrag,
-    flight_plan,
-)
+from etude.contracts import Controller, Log
 from etude.errors import UsageError
-from etude.models.flight.config import PRESETS
-from etude.models.flight.dataset import FlightDataset
-from etude.models.flight.drag import train_drag
-from etude.models.flight.ladder import train_flight_ladder
-from etude.models.flight.preprocess import FlightDataConfig, build_flight_dataset, joined
-from etude.models.physics.flight_inverse import nominal_inverse
-from etude.plants.flight.disturbance import Disturbance
-from etude.plants.flight.record import flight_log
-from etude.plants.flight.registry import flight_plant
-from etude.plants.flight.simulated import SimulatedVehicle, Start
-from etude.robots.flight_spec import FlightSpec
-from etude.robots.toml_file import load_robot
+from etude.robots.quadrotor.controller import FlightFeedforward
+from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude.robots.quadrotor.physics.vehicle_inverse import nominal_inverse
+from etude.robots.quadrotor.plant.disturbance import Disturbance
+from etude.robots.quadrotor.plant.simulated import Start
+from etude.robots.quadrotor.voltages import GatedVoltages
 from etude.storage import write_atomic
+from etude_studies.flight_world import Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table
-from etude.trajectories.flight.family import FlightFamily
-from etude.trajectories.flight.feasible import feasible_flights
-from etude.trajectories.flight.samplers import uniform_parameters
-from etude.trajectories.fourier import FourierTrajectory
 
-TRAINING, TESTS = 4, 8
-SETTLED_S = 5.0
+TESTS = 8
 LEARNED_FROM = (1, 2, 4)
 DISTURBANCES = {
-    "calm": None,
+    "calm": Disturbance(),
     "wind": Disturbance(wind=(2.0, 1.0, 0.0)),
     "gust": Disturbance(gust=(4.0, 0.0, 0.0), gust_start=10.0, gust_duration=5.0),
     "sag": Disturbance(sag=0.05, sag_rate=0.002),
@@ -130,90 +114,45 @@ def seed_errors(
     cell: Cell, tests: int = TESTS, learned_from: tuple[int, ...] = LEARNED_FROM
 ) -> dict[str, float]:
     """Mean error over the test flights of every variant, in calm air and of some in disturbed, m."""
-    rng = np.random.default_rng(cell.seed)
-    plant, spec, flights = _setting(cell, rng, max(learned_from) + tests)
-    training, tested = flights[: max(learned_from)], flights[max(learned_from) :]
-    data = joined([_flown(cell, plant, spec, f, rng, n) for n, f in enumerate(training)])
-    variants = _variants(plant, data, learned_from, rng)
+    rng, most = np.random.default_rng(cell.seed), max(learned_from)
+    flights = Flights.of(cell.robot, "low", start=cell.start, harmonics=cell.harmonics)
+    drawn = flights.drawn(rng, most + tests)
+    controllers = _controllers(flights, flights.flown(drawn[:most], rng), learned_from, rng)
     errors: dict[str, float] = {}
     for air, disturbance in DISTURBANCES.items():
-        for name, feedforward in variants.items():
-            if disturbance is not None and name not in DISTURBED:
+        robot = replace(flights.robot, air=disturbance)
+        for name, controller in controllers.items():
+            if air != "calm" and name not in DISTURBED:
                 continue
-            each = [
-                _error(cell, plant, flight, feedforward, disturbance, np.random.default_rng([cell.seed, i]))
-                for i, flight in enumerate(tested)
-            ]
+            each = []
+            for i, flight in enumerate(drawn[most:]):
+                log = robot.test(flight, controller, np.random.default_rng([cell.seed, i]))
+                each.append(robot.error(log)[0][-1])
             errors[f"{name}/{air}"] = float(np.mean(each))
     return errors
 
 
-def _setting(
-    cell: Cell, rng: np.random.Generator, count: int
-) -> tuple[SimulatedVehicle, FlightSpec, list[FourierTrajectory]]:
-    plant, spec = flight_plant(cell.robot), load_robot(cell.robot).flight
-    assert spec is not None
-    family = FlightFamily(cell.harmonics)
-    drawn = uniform_parameters(rng, feasible_flights(spec, family), count)
-    return replace(plant, noise="low"), spec, [family.trajectory(p) for p in drawn]
-
-
-def _flown(
-    cell: Cell,
-    plant: SimulatedVehicle,
-    spec: FlightSpec,
-    flight: FourierTrajectory,
-    rng: np.random.Generator,
-    number: int,
-) -> FlightDataset:
-    plan = flight_plan(flight, PID_ALONE, plant.vehicle, plant.rate)
-    log = flight_log(plant.fly(plan, rng, start=cell.start), plan, spec.rate, averaged=True)
-    return build_flight_dataset(log, spec, FlightDataConfig(), number)
-
-
-def _variants(
-    plant: SimulatedVehicle, data: FlightDataset, learned_from: tuple[int, ...], rng: np.random.Generator
-) -> Mapping[str, FlightFeedforward]:
-    nominal = nominal_inverse(plant.vehicle)
-    exact = plant.parameters.drag_per_mass
-    drag = LinearDrag((exact[0], exact[1], exact[2]))
-    variants = {
-        "pid": PID_ALONE,
+def _controllers(
+    flights: Flights, logs: Sequence[Log], learned_from: tuple[int, ...], rng: np.random.Generator
+) -> Mapping[str, Controller | None]:
+    """What there is without learning, and what the first so many flights teach."""
+    world = flights.world
+    found = {
+        "pid": None,
         "acceleration": FlightFeedforward(),
-        "analytic": FlightFeedforward(voltages=nominal),
-        "exact_drag": FlightFeedforward(drag=drag, voltages=nominal),
+        **world.kind.baselines(world.spec, world.config),
     }
+    nominal = nominal_inverse(flights.robot.vehicle.vehicle)
     for count in learned_from:
-        part = data.take(data.group < count)
-        learned, ladder = train_drag(part), train_flight_ladder(part, plant.vehicle, PRESETS["default"], rng)
-        voltages = {
-            f"learned_{count}": ladder.model,
-            f"learned_gp_{count}": ladder.models["gp"],
-            f"learned_residual_{count}": ladder.models["identified+gp"],
-        }
-        for name, model in voltages.items():
-            variants[name] = FlightFeedforward(drag=learned, voltages=GatedVoltages(model, nominal))
-        variants[f"learned_drag_only_{count}"] = FlightFeedforward(drag=learned)
-        variants[f"gp_voltage_only_{count}"] = FlightFeedforward(
-            voltages=GatedVoltages(ladder.models["gp"], nominal)
-        )
-    return variants
-
-
-def _error(
-    cell: Cell,
-    plant: SimulatedVehicle,
-    flight: FourierTrajectory,
-    feedforward: FlightFeedforward,
-    disturbance: Disturbance | None,
-    rng: np.random.Generator,
-) -> float:
-    """Mean distance after the start, m; a flight that ends early goes on with its last distance."""
-    plan = flight_plan(flight, feedforward, plant.vehicle, plant.rate)
-    flown = plant.fly(plan, rng, start=cell.start, disturbance=disturbance)
-    away = np.linalg.norm(flown.position - plan.position[: len(flown)], axis=1)
-    whole = np.append(away, np.full(len(plan) - len(flown), away[-1]))
-    return float(whole[plan.t >= SETTLED_S].mean())
+        model = world.learned(world.samples(*logs[:count]), world.config.model, rng).model
+        process = model.of_rung("gp")
+        rungs = {"": model, "_gp": process, "_residual": model.of_rung("identified+gp")}
+        for name, own in rungs.items():
+            found[f"learned{name}_{count}"] = world.kind.controller(world.spec, world.config, own)
+        assert isinstance(model.inputs, QuadrotorInputs)
+        found[f"learned_drag_only_{count}"] = FlightFeedforward(drag=model.inputs.lateral)
+        found[f"gp_voltage_only_{count}"] = FlightFeedforward(voltages=GatedVoltages(process, nominal))
+    return found
 
 
 def _run_all(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, dict[str, float]]]:

@@ -19,18 +19,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.campaign.config import preset_config
+from etude.contracts import Array
 from etude.errors import UsageError
+from etude.robots.quadrotor.kind import KIND
 from etude.storage import write_atomic
+from etude.threads import threads_for
 from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures, first_round, rounds
 from etude_studies.flight_orders_rows import order_rows
 from etude_studies.flight_orders_verdicts import verdict_rows
 from etude_studies.flight_orders_world import PRESETS, World
 from etude_studies.rows import rows_json, table
-from etude.threads import threads_for
-
-Array = NDArray[np.float64]
 
 EXTREME_SEEDS = tuple(range(1_000_000, 1_000_005))
 """Their designed flights are the extreme tests; no cell may have one of these seeds."""
@@ -140,7 +140,8 @@ def designed_flights(cell: Cell, effort: Effort, flights: int = EXTREME_FLIGHTS)
 def _kept(cell: Cell, folder: Path, effort: Effort, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """What the cell's file says, if the same settings made it; else what `work` finds, written there."""
     path = folder / f"{cell.name}.json"
-    asked = json_module.loads(json_module.dumps([asdict(effort), asdict(PRESETS[cell.preset])]))
+    campaign = asdict(preset_config(KIND, PRESETS[cell.preset].campaign))
+    asked = json_module.loads(json_module.dumps([asdict(effort), asdict(PRESETS[cell.preset]), campaign]))
     if path.exists():
         known: dict[str, Any] = json_module.loads(path.read_text(encoding="utf-8"))
         if known["settings"] == asked:

@@ -7,26 +7,25 @@ numbers are named by the seed and what they are for, so that no arm's luck depen
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.design.flight.config import FlightDesignConfig
-from etude.design.flight.reference import IntendedFlights, flight_reference, uniform_intended
-from etude.design.flight.solve import design_flight
-from etude.models.flight.dataset import FlightDataset
-from etude.models.flight.ladder import FlightLadder, train_flight_ladder
-from etude.models.flight.model import FlightModel
-from etude.models.flight.preprocess import joined
-from etude.models.flight.score import score_flights
-from etude.models.gp.exact import ExactGP
+from etude.campaign.config import preset_config
+from etude.campaign.learn import label
+from etude.contracts import Array, Log, Samples, Trajectory
+from etude.design.config import DesignConfig
+from etude.design.reference import reference_states
+from etude.design.solve import design
+from etude.models.gp.exact import ExactGP, ExactPosterior
+from etude.models.ladder import Ladder
+from etude.models.model import LearnedModel
+from etude.models.score import score_trajectories
+from etude.robots.quadrotor.kind import KIND
 from etude_studies.flight_orders_world import World
-from etude.trajectories.flight.samplers import SAMPLERS
-
-Array = NDArray[np.float64]
+from etude_studies.flight_world import SAMPLERS, models_by_rung
 
 BASELINES = ("uniform", "scaled", "boundary")
 CRITERIA = ("mean_variance", "info_gain", "ivr", "log_ivr")
@@ -36,7 +35,8 @@ EXTREME = ("mean_variance", "info_gain")
 FIRST, TEST, REFERENCE, ARM = 0, 1, 2, 10
 """Streams of a seed's random numbers; arms count up from ARM."""
 FIGURES = ("mae", "mae_after", "z2", "coverage", "nlpd", "nlpd_t", "deviation")
-REFERENCE_STATES = 300
+INTENDED, REFERENCE_STATES = 20, 300
+"""Flights that a model is for, and states along all of them."""
 
 
 @dataclass(frozen=True)
@@ -56,65 +56,82 @@ class Effort:
     longer: int = 10
     tests: Mapping[str, int] = field(default_factory=lambda: {"uniform": 20, "boundary": 12, "extremes": 10})
     points: int = 1200
-    design: FlightDesignConfig = field(default_factory=FlightDesignConfig)
+    design: DesignConfig = field(default_factory=lambda: preset_config(KIND, "default").design)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Round:
     """What there is after some flights.
 
     Attributes:
-        data: of all flights. ladder: what learned from them. parameters: (P,) of each flight.
+        logs: of each flight. ladder: what learned from them. parameters: (P,) of each flight.
     """
 
-    data: FlightDataset
-    ladder: FlightLadder
+    logs: tuple[Log, ...]
+    ladder: Ladder
     parameters: tuple[Array, ...]
 
     @property
-    def process(self) -> FlightModel:
+    def process(self) -> LearnedModel:
         """The process on the commands: it chooses the flights, whichever model is in use."""
-        return self.ladder.models["gp"]
+        return self.ladder.model.of_rung("gp")
 
 
 def first_round(world: World, seed: int, *, every_kind: bool) -> Round:
     """After the uniform random flight that all arms of the seed begin with."""
     rng = np.random.default_rng([seed, FIRST])
-    parameters = SAMPLERS["uniform"](rng, world.feasible)[0]
-    data = world.fly(parameters, rng, 0)
-    ladder = train_flight_ladder(data, world.plant.vehicle, world.config(every_kind=every_kind), rng)
-    return Round(data, ladder, (parameters,))
+    parameters = SAMPLERS["uniform"](rng, world.flights.feasible)[0]
+    return _taught(world, None, parameters, rng, every_kind=every_kind)
 
 
 def rounds(
     world: World, seed: int, arm: str, first: Round, flights: int, effort: Effort, *, every_kind: bool
 ) -> Iterator[Round]:
     """Rounds 2 .. `flights` of an arm."""
-    last, config = first, world.config(every_kind=every_kind)
+    last = first
     for number in range(1, flights):
         rng = np.random.default_rng([seed, ARM + ARMS.index(arm), number])
         parameters = next_flight(world, seed, arm, last, effort, rng)
-        data = joined([last.data, world.fly(parameters, rng, number)])
-        ladder = train_flight_ladder(data, world.plant.vehicle, config, rng, previous=last.ladder.models)
-        last = Round(data, ladder, (*last.parameters, parameters))
+        last = _taught(world, last, parameters, rng, every_kind=every_kind)
         yield last
+
+
+def _taught(
+    world: World, last: Round | None, parameters: Array, rng: np.random.Generator, *, every_kind: bool
+) -> Round:
+    """After one more flight."""
+    flights, campaign = world.flights, world.flights.world
+    logs, flown = (last.logs, last.parameters) if last else ((), ())
+    logs = (*logs, *flights.flown([flights.family.trajectory(parameters)], rng))
+    previous = last.ladder.model if last else None
+    ladder = campaign.learned(campaign.samples(*logs), world.config(every_kind=every_kind), rng, previous)
+    return Round(logs, ladder, (*flown, parameters))
 
 
 def next_flight(
     world: World, seed: int, arm: str, last: Round, effort: Effort, rng: np.random.Generator
 ) -> Array:
     """(P,) of the flight that an arm chooses."""
+    flights = world.flights
     if arm in BASELINES:
-        return np.asarray(SAMPLERS[arm](rng, world.feasible)[0])
-    config = replace(effort.design, criterion=arm)
-    drag, intended = world.planned_drag(last.data), intended_flights(world, seed)
-    found = design_flight(last.process, world.plant.spec, world.family, config, rng, intended, drag)
-    return world.family.parameters(found.trajectory.coefficients)
+        return np.asarray(SAMPLERS[arm](rng, flights.feasible)[0])
+    model = last.process
+    return design(
+        flights.family,
+        flights.limits,
+        flights.home,
+        world.planning(model.inputs),
+        model,
+        replace(effort.design, criterion=arm),
+        rng,
+        intended_flights(world, seed),
+        rate=flights.world.spec.rate,
+    ).parameters
 
 
-def intended_flights(world: World, seed: int) -> IntendedFlights:
+def intended_flights(world: World, seed: int) -> list[Trajectory]:
     """The named set that designs are for and deviations are judged on: uniform, and none of the tests."""
-    return uniform_intended(np.random.default_rng([seed, REFERENCE]), world.feasible, world.family)
+    return world.flights.drawn(np.random.default_rng([seed, REFERENCE]), INTENDED)
 
 
 def cell_measures(
@@ -149,18 +166,16 @@ def cell_measures(
 
 def flown_tests(
     world: World, seed: int, extremes: Mapping[str, Sequence[Array]], effort: Effort
-) -> dict[str, FlightDataset]:
+) -> dict[str, Samples]:
     """The three test sets of a seed, flown; the same for all its arms."""
-    rng = np.random.default_rng([seed, TEST])
-    chosen: dict[str, Iterable[Array]] = {
-        "uniform": SAMPLERS["uniform"](rng, world.feasible, effort.tests["uniform"]),
-        "boundary": SAMPLERS["boundary"](rng, world.feasible, effort.tests["boundary"]),
-        "extremes": some_extremes(extremes, effort.tests["extremes"], rng),
+    rng, flights = np.random.default_rng([seed, TEST]), world.flights
+    designed = [flights.family.trajectory(p) for p in some_extremes(extremes, effort.tests["extremes"], rng)]
+    chosen = {
+        "uniform": flights.drawn(rng, effort.tests["uniform"]),
+        "boundary": flights.drawn(rng, effort.tests["boundary"], "boundary"),
+        "extremes": designed,
     }
-    return {
-        name: joined([world.fly(own, rng, number) for number, own in enumerate(parameters)])
-        for name, parameters in chosen.items()
-    }
+    return {name: flights.world.samples(*flights.flown(own, rng)) for name, own in chosen.items()}
 
 
 def some_extremes(
@@ -176,12 +191,12 @@ def some_extremes(
 
 def mean_speed(world: World, parameters: Array) -> float:
     """m/s, of the plan."""
-    flight = world.flight(parameters)
-    velocity = flight.sample(np.linspace(0.0, flight.duration, 301)[:-1]).qd
+    flight = world.flights.family.trajectory(parameters)
+    velocity = flight.motion(np.linspace(0.0, flight.duration, 301)[:-1], 1).orders[1]
     return float(np.linalg.norm(velocity, axis=1).mean())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judge:
     """What the models of one seed are measured by.
 
@@ -197,38 +212,43 @@ class Judge:
 
     @classmethod
     def of(cls, world: World, seed: int, first: Round) -> Judge:
-        rng, model = np.random.default_rng([seed, REFERENCE, 1]), first.process
-        flights = intended_flights(world, seed)
-        X = flight_reference(rng, model.features, flights, REFERENCE_STATES, world.true_drag)
-        own = model.processes[0].outputs[0]
+        inputs, intended = world.judging(first.process.inputs), intended_flights(world, seed)
+        own, units = known_by(first.process)
+        (X,) = reference_states(inputs, [tuple(range(len(units)))], REFERENCE_STATES, intended)
         process = ExactGP(own.kernel, own.theta, 0.5 * float(np.log(own.noise_variance)))
-        return cls(X, process, float(model.deviation.mean()))
+        return cls(X, process, float(units.mean()))
 
-    def measures(self, last: Round, tests: Mapping[str, FlightDataset]) -> dict[str, Any]:
+    def measures(self, last: Round, tests: Mapping[str, Samples]) -> dict[str, Any]:
         """Figures of every kind on every test set, and deviations over the reference states."""
-        models: dict[str, FlightModel] = {str(kind): model for kind, model in last.ladder.models.items()}
-        models["ladder"] = last.ladder.model
+        models = {**models_by_rung(last.ladder), "ladder": last.ladder.model}
         scores = {
             name: {kind: _figures(model, test) for kind, model in models.items()}
             for name, test in tests.items()
         }
         reference = {"latent": self.latent(last), "latent_common": self.latent_common(last)}
-        return {"tests": scores, "reference": reference, "chosen": last.ladder.chosen}
+        return {"tests": scores, "reference": reference, "chosen": label(last.ladder.chosen)}
 
     def latent(self, last: Round) -> float:
         """Mean predicted deviation of the process in use, without noise, V."""
-        model = last.process
-        latent = [np.sqrt(process.predict(self.reference)[1]).mean() for process in model.processes]
-        return float(np.mean(model.deviation * np.mean(latent)))
+        posterior, units = known_by(last.process)
+        return float(units.mean() * np.sqrt(posterior.predict(self.reference)[1]).mean())
 
     def latent_common(self, last: Round) -> float:
         """The same with the first flight's hyperparameters: what the flights alone made of it, V."""
-        X = last.process.processes[0].outputs[0].X
+        X = known_by(last.process)[0].X
         posterior = self.process.condition(X, np.zeros(len(X)))
         return float(self.deviation * np.sqrt(posterior.predict(self.reference)[1]).mean())
 
 
-def _figures(model: FlightModel, test: FlightDataset) -> dict[str, float | None]:
-    scores = score_flights(model, test)
+def known_by(model: LearnedModel) -> tuple[ExactPosterior, Array]:
+    """The process that all commands share, and each command's unit (J,), V."""
+    ((posterior, commands),) = model.latents()
+    assert isinstance(posterior, ExactPosterior)
+    (candidate,) = (c for c in model.candidates if c.weights.any())
+    return posterior, candidate.units[1, list(commands)]
+
+
+def _figures(model: LearnedModel, test: Samples) -> dict[str, float | None]:
+    scores = score_trajectories(test, *model.predict(test.log), model.student)
     means = {name: getattr(scores, name) for name in FIGURES}
     return {name: float(np.nanmean(v)) if np.isfinite(v).any() else None for name, v in means.items()}

@@ -5,24 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-from etude.campaign.flight.learner import drag_of
-from etude.control.flight_feedforward import PID_ALONE, flight_plan
-from etude.models.flight.config import FlightModelConfig
-from etude.models.flight.dataset import FlightDataset, flight_dataset
-from etude.plants.flight.record import flight_log
-from etude.plants.flight.registry import flight_plant
-from etude.plants.flight.simulated import SimulatedVehicle
-from etude_studies.flight_accuracy import SETTINGS, Setting
-from etude.trajectories.flight.family import FlightFamily
-from etude.trajectories.flight.feasible import feasible_flights
-from etude.trajectories.flight.feasible_set import FeasibleSet
-from etude.trajectories.flight.flatness import Drag
-from etude.trajectories.fourier import FourierTrajectory
-
-Array = NDArray[np.float64]
+from etude.contracts import Inputs
+from etude.models.config import ModelConfig
+from etude.robots.quadrotor.flatness import Drag
+from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude_studies.flight_world import THESIS_ROOM, Flights
 
 NO_DRAG = (0.0, 0.0, 0.0)
 
@@ -32,48 +19,45 @@ class Preset:
     """One way to fly and to learn.
 
     Attributes:
-        setting: noise, start, logs and models.
+        noise: level of the vehicle's noise.
+        campaign: the kind's preset, with its start, logs and models.
         drag_aware: whether plans lean against the drag that the flights so far show.
         points: samples that processes are conditioned on, at most.
+        noise_floor: in place of the preset's.
         longer: arms that fly `Effort.longer` times.
         arms: the only ones of the preset; None: all.
     """
 
-    setting: Setting
+    noise: str
+    campaign: str
     drag_aware: bool
     points: int
+    noise_floor: float | None = None
     longer: tuple[str, ...] = ()
     arms: tuple[str, ...] | None = None
 
 
-_THESIS = SETTINGS["thesis"]
-_LITERAL = replace(_THESIS, config=replace(_THESIS.config, noise_floor=0.0))
+# reference row L: ten flights of the thesis's criterion and of uniform random ones
+_THESIS = Preset("mid", "thesis", drag_aware=False, points=1200, longer=("uniform", "mean_variance"))
 PRESETS = {
-    # reference row L: ten flights of the thesis's criterion and of uniform random ones
-    "thesis": Preset(_THESIS, drag_aware=False, points=1200, longer=("uniform", "mean_variance")),
-    "clean": Preset(SETTINGS["default"], drag_aware=True, points=600),
+    "thesis": _THESIS,
+    "clean": Preset("low", "default", drag_aware=True, points=600),
     # plain maximum likelihood on the first flight, as the thesis's text says
-    "literal": Preset(
-        _LITERAL,
-        drag_aware=False,
-        points=1200,
-        longer=("uniform", "mean_variance"),
-        arms=("uniform", "mean_variance", "ivr"),
-    ),
+    "literal": replace(_THESIS, noise_floor=0.0, arms=("uniform", "mean_variance", "ivr")),
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class World:
     """The quadrotor of a preset in its room.
 
     Attributes:
-        plant: as simulated.
+        flights: the vehicle.
         preset: see `Preset`.
         points: cap on the preset's points.
     """
 
-    plant: SimulatedVehicle
+    flights: Flights
     preset: Preset
     points: int
 
@@ -81,44 +65,30 @@ class World:
     def of(cls, preset: str, points: int) -> World:
         """The world of a preset of that name."""
         chosen = PRESETS[preset]
-        plant = replace(flight_plant("quadrotor"), noise=chosen.setting.noise)
-        return cls(plant, chosen, min(points, chosen.points))
+        flights = Flights.of("quadrotor", chosen.noise, chosen.campaign, THESIS_ROOM)
+        return cls(flights, chosen, min(points, chosen.points))
 
-    @cached_property
-    def family(self) -> FlightFamily:
-        return FlightFamily(start=self.preset.setting.start)
-
-    @cached_property
-    def feasible(self) -> FeasibleSet:
-        return feasible_flights(self.plant.spec, self.family)
-
-    def config(self, *, every_kind: bool) -> FlightModelConfig:
+    def config(self, *, every_kind: bool) -> ModelConfig:
         """Of the models: the whole ladder, or a process on the commands alone."""
-        return replace(self.preset.setting.config, kind="auto" if every_kind else "gp", points=self.points)
+        config = self.flights.world.config.model
+        if self.preset.noise_floor is not None:
+            config = replace(config, noise_floor=self.preset.noise_floor)
+        return replace(config, rung="auto" if every_kind else "gp", points=self.points)
 
-    def flight(self, parameters: Array) -> FourierTrajectory:
-        """The flight that parameters (P,) choose."""
-        return self.family.trajectory(parameters)
+    def planning(self, inputs: Inputs) -> Inputs:
+        """Of a plan made after the flights that the inputs are tuned to: with their drag, or none."""
+        return inputs if self.preset.drag_aware else _with_drag(inputs, NO_DRAG)
 
-    def fly(self, parameters: Array, rng: np.random.Generator, number: int) -> FlightDataset:
-        """The log of one flight under PID alone, as samples to learn from or to test on."""
-        plan = flight_plan(self.flight(parameters), PID_ALONE, self.plant.vehicle, self.plant.rate)
-        setting = self.preset.setting
-        flown = self.plant.fly(plan, rng, start=setting.start)
-        log = flight_log(flown, plan, self.plant.spec.rate, averaged=setting.averaged)
-        return flight_dataset([log], self.plant.spec, numbers=[number])
+    def judging(self, inputs: Inputs) -> Inputs:
+        """The same of a plan that knew everything; for comparisons, never for a design."""
+        return _with_drag(inputs, self._true_drag if self.preset.drag_aware else NO_DRAG)
 
-    def planned_drag(self, data: FlightDataset) -> Drag:
-        """(dx, dy, dz) 1/s that a plan made after these flights counts with."""
-        if not self.preset.drag_aware:
-            return NO_DRAG
-        x, y, z = drag_of(data)
+    @cached_property
+    def _true_drag(self) -> Drag:
+        x, y, z = self.flights.robot.vehicle.parameters.drag_per_mass.tolist()
         return (x, y, z)
 
-    @property
-    def true_drag(self) -> Drag:
-        """The same of a plan that knew everything; for comparisons, never for a design."""
-        if not self.preset.drag_aware:
-            return NO_DRAG
-        x, y, z = self.plant.parameters.drag_per_mass
-        return (float(x), float(y), float(z))
+
+def _with_drag(inputs: Inputs, drag: Drag) -> Inputs:
+    assert isinstance(inputs, QuadrotorInputs)
+    return replace(inputs, drag=drag)

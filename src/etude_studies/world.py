@@ -19,6 +19,7 @@ from etude.limits.samplers import scaled
 from etude.logs.read import read_log
 from etude.models.config import ModelConfig
 from etude.models.ladder import Ladder, train_ladder
+from etude.models.model import LearnedModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +74,21 @@ class World:
         return self.kind.samples(self.spec, config, logs, groups)
 
     def learned(
-        self, samples: Samples, model: ModelConfig, rng: np.random.Generator, *, body: bool = True
+        self,
+        samples: Samples,
+        model: ModelConfig,
+        rng: np.random.Generator,
+        previous: LearnedModel | None = None,
+        *,
+        body: bool = True,
     ) -> Ladder:
-        """The ladder of these samples; with `body` False, as if nobody had described the robot's."""
+        """The ladder of these samples, trained on from the `previous` model; with `body` False, as if nobody
+        had described the robot's.
+        """
         kind, spec, config = self.kind, self.spec, self.config
         physics = kind.physics(spec, config) if body else {}
-        return train_ladder(samples, kind.inputs(spec, config), physics, kind.limit(spec), model, rng)
+        inputs, limit = kind.inputs(spec, config), kind.limit(spec)
+        return train_ladder(samples, inputs, physics, limit, model, rng, previous)
 
     @property
     def command_limits(self) -> tuple[Array, Array]:

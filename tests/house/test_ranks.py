@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ RANKS = {
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,
+    "shown": 0,
     "trajectories": 1,
     "limits": 2,
     "logs": 2,
@@ -34,7 +36,14 @@ RANKS = {
 }
 # within one rank a room imports no other, but for these: what stands on nothing else may be used by all of
 # rank 0, and the entrance runs commands
-SIDEWAYS = {("storage", "errors"), ("plugins", "errors"), ("cli", "commands")}
+SIDEWAYS = {
+    ("storage", "errors"),
+    ("plugins", "errors"),
+    ("shown", "plugins"),
+    ("shown", "storage"),
+    ("contracts", "shown"),
+    ("cli", "commands"),
+}
 # of a lower rank, and still none of its business: a kind supplies nouns, the steps are the pipeline's
 FORBIDDEN = {("robots", "design"), ("robots", "campaign")}
 
@@ -108,6 +117,28 @@ def test_nothing_imports_the_studies() -> None:
     for path in modules():
         found = {name for name in all_imported(path) if name.split(".")[0] == "etude_studies"}
         assert not found, f"{module_name(path)} imports {found}"
+
+
+def studies() -> list[Path]:
+    return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", studies(), ids=module_name)
+def test_the_studies_use_what_an_outside_user_may(path: Path) -> None:
+    """Every module of etude that they import stands in the tuple PUBLIC of its room."""
+    for target in imported(path) & {module_name(own) for own in modules() if own.name != "__init__.py"}:
+        room_name, _, module = target.rpartition(".")
+        public = importlib.import_module(room_name).PUBLIC
+        assert module in public, f"{module_name(path)} imports {target}, which {room_name} does not offer"
+
+
+def test_what_is_offered_is_there() -> None:
+    for path in modules():
+        if path.name == "__init__.py":
+            offered = getattr(importlib.import_module(module_name(path)), "PUBLIC", ())
+            there = {p.stem if p.suffix == ".py" else p.name for p in path.parent.iterdir()}
+            assert set(offered) <= there, module_name(path)
+            assert list(offered) == sorted(offered)
 
 
 @pytest.mark.parametrize(("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"})])

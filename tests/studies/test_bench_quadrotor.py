@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from made_up_orders import made_up
 
+from etude import plugins
 from etude_studies import bench_quadrotor
 from etude_studies.bench_quadrotor import FULL, MEASURES, QUICK, order_bench_rows, tracking_rows
 from etude_studies.flight_orders_cell import Effort
-from etude_studies.registry import BENCHES
 
 
 def test_measures_are_functions_of_a_generator() -> None:
-    assert BENCHES["quadrotor"] == "etude_studies.bench_quadrotor:run"
+    assert plugins.load("etude.studies", "bench_quadrotor") is bench_quadrotor.run
     for place in MEASURES:
         module, name = place.split(":")
         assert next(iter(inspect.signature(getattr(import_module(module), name)).parameters)) == "rng"

@@ -6,14 +6,13 @@ import json
 
 import numpy as np
 import pytest
-
 from etude.logs.flight.lag import command_lag
 from etude.logs.flight.log import FlightLog
 from etude.models.blocks import block_masks
+
 from etude_studies import crazyflie
 from etude_studies import crazyflie_flights as study
 from etude_studies.crazyflie import crazyflie_rows
-from etude_studies.registry import run_bench
 from etude_studies.rows import Row
 
 
@@ -82,9 +81,9 @@ def test_the_bench_prints_its_rows(monkeypatch, capsys) -> None:
     monkeypatch.setattr(
         crazyflie, "crazyflie_rows", lambda rng, quick: [Row("crazyflie_nmse", 0.1 + quick, "1")]
     )
-    run_bench("crazyflie", json=True, seed=0, quick=True)
+    crazyflie.run(json=True, seed=0, quick=True)
     found = json.loads(capsys.readouterr().out)
     assert found["command"] == "etude bench crazyflie --quick --json"
     assert found["rows"][0]["value"] == 1.1
-    run_bench("crazyflie", json=False, seed=0)
+    crazyflie.run(json=False, seed=0)
     assert "crazyflie_nmse" in capsys.readouterr().out
