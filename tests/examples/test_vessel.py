@@ -36,10 +36,9 @@ def test_it_is_small() -> None:
 
 
 def test_nothing_inside_knows_of_it() -> None:
+    shown = "src/etude/testing/__init__.py"  # as the example of how a suite is used
     for path in (VESSEL.parents[1] / "src").rglob("*.py"):
-        assert "vessel" not in path.read_text(encoding="utf-8").replace(
-            "etude_vessel import KIND", ""
-        ).replace("TestVessel", "").replace('KIND, "vessel"', ""), path
+        assert path.as_posix().endswith(shown) or "vessel" not in path.read_text(encoding="utf-8"), path
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +74,8 @@ def test_installed_it_does_the_whole_loop(installed: Path, tmp_path: Path) -> No
     etude("init", "lab", "--robot", "vessel")
     assert "Proved for all times" in etude("ask", "lab")
     table = etude("simulate", "lab", "--rounds", "2")
-    rows = {
-        line.split()[0]: float(line.split()[-1])
-        for line in table.splitlines()
-        if len(line.split()) > 1 and line.split()[0] in ("pd", "after")
-    }
+    lines = [line.split() for line in table.splitlines() if line.startswith(("pd", "after"))]
+    rows = {words[0]: float(words[-1]) for words in lines}
     assert rows["after"] < 0.8 * rows["pd"]
     etude("tell", "lab", "lab/simulated/0001.parquet")  # told before: nothing is stored again
     assert "learned" in etude("status", "lab")
