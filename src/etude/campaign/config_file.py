@@ -13,6 +13,7 @@ from etude.campaign.config import SECTIONS, CampaignConfig
 from etude.campaign.presets import preset
 from etude.campaign.tables import read_table, refuse_unknown, write_table
 from etude.errors import UsageError
+from etude.storage import unreadable
 
 CONFIG = "campaign.toml"
 KINDS = ("joints", "vehicle")
@@ -33,6 +34,8 @@ def load_config(folder: Path) -> tuple[CampaignConfig, str]:
             where=str(path),
             next_step="Start one: etude init FOLDER --robot NAME.",
         ) from None
+    except OSError as error:
+        raise unreadable(path, error) from error
     return parse_config(data, str(path)), hashlib.sha256(data).hexdigest()
 
 
@@ -43,7 +46,11 @@ def parse_config(data: bytes, where: str) -> CampaignConfig:
     try:
         table = msgspec.toml.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"this file is not TOML: {error}", where=where) from None
+        raise UsageError(
+            f"this file is not TOML: {error}",
+            where=where,
+            next_step="Correct that place, or restore the file from a copy.",
+        ) from None
     refuse_unknown(table, ["kind", "preset", "seed", *SECTIONS], where)
     name, seed = table.get("preset", "default"), table.get("seed", 0)
     if (kind := table.get("kind", "joints")) not in KINDS:

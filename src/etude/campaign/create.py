@@ -30,7 +30,8 @@ def create_campaign(
         the campaign, and one sentence for each limit that a person should confirm.
 
     Raises:
-        UsageError: there is a campaign already, or the robot is unknown or impossible.
+        UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
+            impossible.
     """
     path = Path(path)
     spec, confirm = robot_from(robot)
@@ -38,9 +39,7 @@ def create_campaign(
     start = preset(preset_name, flying=flying)
     trajectory = start.trajectory if flying else suited_to(start.trajectory, spec)
     config = replace(start, seed=seed, trajectory=trajectory)
-    if path.exists() and not path.is_dir():
-        raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
-    path.mkdir(parents=True, exist_ok=True)
+    _make_folder(path)
     with writer_lock(path):
         if read_events(path):
             raise UsageError(
@@ -53,3 +52,20 @@ def create_campaign(
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, digest, files, **facts)
     return open_campaign(path), confirm
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise UsageError(
+            "this is a file, not a folder, or below one",
+            where=str(path),
+            next_step="Name another folder.",
+        ) from None
+    except OSError as error:
+        raise UsageError(
+            f"the folder cannot be made: {error.strerror or error}",
+            where=str(path),
+            next_step="Name another folder, or one above it that you may write to.",
+        ) from None

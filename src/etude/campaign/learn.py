@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from etude.campaign.folder import Campaign
+from etude.campaign.journal import require_intact
 from etude.campaign.kind_of import kind_of
 from etude.campaign.kinds import RobotKind
 from etude.campaign.learner import Learned, Learner, Say
@@ -46,14 +47,33 @@ def newest_model(campaign: Campaign, state: State) -> Any:
     """The model in use: the chosen one of the last training.
 
     Raises:
-        UsageError: nothing was learned yet.
+        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
     """
     if not state.trained:
         raise UsageError(
             "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
         )
+    check_models(campaign, state)
     return kind_of(campaign.spec).load_model(campaign.model_folder(state.trained[-1].number))
 
 
+def check_models(campaign: Campaign, state: State) -> None:
+    """Holds the files of the last training, if any, against the journal: a damaged model may still load.
+
+    Raises:
+        UsageError: one is missing or was changed.
+    """
+    if not state.trained:
+        return
+    number = state.trained[-1].number
+    trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
+    advice = (
+        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
+        "then tell its log again."
+    )
+    require_intact(campaign.path, trained[-1:], advice)
+
+
 def _learn(kind: RobotKind, say: Say, campaign: Campaign, state: State, number: int) -> Learned:
+    check_models(campaign, state)
     return kind.learn(campaign, state, number, say)

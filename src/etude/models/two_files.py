@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, TypeVar
 from zipfile import BadZipFile
 
@@ -19,6 +21,12 @@ from etude.storage import write_atomic
 Arrays = dict[str, NDArray[Any]]
 Words = dict[str, Any]
 M = TypeVar("M")
+# a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
+# what NumPy's reader of array headers lets through
+DAMAGE = (
+    *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
+    *(EOFError, MemoryError, SyntaxError, BadZipFile, TokenError, zlib.error),
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class TwoFiles:
             if words["version"] != self.version:
                 raise ValueError(f"version {words['version']}")
             return make(words, arrays)
-        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+        except DAMAGE as error:
             raise DataError(
                 f"this is no {what} that can be read ({error})",
                 where=str(folder),

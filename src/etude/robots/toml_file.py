@@ -73,7 +73,11 @@ def load_robot(name_or_path: str | Path) -> RobotSpec:
             next_step=f"Give a TOML file or one of: {', '.join(robot_names())}.",
         ) from None
     except (OSError, UnicodeDecodeError) as problem:
-        raise UsageError(f"the robot file cannot be read: {problem}", where=str(path)) from None
+        raise UsageError(
+            f"the robot file cannot be read: {problem}",
+            where=str(path),
+            next_step="Check that it is a text file that you may read, or restore it from a copy.",
+        ) from None
     return parse_robot(text, where=path.name, folder=path.parent)
 
 
@@ -96,7 +100,11 @@ def parse_robot(text: str, *, where: str, folder: Path) -> RobotSpec:
     try:
         data = msgspec.toml.decode(text)
     except msgspec.DecodeError as problem:
-        raise UsageError(f"not valid TOML: {problem}", where=where) from None
+        raise UsageError(
+            f"not valid TOML: {problem}",
+            where=where,
+            next_step="Correct that place, or restore the file from a copy.",
+        ) from None
     return robot_from_table(data, where=where, folder=folder)
 
 

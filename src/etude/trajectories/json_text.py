@@ -27,7 +27,7 @@ def from_text(text: str | bytes, kinds: Mapping[str, type[T]]) -> T:
     """
     try:
         content = json.loads(text)
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"the trajectory file is not JSON: {error}") from None
     if not isinstance(content, dict) or content.get("kind") not in kinds:
         raise UsageError(f"the trajectory file's 'kind' is not one of: {', '.join(kinds)}")
