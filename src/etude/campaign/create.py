@@ -84,7 +84,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         raise UsageError(
             f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
             where=robot,
-            next_step=f"See docs/robots.md for what a description says.{hint}",
+            next_step=f'A TOML says which one it means: kind = "{kinds[0].name}", for example.{hint}',
         )
     if len(found) > 1:
         raise UsageError(
