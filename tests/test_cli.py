@@ -12,14 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+import etude
 from etude import cli
 from etude.campaign.ask import stored_trajectory
 from etude.campaign.folder import open_campaign
-from etude.campaign.learner import Learned
+from etude.campaign.learn import Learned
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
 
-COMMANDS = ["init", "ask", "tell", "abandon", "status", "report", "simulate", "demo", "bench", "study"]
+COMMANDS = [
+    *("init", "ask", "tell", "abandon", "status", "report", "simulate", "demo"),
+    *("bench", "study", "plugins"),
+]
 
 
 @pytest.fixture
@@ -45,11 +49,11 @@ def run_csv(lab: Path, path: Path) -> Path:
     """A log of the first proposal."""
     campaign = open_campaign(lab)
     t = np.arange(0.0, 60.0, 0.01)
-    s = stored_trajectory(campaign, 1).sample(t)
-    tau = 100.0 * np.tanh(s.qd / 0.02) + 50.0 * s.q
-    names = campaign.spec.names
+    q, qd = stored_trajectory(campaign, 1).motion(t, 2).orders
+    tau = 100.0 * np.tanh(qd / 0.02) + 50.0 * q
+    names = campaign.axes
     header = ",".join(["time", *(f"{kind}_{name}" for kind in ("q", "tau") for name in names)])
-    np.savetxt(path, np.column_stack([t, s.q, tau]), delimiter=",", header=header, comments="")
+    np.savetxt(path, np.column_stack([t, q, tau]), delimiter=",", header=header, comments="")
     return path
 
 
@@ -57,12 +61,13 @@ def stub_learning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Learning costs nothing and says that the tolerance is reached."""
 
     def learn(campaign: Any, state: Any, number: int) -> Learned:
-        low = [0.001] * campaign.spec.dof
-        scores = {"gp": {"nmse": low, "z2": [None] * campaign.spec.dof, "coverage": low}}
+        low = [0.001] * len(campaign.axes)
+        scores = {"gp": {"nmse": low, "z2": [None] * len(low), "coverage": low}}
         facts = {"forecast_deviation": low, "latent_deviation": low, "noise_deviation": [1e-9] * len(low)}
-        return Learned([], {"models": scores, "chosen": "gp", "robot_seconds": 60.0, "moved": None, **facts})
+        facts |= {"chosen": "gp", "rungs": ["gp"] * len(low), "robot_seconds": 60.0, "moved": None}
+        return Learned([], {"models": scores, **facts})
 
-    monkeypatch.setattr("etude.campaign.ladder_learner.learn_ladder", learn)
+    monkeypatch.setattr("etude.campaign.learn.learn_log", learn)
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,8 +113,11 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
         (["ask", "LAB", "--colour"], 2, "wrong arguments"),
         (["ask", "nowhere"], 2, "there is no campaign here"),
         (["init", "LAB", "--robot", "arm4"], 2, "there is a campaign here already"),
-        (["init", "new", "--robot", "nobody"], 2, "unknown robot 'nobody'"),
+        (["init", "new", "--robot", "nobody"], 2, "there is no robot and no file 'nobody'"),
         (["init", "new", "--robot", "arm4", "--seed", "-1"], 2, "the seed must be 0 or more"),
+        (["init", "new", "--robot", "arm4", "--preset", "best"], 2, "unknown preset 'best'"),
+        (["init", "new", "--robot", "."], 2, "this is a folder, not a robot's description"),
+        (["init", "new", "--robot", "empty.csv"], 2, "this file describes no kind of robot"),
         (["tell", "LAB", "nothing.csv"], 3, "there is no such log file"),
         (["tell", "LAB", "EMPTY"], 3, "the log file is empty"),
         (["tell", "LAB", "LOG", "--number", "9"], 2, "trajectory 9 was never asked for"),
@@ -204,7 +212,7 @@ def test_an_unsafe_trajectory_is_4(
     def unsafe(*_: object) -> None:
         raise UnsafeTrajectoryError("position of joint 'waist' may reach 9")
 
-    monkeypatch.setattr("etude.trajectories.random.random_trajectory", unsafe)
+    monkeypatch.setattr("etude.campaign.ask.typical_motions", unsafe)
     code, found = run_json(capsys, "ask", str(lab), "--new")
     assert (code, found["error"]["kind"]) == (4, "UnsafeTrajectoryError")
     assert [p.name for p in (lab / "proposals").iterdir()] == ["0001"]
@@ -247,7 +255,7 @@ def test_a_second_writer_is_told(
 
 def test_as_a_program(tmp_path: Path) -> None:
     """Exit codes reach the shell, and a reader that goes away is no error."""
-    call = [sys.executable, "-m", "etude.cli"]
+    call = [sys.executable, "-m", "etude"]
     done = subprocess.run([*call, "status", str(tmp_path)], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("etude: There is no campaign here")
@@ -265,3 +273,27 @@ def test_asking_loads_nothing_it_does_not_need(lab: Path) -> None:
     command = [sys.executable, "-c", code, "ask", str(lab), "--new"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[-1] == "[]"
+
+
+def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"etude {etude.__version__}\n"
+
+
+def test_plug_ins_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = run_json(capsys, "plugins")
+    rows = {(row["group"], row["name"]): row for row in found["plugins"]}
+    assert code == 0
+    assert rows["etude.robots", "arm"]["source"] == "etude"
+    assert cli.main(["plugins"]) == 0
+    text = capsys.readouterr().out
+    assert all(group in text for group in ("etude.robots", "etude.kernels", "etude.exporters\n  none yet"))
+
+
+def test_renamed_keys_are_said_on_stderr(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = lab / "campaign.toml"
+    path.write_text(path.read_text().replace("rung =", "kind ="))
+    assert cli.main(["status", str(lab), "--json"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "model.kind in campaign.toml is called model.rung now; it was read as that.\n"
+    json.loads(captured.out)

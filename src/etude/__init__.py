@@ -6,19 +6,7 @@ What stands in `__all__` is loaded when it is first used, so that importing the 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:  # for type checkers and editors; nothing is loaded by `import etude`
-    from etude import contracts, errors, testing
-    from etude.campaign.ask import ask
-    from etude.campaign.create import create_campaign, load_robot
-    from etude.campaign.folder import open_campaign
-    from etude.campaign.learn import load_model
-    from etude.campaign.reading import read_log
-    from etude.campaign.simulate import simulate
-    from etude.campaign.status import status
-    from etude.campaign.tell import tell
-    from etude.limits.certificate import certify
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -34,6 +22,8 @@ _PLACES = {
     "load_model": "etude.campaign.learn",
     "certify": "etude.limits.certificate",
 }
+PUBLIC = ("contracts", "errors", "plugins", "storage", "testing", "threads")
+"""Modules that may be used from outside; every room says of its own."""
 _MODULES = ("contracts", "errors", "testing")
 __all__ = [
     "ask",

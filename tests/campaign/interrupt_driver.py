@@ -21,21 +21,17 @@ from etude import cli
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import read_events
+from etude.campaign.motions import typical_motions
 from etude.campaign.state import replay
-from etude.control.closed_loop import run_closed_loop
-from etude.control.feedforward import no_feedforward
 from etude.interrupt import INTERRUPTED
-from etude.plants import compiled
-from etude.plants.registry import simulated_robot
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
+from etude.robots.arm.plant import compiled
 
 CONFIG = """\
 seed = 4
 [trajectory]
 duration = 8.0
 [model]
-kind = "gp"
+rung = "gp"
 points = 50
 fit_points = 30
 steps = 2
@@ -89,10 +85,9 @@ def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
     import etude.campaign.simulate  # noqa: F401
 
-    robot = simulated_robot("arm4", "compiled", campaign.spec)
+    robot = campaign.kind.robot(campaign.spec, campaign.config)
     rng = np.random.default_rng(0)
-    motion = random_trajectory(rng, campaign.spec, TrajectoryFamily(duration=8.0))
-    run_closed_loop(robot, motion, no_feedforward(campaign.spec), rng)
+    robot.run(typical_motions(campaign, rng, 1)[0], None, rng)
 
 
 def finishing(folder: Path) -> list[str]:

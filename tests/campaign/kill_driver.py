@@ -20,11 +20,8 @@ from etude.campaign import ask as asking
 from etude.campaign import tell as telling
 from etude.campaign.abandon import abandon
 from etude.campaign.folder import Campaign
-from etude.campaign.joint_kind import JointKind
 from etude.campaign.journal import damaged_files, read_events
-from etude.campaign.kinds import TakenIn
-from etude.logs.log import RobotLog
-from etude.trajectories.random import random_trajectory
+from etude.contracts import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
 CALLS = ("open", "write", "fsync", "replace", "ftruncate")
@@ -33,18 +30,20 @@ CALLS = ("open", "write", "fsync", "replace", "ftruncate")
 def make_cheap(campaign: Campaign) -> None:
     """Logs come from the proposal itself, and nothing is designed: only the writing is under test."""
 
-    def log_from_name(_: Any, path: Path, spec: Any, __: bool) -> RobotLog:
-        s = asking.stored_trajectory(campaign, int(path.stem)).sample(np.arange(0.0, 5.0, 0.02))
-        return RobotLog(spec.names, spec.command_unit, s.t, s.q, s.qdd, source=path.name)
+    def log_from_name(c: Campaign, path: Path, *, degrees: bool = False) -> Log:
+        t = np.arange(0.0, 5.0, 0.02)
+        q, _, qdd = asking.stored_trajectory(c, int(path.stem)).motion(t, 3).orders
+        log = Log(t, {}, {}, source=path.name)
+        return log.put(c.channel("q"), q).put(c.command, qdd)
 
-    def random_again(_: Any, c: Campaign, __: Any, rng: np.random.Generator, ___: Any) -> Any:
-        facts = {"status": "random", "gain": None}
-        return random_trajectory(rng, c.spec, c.config.trajectory), facts
+    def random_again(c: Campaign, _: Any, rng: np.random.Generator, __: Any) -> Any:
+        return asking.typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
 
-    JointKind.read = log_from_name  # type: ignore[assignment]
-    JointKind.take_in = lambda _, __, ___, log, ____: TakenIn(log.q.tobytes(), 5.0, len(log.t))  # type: ignore[assignment]
-    JointKind.design = random_again  # type: ignore[assignment]
-    asking.newest_model = lambda *_: None  # type: ignore[assignment]
+    telling.read = log_from_name
+    telling.log_bytes = lambda log: log["q"].tobytes()
+    type(campaign.kind).samples = lambda *_: None
+    asking._designed = random_again
+    asking.newest_model = lambda *_: None
 
 
 def one_session(campaign: Campaign, inbox: Path, done: int) -> None:

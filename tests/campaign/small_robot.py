@@ -8,10 +8,11 @@ import numpy as np
 
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
-from etude.campaign.learner import Learned
+from etude.campaign.learn import Learned
+from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
+from etude.contracts import Array, Trajectory
 from etude.storage import write_atomic
-from etude.trajectories.fourier import FourierTrajectory
 
 ROBOT = """\
 name = "pair"
@@ -65,14 +66,23 @@ def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
     return open_campaign(path)
 
 
-def write_log(path: Path, trajectory: FourierTrajectory, seed: int = 0, start: float = 1.7e9) -> Path:
+def random_motion(campaign: Campaign, seed: int) -> Trajectory:
+    """A motion inside the limits that nobody asked for."""
+    return typical_motions(campaign, np.random.default_rng(seed), 1)[0]
+
+
+def command_of(q: Array, qd: Array, qdd: Array) -> Array:
+    """What the pair's motors do: no rigid body, but smooth."""
+    return np.asarray(2.0 * qdd + 1.5 * np.tanh(qd / 0.05) + 3.0 * np.sin(q))
+
+
+def write_log(path: Path, trajectory: Trajectory, seed: int = 0, start: float = 1.7e9) -> Path:
     """A CSV of a robot that follows the trajectory after 1 s of standing still."""
     rng = np.random.default_rng(seed)
     t = np.arange(-1.0, trajectory.duration + 0.5, 0.02)
-    s = trajectory.sample(t)
-    q = s.q + 1e-4 * rng.standard_normal(s.q.shape)
-    tau = 2.0 * s.qdd + 1.5 * np.tanh(s.qd / 0.05) + 3.0 * np.sin(s.q)
-    rows = np.column_stack([t + start, q, tau])
+    true = trajectory.motion(t, 3).orders
+    q = true[0] + 1e-4 * rng.standard_normal(true[0].shape)
+    rows = np.column_stack([t + start, q, command_of(*true)])
     lines = ["time,q_hip,q_knee,tau_hip,tau_knee", *(",".join(map(repr, row)) for row in rows.tolist())]
     path.write_text("\n".join(lines) + "\n")
     return path

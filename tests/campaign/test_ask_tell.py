@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
-from small_robot import ROBOT, make_campaign, stub_learner, write_log
+from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
@@ -17,9 +17,7 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
 from etude.campaign.tell import Told, tell
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
-from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
+from etude.limits.certificate import certify
 
 
 def told(campaign: Campaign, log: Path, **options: object) -> Told:
@@ -76,7 +74,7 @@ class TestAsk:
         assert (proposal.number, proposal.new) == (1, True)
         names = sorted(p.name for p in proposal.folder.iterdir())
         assert names == ["certificate.json", "trajectory.csv", "trajectory.json"]
-        assert certify(stored_trajectory(campaign, 1), campaign.spec).ok
+        assert certify(stored_trajectory(campaign, 1), campaign.limits()).ok
         assert json.loads((proposal.folder / "certificate.json").read_text())["ok"] is True
 
     def test_asking_twice_returns_the_open_one(self, campaign: Campaign) -> None:
@@ -164,10 +162,10 @@ class TestAsk:
         import dataclasses
 
         def reckless(*args: object) -> object:
-            good = random_trajectory(*args)  # type: ignore[arg-type]
-            return dataclasses.replace(good, coefficients=2.0 * good.coefficients)
+            good: Any = random_motion(campaign, 0)
+            return [dataclasses.replace(good, coefficients=2.0 * good.coefficients)]
 
-        monkeypatch.setattr("etude.trajectories.random.random_trajectory", reckless)
+        monkeypatch.setattr("etude.campaign.ask.typical_motions", reckless)
         with pytest.raises(UnsafeTrajectoryError):
             ask(campaign)
         assert not (campaign.path / "proposals").exists()
@@ -207,8 +205,7 @@ class TestTell:
 
     def test_a_log_of_another_trajectory_is_refused(self, campaign: Campaign, tmp_path: Path) -> None:
         asked(campaign, 1)
-        other = random_trajectory(np.random.default_rng(99), campaign.spec, TrajectoryFamily(duration=12.0))
-        log = write_log(tmp_path / "other.csv", other)
+        log = write_log(tmp_path / "other.csv", random_motion(campaign, 99))
         before = campaign.events()
         with pytest.raises(DataError, match=r"not the log of the proposed.*--foreign"):
             told(campaign, log)
@@ -221,8 +218,7 @@ class TestTell:
         assert [r.number for r in campaign.state().proposals] == [1]
 
     def test_a_foreign_log_starts_a_campaign(self, campaign: Campaign, tmp_path: Path) -> None:
-        motion = random_trajectory(np.random.default_rng(1), campaign.spec, TrajectoryFamily(duration=12.0))
-        result = told(campaign, write_log(tmp_path / "old.csv", motion))
+        result = told(campaign, write_log(tmp_path / "old.csv", random_motion(campaign, 1)))
         assert (result.number, result.foreign, result.learned) == (1, True, (1,))
 
     def test_a_slow_run_is_recognised(self, campaign: Campaign, tmp_path: Path) -> None:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from small_robot import make_campaign, write_log
+from small_robot import command_of, make_campaign, random_motion, write_log
 
+from etude.campaign import learn as learning
 from etude.campaign.ask import ask, stored_trajectory
-from etude.campaign.evidence import calibration_factor, collect
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import newest_model
+from etude.campaign.history import calibration_factor, seen_by_the_rule
+from etude.campaign.learn import MIXED, label, newest_model, told_samples
 from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.errors import StopRuleReached
-from etude.logs.parquet import read_parquet
-from etude.models.preprocess import build_dataset
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
 
 CONFIG = """\
 [trajectory]
@@ -27,7 +25,7 @@ duration = 20.0
 [data]
 cutoff_hz = 5.0
 [model]
-kind = "gp"
+rung = "gp"
 points = 100
 fit_points = 60
 steps = 5
@@ -45,9 +43,7 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """A foreign log, then two answered proposals."""
     folder = tmp_path_factory.mktemp("learning")
     campaign = make_campaign(folder, config=CONFIG)
-    rng = np.random.default_rng(8)
-    motion = random_trajectory(rng, campaign.spec, TrajectoryFamily(duration=20.0))
-    tell(campaign, write_log(folder / "foreign.csv", motion))
+    tell(campaign, write_log(folder / "foreign.csv", random_motion(campaign, 8)))
     for _ in range(2):
         number = ask(campaign).number
         tell(campaign, write_log(folder / f"{number}.csv", stored_trajectory(campaign, number), number))
@@ -60,24 +56,23 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
     assert second.trained is not None
     assert third.trained is not None
     assert first.trained["models"] == {}
-    assert set(second.trained["models"]["gp"]) == {"nmse", "z2", "coverage"}
+    assert set(second.trained["models"]["gp"]) == {"nmse", "z2", "coverage", "msll"}
     assert max(third.trained["models"]["gp"]["nmse"]) < 0.2
     assert third.trained["logs"] == [1, 2, 3]
     assert third.trained["robot_seconds"] == pytest.approx(3 * 20.5, abs=2.0)
 
 
 def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: Campaign) -> None:
-    logs = {n: read_parquet(learned.run_file(n)) for n in (1, 2, 3)}
-    parts = [build_dataset(log, learned.spec, learned.config.data, group=n) for n, log in logs.items()]
-    inputs = [np.column_stack([p.q, p.qd, p.qdd, np.ones(len(p))]) for p in parts]
+    samples = told_samples(learned, [1, 2, 3])
+    states = [samples.log[name] for name in ("q", "qd", "qdd")]
+    inputs = np.column_stack([*states, np.ones(len(samples))])
     for newest in (1, 2):
-        known = np.vstack(inputs[:newest]), np.vstack([p.tau for p in parts[:newest]])
-        predicted = inputs[newest] @ np.linalg.lstsq(*known, rcond=None)[0]
-        new = parts[newest]
-        nmse = []
-        for tau, mean, stuck in zip(new.tau.T, predicted.T, new.stuck.T, strict=True):
-            error, moving = tau - mean, ~stuck
-            nmse.append(np.mean(error[moving] ** 2) / np.var(tau[moving]))
+        known, new = samples.group < newest, samples.group == newest
+        weights = np.linalg.lstsq(inputs[known], samples.command[known], rcond=None)[0]
+        error = samples.command[new] - inputs[new] @ weights
+        moving = samples.moving[new]
+        pairs = zip(error.T, samples.command[new].T, moving.T, strict=True)
+        nmse = [np.mean(e[use] ** 2) / np.var(tau[use]) for e, tau, use in pairs]
         scored = learned.state().rounds[newest + 1].trained["models"]["linear"]  # type: ignore[index]
         np.testing.assert_allclose(scored["nmse"], nmse, rtol=1e-6)
 
@@ -92,11 +87,11 @@ def test_later_trajectories_are_designed(learned: Campaign) -> None:
 
 def test_evidence_joins_what_was_asked_and_learned(learned: Campaign) -> None:
     state = learned.state()
-    evidence = collect(learned, state)
+    evidence = seen_by_the_rule(learned, state)
     assert [e.number for e in evidence] == [1, 2, 3]
     gains = [state.rounds[n].asked["gain"] for n in (2, 3)]  # type: ignore[index]
     assert [e.gain for e in evidence] == [*gains, None]
-    assert collect(learned, state, 0.25)[-1].gain == 0.25
+    assert seen_by_the_rule(learned, state, 0.25)[-1].gain == 0.25
     assert [e.robot_minutes for e in evidence] == sorted(e.robot_minutes for e in evidence)
     z2 = [z for n in (2, 3) for z in state.rounds[n].trained["models"]["gp"]["z2"]]  # type: ignore[index]
     assert calibration_factor(state.trained) == pytest.approx(np.mean(z2))
@@ -110,10 +105,10 @@ def test_a_foreign_log_is_scored_on_held_out_blocks(learned: Campaign) -> None:
 
 def test_the_stored_model_predicts(learned: Campaign) -> None:
     model = newest_model(learned, learned.state())
-    s = stored_trajectory(learned, 3).sample(np.linspace(2.0, 18.0, 40))
-    mean, variance = model.predict(s.q, s.qd, s.qdd)
-    tau = 2.0 * s.qdd + 1.5 * np.tanh(s.qd / 0.05) + 3.0 * np.sin(s.q)
-    assert np.mean((mean - tau) ** 2) < 0.1 * np.var(tau)
+    motion = stored_trajectory(learned, 3).motion(np.linspace(2.0, 18.0, 40), 3)
+    mean, variance = model.predict(model.inputs.states(motion))
+    command = command_of(*motion.orders)
+    assert np.mean((mean - command) ** 2) < 0.1 * np.var(command)
     assert (variance > 0).all()
 
 
@@ -129,7 +124,7 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
         proposal = ask(open_campaign(tmp_path / name))
         texts.append((proposal.folder / "trajectory.json").read_text())
     assert texts[0] == texts[1]
-    assert json.loads(texts[0])["kind"] == "fourier"
+    assert json.loads(texts[0])["form"] == "fourier"
 
 
 def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_path: Path) -> None:
@@ -147,3 +142,29 @@ def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_pat
         ask(campaign)
     assert not campaign.proposal(4).exists()
     assert ask(campaign, go_on=True).number == 4
+
+
+@pytest.mark.parametrize("rung", ["linear", "linear+gp", "auto"])
+def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_path: Path) -> None:
+    campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', f'rung = "{rung}"'))
+    for seed in (1, 2):
+        tell(campaign, write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed)), foreign=True)
+    facts = campaign.state().trained[-1].trained
+    assert facts is not None
+    assert rung in (facts["chosen"], "auto")
+    assert len(facts["rungs"]) == 2
+    assert ask(campaign, go_on=True).certificate.ok
+
+
+def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:
+    samples = told_samples(learned, [1, 2, 3])
+    model = newest_model(learned, learned.state())
+    (candidate,) = [c for c in model.candidates if c.commands == (1,)]
+    other = replace(candidate, rung="another")
+    mixed = replace(model, candidates=tuple(other if c is candidate else c for c in model.candidates))
+    assert mixed.chosen == ("gp", "another")
+    assert (label(mixed.chosen), label(model.chosen)) == (MIXED, "gp")
+    scores = [learning._scores(m, model.inputs, samples) for m in (model, mixed)]
+    assert scores[1][MIXED] == scores[0]["gp"]
+    assert MIXED not in scores[0]
+    assert "gp" not in scores[1]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from small_robot import make_campaign, write_log
+from small_robot import make_campaign, random_motion, write_log
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.config_file import parse_config
@@ -14,10 +13,9 @@ from etude.campaign.tell import tell
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.local_posterior import LocalPosterior
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-from etude.models.guided import GuidedPosterior
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.random import random_trajectory
+from etude.models.lwpr.posterior import LWPRPosterior
 
 CONFIG = """\
 [trajectory]
@@ -25,7 +23,7 @@ duration = 20.0
 [data]
 cutoff_hz = 5.0
 [model]
-kind = "gp"
+rung = "gp"
 kernel = "ard_se"
 process = "{process}"
 points = 60
@@ -47,14 +45,13 @@ reference_points = 20
         ("dictionary_variance", ExactPosterior),
         ("ssgp_fixed", SparseSpectrumPosterior),
         ("vfe", BasisPosterior),
-        ("local_gp", GuidedPosterior),
-        ("lwpr", GuidedPosterior),
+        ("local_gp", LocalPosterior),
+        ("lwpr", LWPRPosterior),
     ],
 )
 def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     campaign = make_campaign(tmp_path, config=CONFIG.format(process=process))
-    motion = random_trajectory(np.random.default_rng(8), campaign.spec, TrajectoryFamily(duration=20.0))
-    tell(campaign, write_log(tmp_path / "foreign.csv", motion))
+    tell(campaign, write_log(tmp_path / "foreign.csv", random_motion(campaign, 3)))
     number = ask(campaign).number
     tell(campaign, write_log(tmp_path / "answer.csv", stored_trajectory(campaign, number), number))
     _, second = campaign.state().trained
@@ -65,7 +62,9 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     assert second.trained["moved"] is not None
     model = newest_model(campaign, campaign.state())
     assert model is not None
-    assert all(type(posterior) is kind for posterior in model.posteriors)
+    own = [p for c in model.candidates if c.rung == "gp" for p in c.process.own]
+    assert len(own) == 2
+    assert all(type(posterior) is kind for posterior in own)
     assert status(campaign)
 
 

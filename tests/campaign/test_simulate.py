@@ -8,45 +8,48 @@ from typing import Any
 import numpy as np
 import pytest
 
+from etude.campaign import ask as asking
+from etude.campaign import learn as learning
 from etude.campaign import simulate as module
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learner import Learned
+from etude.campaign.learn import Learned
 from etude.campaign.simulate import simulate
 from etude.campaign.simulate import test_motions as motions_of
+from etude.contracts import Controller, Model
 from etude.errors import UsageError
-from etude.trajectories.certificate import certify
-from etude.trajectories.random import random_trajectory
+from etude.limits.certificate import certify
+from etude.robots.arm import motions as arm_motions
 
-CONFIG = "seed = 4\n[trajectory]\nduration = 8.0\n"
-
-
-class Spring:
-    """A model that knows nothing but is sure of it."""
-
-    prior_deviation = np.ones(4)
-
-    def predict(self, q: Any, qd: Any, qdd: Any) -> tuple[Any, Any]:
-        return np.zeros_like(q), np.zeros_like(q)
+CONFIG = 'kind = "arm"\nseed = 4\n[trajectory]\nduration = 8.0\n'
+JOURNAL = "journal.jsonl"
 
 
 @pytest.fixture
 def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
+    """Learning and designing cost nothing, and the model says nothing."""
+
     def learn(campaign: Campaign, state: Any, number: int) -> Learned:
-        return Learned([], {"models": {}, "chosen": "gp", "robot_seconds": 8.0 * number})
+        facts = {"models": {}, "chosen": "gp", "rungs": ["gp"] * 4, "robot_seconds": 8.0 * number}
+        return Learned([], facts)
 
-    def again(_: Any, campaign: Campaign, __: Any, rng: np.random.Generator, ___: Any) -> Any:
-        return random_trajectory(rng, campaign.spec, campaign.config.trajectory), {"status": "", "gain": None}
+    def again(campaign: Campaign, _: Any, rng: np.random.Generator, __: Any) -> Any:
+        return asking.typical_motions(campaign, rng, 1)[0], {"status": "", "gain": None}
 
-    monkeypatch.setattr("etude.campaign.ladder_learner.learn_ladder", learn)
-    monkeypatch.setattr("etude.campaign.joint_kind.JointKind.design", again)
-    monkeypatch.setattr(module, "newest_model", lambda *_: Spring())
-    monkeypatch.setattr("etude.campaign.ask.newest_model", lambda *_: Spring())
-    monkeypatch.setattr(module, "_identified", lambda *_: None)
-    monkeypatch.setattr(module, "MOVES", 1)
+    def silent(_: Any, spec: Any, config: Any, model: Model) -> Controller | None:
+        return None
+
+    monkeypatch.setattr(learning, "learn_log", learn)
+    monkeypatch.setattr(asking, "_designed", again)
+    monkeypatch.setattr(asking, "newest_model", lambda *_: None)
+    monkeypatch.setattr(module, "newest_model", lambda *_: None)
+    monkeypatch.setattr(module, "only_rung", lambda *_: None)
+    monkeypatch.setattr(arm_motions, "MOVES", 1)
     path = create_campaign(tmp_path / "lab", "arm4", seed=4)[0].path
     (path / "campaign.toml").write_text(CONFIG)
-    return open_campaign(path)
+    campaign = open_campaign(path)
+    monkeypatch.setattr(type(campaign.kind), "controller", silent)
+    return campaign
 
 
 def test_rounds_tests_and_baselines(arm: Campaign) -> None:
@@ -58,8 +61,11 @@ def test_rounds_tests_and_baselines(arm: Campaign) -> None:
     assert len(set(keys)) == len(keys) == 8
     by = {key: np.mean(e["tracking_error_deg"]) for key, e in zip(keys, evaluated, strict=True)}
     assert by[0, "perfect", "fourier"] < 0.3 * by[0, "pd", "fourier"]
-    # a model that says 0 is PD alone
+    # a model that says nothing is PD alone
     assert by[1, None, "fourier"] == pytest.approx(by[0, "pd", "fourier"])
+    kept = sorted(path.name for path in (arm.path / "tests").iterdir())
+    who = ("0000.pd", "0001.learned", "0002.learned")
+    assert kept == [f"{name}.{test}.parquet" for name in who for test in ("fourier", "moves")]
 
 
 def test_going_on_repeats_nothing(arm: Campaign) -> None:
@@ -73,16 +79,16 @@ def test_going_on_repeats_nothing(arm: Campaign) -> None:
 
 def test_an_interrupted_test_is_made_up_for(arm: Campaign) -> None:
     next(iter(simulate(arm, 1)))
-    lines = (arm.path / "journal.jsonl").read_text().splitlines(keepends=True)
+    lines = (arm.path / JOURNAL).read_text().splitlines(keepends=True)
     assert '"evaluated"' in lines[-1]
-    (arm.path / "journal.jsonl").write_text("".join(lines[:-1]))
+    (arm.path / JOURNAL).write_text("".join(lines[:-1]))
     list(simulate(arm, 0))
     assert len(arm.events()) == len(lines)
 
 
 def test_a_log_left_unlearned_is_learned_and_tested_first(arm: Campaign) -> None:
     next(iter(simulate(arm, 1)))
-    path = arm.path / "journal.jsonl"
+    path = arm.path / JOURNAL
     lines = path.read_text().splitlines(keepends=True)
     kinds = [event.event for event in arm.events()]
     path.write_text("".join(lines[: kinds.index("trained")]))
@@ -95,10 +101,20 @@ def test_the_tests_are_fixed_by_the_seed_and_safe(arm: Campaign) -> None:
     assert list(one) == ["fourier", "moves"]
     t = np.linspace(0.0, 8.0, 50)
     for name, motion in one.items():
-        np.testing.assert_array_equal(motion.sample(t).q, two[name].sample(t).q)
-        assert certify(motion, arm.spec).ok
+        np.testing.assert_array_equal(motion.motion(t, 1).orders, two[name].motion(t, 1).orders)
+        assert certify(motion, arm.limits()).ok
+
+
+def test_the_other_engine_agrees(arm: Campaign, tmp_path: Path) -> None:
+    list(simulate(arm, 0, "mujoco"))
+    other = create_campaign(tmp_path / "other", "arm4", seed=4)[0]
+    (other.path / "campaign.toml").write_text(CONFIG)
+    list(simulate(open_campaign(other.path), 0, "compiled"))
+    pairs = zip(arm.state().evaluated, other.state().evaluated, strict=True)
+    for a, b in pairs:
+        np.testing.assert_allclose(a["tracking_error_deg"], b["tracking_error_deg"], atol=0.002)
 
 
 def test_a_robot_without_a_plant(campaign: Campaign) -> None:
-    with pytest.raises(UsageError, match=r"robot 'pair' has no simulated plant.*arm4"):
+    with pytest.raises(UsageError, match=r"robot 'pair' has no simulated plant"):
         list(simulate(campaign, 1))

@@ -16,7 +16,8 @@ import pytest
 from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.read import read_log
-from etude.logs.readers import READERS, read_raw
+from etude.logs.readers import READERS, read_csv, read_parquet, read_raw
+from etude.testing import ReaderSuite
 
 Columns = dict[str, list[float | None]]
 
@@ -167,6 +168,20 @@ def test_counts_that_are_not_true_do_not_end_the_program(tmp_path: Path) -> None
     (tmp_path / "run.parquet").write_bytes(data.replace(count, b"\x15\xf9\xff\xff\xff\x0f", 1))
     with pytest.raises(DataError, match="cannot be read as Parquet"):
         read_raw(tmp_path / "run.parquet")
+
+
+class TestCsv(ReaderSuite):
+    reader, suffix = staticmethod(read_csv), ".csv"
+
+    def write(self, path: Path, columns: dict[str, list[float]]) -> None:
+        WRITERS[".csv"](path, dict(columns))
+
+
+class TestParquet(ReaderSuite):
+    reader, suffix = staticmethod(read_parquet), ".parquet"
+
+    def write(self, path: Path, columns: dict[str, list[float]]) -> None:
+        WRITERS[".parquet"](path, dict(columns))
 
 
 def test_every_reader_is_tested() -> None:

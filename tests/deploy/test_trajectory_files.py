@@ -1,93 +1,187 @@
-"""What is written is what was certified, at any speed."""
+"""What is written is what was certified, at any speed, for every kind of robot."""
 
 from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from etude.deploy.trajectory_files import SPEEDS, at_speed, csv_bytes, read_table, render
+import etude.deploy.trajectory_files as module
+from etude import plugins
+from etude.contracts import Channel, Kind, Limit, Trajectory
+from etude.deploy.trajectory_files import (
+    SPEEDS,
+    TrajectoryFiles,
+    at_speed,
+    column_names,
+    csv_bytes,
+    read_table,
+    render,
+    table_rate,
+)
+from etude.design.candidates import Source
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.robots.spec import Axis, RobotSpec
-from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.moves import random_moves
-from etude.trajectories.random import random_trajectory
-from etude.trajectories.trajectory_file import from_json
+from etude.limits.certificate import certify
+from etude.trajectories.json_text import from_json
 
-SPEC = RobotSpec("two", (Axis("a", -1, 1, 0.5, 2, 10), Axis("b", 0, 2, 1, 1, 20)), "N m", 50.0)
-FAMILIES = [
-    TrajectoryFamily(duration=20.0),
-    TrajectoryFamily(harmonics=2, duration=20.0, omega0=0.5, rest="ramp", ramp=1.5),
-]
+ROBOT = """\
+name = "two"
+command_unit = "N m"
+rate = 50.0
+[[axis]]
+name = "a"
+lower = -1.0
+upper = 1.0
+velocity = 0.5
+acceleration = 2.0
+command = 10.0
+[[axis]]
+name = 'b, "left"'
+lower = 0.0
+upper = 2.0
+velocity = 1.0
+acceleration = 1.0
+command = 20.0
+"""
 
 
-@pytest.fixture(params=FAMILIES, ids=["nullspace", "ramp"])
-def trajectory(request: pytest.FixtureRequest) -> FourierTrajectory:
-    return random_trajectory(np.random.default_rng(3), SPEC, request.param)
+@dataclass(frozen=True)
+class Case:
+    """A robot, its configuration and a random trajectory inside its limits."""
+
+    kind: Kind
+    spec: Any
+    config: Any
+    limits: tuple[Limit, ...]
+    trajectory: Any
+
+    def render(self, trajectory: Trajectory | None = None) -> TrajectoryFiles:
+        return render(trajectory or self.trajectory, self.kind, self.spec, self.config, self.limits)
+
+    def table(self) -> tuple[list[str], np.ndarray]:  # type: ignore[type-arg]
+        inputs = self.kind.inputs(self.spec, self.config)
+        return read_table(csv_bytes(self.trajectory, inputs, table_rate(self.spec)))
 
 
-def test_the_written_bytes_are_certified(trajectory: FourierTrajectory, tmp_path: Path) -> None:
-    files = render(trajectory, SPEC)
+@dataclass(frozen=True)
+class Tables:
+    """What a kind asks of a campaign's configuration."""
+
+    trajectory: Any
+    data: Any
+
+
+def case(name: str, path: Path, **trajectory: Any) -> Case:
+    kind: Kind = plugins.load("etude.robots", name)
+    config = Tables(kind.tables["trajectory"](**trajectory), kind.tables["data"]())
+    spec = kind.spec(path)
+    limits = tuple(kind.limits(spec, config, None, {}))
+    source = Source(kind.family(spec, config), limits, kind.home(spec), "uniform")
+    return Case(kind, spec, config, limits, source.typical(np.random.default_rng(3), 1)[0].trajectory)
+
+
+@pytest.fixture(params=["nullspace", "ramp"])
+def arm(request: pytest.FixtureRequest, tmp_path: Path) -> Case:
+    path = tmp_path / "two.toml"
+    path.write_text(ROBOT)
+    if request.param == "nullspace":
+        return case("arm", path, duration=20.0)
+    return case("arm", path, harmonics=2, duration=20.0, omega0=0.5, rest="ramp", ramp=1.5)
+
+
+@pytest.fixture
+def flight() -> Case:
+    kind = plugins.load("etude.robots", "quadrotor")
+    return case("quadrotor", kind.built_in()["quadrotor"], duration=12.0)
+
+
+@pytest.fixture(params=["arm", "flight"])
+def any_case(request: pytest.FixtureRequest) -> Case:
+    if request.param == "flight":
+        return request.getfixturevalue("flight")
+    kind = plugins.load("etude.robots", "arm")
+    return case("arm", kind.built_in()["arm4"], duration=20.0, omega0=2 * np.pi / 20.0)
+
+
+def test_the_written_bytes_are_certified(any_case: Case, tmp_path: Path) -> None:
+    files = any_case.render()
     paths = files.write(tmp_path / "p")
     assert [p.name for p in paths] == ["trajectory.json", "trajectory.csv", "certificate.json"]
-    assert from_json(paths[0].read_bytes()) == trajectory
+    assert from_json(paths[0].read_bytes()) == any_case.trajectory
     proof = json.loads(paths[2].read_text())
-    assert proof["ok"] is True
+    assert (proof["ok"], proof["robot"]) == (True, any_case.spec.name)
     assert min(row["margin"] for row in proof["rows"]) >= 0
-    assert len(proof["rows"]) == 6
+    assert len(proof["not_looked_at"]) == 3
 
 
-def test_the_table_is_the_trajectory(trajectory: FourierTrajectory) -> None:
-    header, rows = read_table(csv_bytes(trajectory, SPEC))
-    assert header == ["time", "q_a", "q_b", "qd_a", "qd_b", "qdd_a", "qdd_b"]
+def test_the_table_of_an_arm_is_its_trajectory(arm: Case) -> None:
+    header, rows = arm.table()
+    names = ["a", 'b, "left"']
+    assert header == ["time", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names)]
     assert len(rows) == 1001
-    s = trajectory.sample(rows[:, 0])
-    np.testing.assert_array_equal(rows[:, 1:], np.hstack([s.q, s.qd, s.qdd]))
+    motion = arm.trajectory.motion(rows[:, 0], 3)
+    np.testing.assert_array_equal(rows[:, 1:], np.hstack(motion.orders))
 
 
-def test_moves_are_written_too(tmp_path: Path) -> None:
-    moves = random_moves(np.random.default_rng(0), SPEC, 3)
-    render(moves, SPEC).write(tmp_path)
-    assert from_json((tmp_path / "trajectory.json").read_bytes()).duration == moves.duration
+def test_the_table_of_a_flight_is_what_an_autopilot_takes(flight: Case) -> None:
+    header, rows = flight.table()
+    expected = "time,x,y,z,vx,vy,vz,ax,ay,az,roll,pitch,yaw,wx,wy,wz,thrust"
+    assert header == expected.split(",")
+    assert len(rows) == 601
+    motion = flight.trajectory.motion(rows[:, 0], 3)
+    np.testing.assert_array_equal(rows[:, 1:10], np.hstack(motion.orders))
+    force = motion.orders[2] + [0.0, 0.0, 9.81]
+    np.testing.assert_allclose(rows[:, -1], np.linalg.norm(force, axis=1), rtol=1e-3)
 
 
-def test_an_unsafe_trajectory_has_no_files(trajectory: FourierTrajectory) -> None:
-    wild = replace(trajectory, coefficients=trajectory.coefficients * 1.5)
-    with pytest.raises(UnsafeTrajectoryError, match=r"of joint '[ab]' may reach"):
-        render(wild, SPEC)
+def test_columns_of_other_channels_carry_their_names() -> None:
+    assert column_names(Channel("q_des", ("lift",), ("m",))) == ["q_lift"]
+    assert column_names(Channel("velocity_des", ("x", "y"), ("m/s",) * 2)) == ["vx", "vy"]
+    assert column_names(Channel("grip", ("jaw",), ("m",))) == ["grip_jaw"]
 
 
-def test_a_table_outside_the_limits_is_noticed(
-    trajectory: FourierTrajectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unsafe_trajectory_has_no_files(any_case: Case) -> None:
+    good = any_case.trajectory
+    with pytest.raises(UnsafeTrajectoryError, match=r"may reach"):
+        any_case.render(replace(good, coefficients=good.coefficients * 2.5))
+
+
+def test_a_table_outside_the_limits_is_noticed(any_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """A peer's mistake: verified the design, then wrote another file."""
-    import etude.deploy.trajectory_files as module
+    real = csv_bytes
 
-    wrong = re.sub(rb"\n0\.02,[^,]*", b"\n0.02,9.0", csv_bytes(trajectory, SPEC))
-    monkeypatch.setattr(module, "csv_bytes", lambda *_: wrong)
-    with pytest.raises(UnsafeTrajectoryError, match=r"row 3 of the table"):
-        render(trajectory, SPEC)
+    def wrong(*arguments: Any) -> bytes:
+        return re.sub(rb"\n([^,]*),([^,]*)((?:,[^\n]*)\n[^\n]*)\Z", rb"\n\1,99.0\3", real(*arguments))
+
+    monkeypatch.setattr(module, "csv_bytes", wrong)
+    with pytest.raises(UnsafeTrajectoryError, match=r"row \d+ of the table"):
+        any_case.render()
+
+
+def test_a_table_that_is_no_number_is_noticed(any_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = csv_bytes
+    monkeypatch.setattr(module, "csv_bytes", lambda *a: re.sub(rb",[^,\n]*\Z", b",nan", real(*a).strip()))
+    with pytest.raises(UnsafeTrajectoryError, match=r"row \d+ of the table"):
+        any_case.render()
 
 
 @pytest.mark.parametrize("per_cent", SPEEDS)
-def test_slower_is_the_same_path(trajectory: FourierTrajectory, per_cent: int) -> None:
-    slow, s = at_speed(trajectory, per_cent), per_cent / 100
-    t = np.linspace(0, trajectory.duration, 301)
-    fast, now = trajectory.sample(t), slow.sample(t / s)
-    np.testing.assert_allclose(now.q, fast.q, atol=1e-12)
-    np.testing.assert_allclose(now.qd, fast.qd * s, atol=1e-12)
-    np.testing.assert_allclose(now.qdd, fast.qdd * s**2, atol=1e-12)
-    assert certify(slow, SPEC).ok
-    assert slow.duration == trajectory.duration / s
+def test_slower_is_the_same_path(arm: Case, per_cent: int) -> None:
+    slow, s = at_speed(arm.trajectory, per_cent), per_cent / 100
+    t = np.linspace(0, arm.trajectory.duration, 301)
+    fast, now = arm.trajectory.motion(t, 3).orders, slow.motion(t / s, 3).orders
+    for order in range(3):
+        np.testing.assert_allclose(now[order], fast[order] * s**order, atol=1e-12)
+    assert certify(slow, arm.limits).ok
+    assert slow.duration == arm.trajectory.duration / s
 
 
 @pytest.mark.parametrize("per_cent", [0, -25, 101, float("nan")])
-def test_impossible_speeds_are_refused(trajectory: FourierTrajectory, per_cent: float) -> None:
+def test_impossible_speeds_are_refused(arm: Case, per_cent: float) -> None:
     with pytest.raises(UsageError, match="per cent"):
-        at_speed(trajectory, per_cent)
+        at_speed(arm.trajectory, per_cent)

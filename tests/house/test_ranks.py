@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ RANKS = {
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,
+    "shown": 0,
     "trajectories": 1,
     "limits": 2,
     "logs": 2,
@@ -34,7 +36,14 @@ RANKS = {
 }
 # within one rank a room imports no other, but for these: what stands on nothing else may be used by all of
 # rank 0, and the entrance runs commands
-SIDEWAYS = {("storage", "errors"), ("plugins", "errors"), ("cli", "commands")}
+SIDEWAYS = {
+    ("storage", "errors"),
+    ("plugins", "errors"),
+    ("shown", "plugins"),
+    ("shown", "storage"),
+    ("contracts", "shown"),
+    ("cli", "commands"),
+}
 # of a lower rank, and still none of its business: a kind supplies nouns, the steps are the pipeline's
 FORBIDDEN = {("robots", "design"), ("robots", "campaign")}
 
@@ -110,6 +119,28 @@ def test_nothing_imports_the_studies() -> None:
         assert not found, f"{module_name(path)} imports {found}"
 
 
+def studies() -> list[Path]:
+    return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", studies(), ids=module_name)
+def test_the_studies_use_what_an_outside_user_may(path: Path) -> None:
+    """Every module of etude that they import stands in the tuple PUBLIC of its room."""
+    for target in imported(path) & {module_name(own) for own in modules() if own.name != "__init__.py"}:
+        room_name, _, module = target.rpartition(".")
+        public = importlib.import_module(room_name).PUBLIC
+        assert module in public, f"{module_name(path)} imports {target}, which {room_name} does not offer"
+
+
+def test_what_is_offered_is_there() -> None:
+    for path in modules():
+        if path.name == "__init__.py":
+            offered = getattr(importlib.import_module(module_name(path)), "PUBLIC", ())
+            there = {p.stem if p.suffix == ".py" else p.name for p in path.parent.iterdir()}
+            assert set(offered) <= there, module_name(path)
+            assert list(offered) == sorted(offered)
+
+
 @pytest.mark.parametrize(("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"})])
 def test_processes_know_no_robot(own: str, allowed: set[str]) -> None:
     for path in sorted((SOURCE / "models" / own).glob("*.py")):
@@ -168,3 +199,22 @@ def test_nothing_prints_below_the_reports() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
         ]
         assert not calls, f"{name} prints at lines {calls}"
+
+
+def test_the_six_answers_of_the_contributing_page_are_true() -> None:
+    """Somebody new finds the room for a change: the files that the page names exist and hold what it says."""
+    root = SOURCE.parent.parent
+    page = (root / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = [word.strip("`,;()") for word in page.split() if word.strip("`,;()").startswith("src/etude/")]
+    assert len(named) >= 10
+    for name in named:
+        assert (root / name).is_file(), name
+    for name, held in {
+        "limits/library.py": "class AxisLimit",
+        "limits/certificate.py": "def certify",
+        "campaign/stopping.py": "def judge",
+        "models/fit.py": "floor_of",
+        "logs/readers.py": "def read_raw",
+        "contracts.py": "class Kind(Protocol)",
+    }.items():
+        assert held in (SOURCE / name).read_text(encoding="utf-8"), name

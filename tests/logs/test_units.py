@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,13 @@ from log_examples import (
     with_values,
 )
 
-from etude.contracts import Array, Log
+from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.frames import raw_log
 from etude.logs.ranges import check_positions
 from etude.logs.read import read_log
-from etude.logs.units import read_time, time_factor
+from etude.logs.units import from_degrees, read_time, time_factor
 from etude.logs.words import UNITS
 
 DEGREE = math.pi / 180.0
@@ -164,3 +165,19 @@ def test_a_flight_is_read_in_si(unit: str) -> None:
     found = match_columns([*headers, *(f"motor_{i}" for i in range(1, 5))], FLIGHT_CHANNELS, "log.csv")
     assert [c.factor for c in found.channels["rates"]] == pytest.approx([KNOWN[unit]] * 3)
     assert [c.factor for c in found.channels["specific_force"]] == [1.0] * 3
+
+
+def test_degrees_are_a_matter_of_units_not_of_names() -> None:
+    """A sliding joint is in m, a command in N m: neither is an angle; its rates are."""
+    log = make_log()
+    slide = replace(log.channels["q"], units=("rad", "m", "rad"))
+    speed = Channel("qd", JOINTS, ("rad/s", "m/s", "rad/s"), derivative_of="q")
+    log = log.put(slide, log["q"]).put(speed, log["q"])
+    asked = from_degrees(log)
+    factors = np.array([DEGREE, 1.0, DEGREE])
+    for name in ("q", "qd"):
+        np.testing.assert_allclose(asked[name], log[name] * factors, rtol=1e-14)
+    np.testing.assert_array_equal(asked["command"], log["command"])
+    believed = from_degrees(log, ("q", "qd"))
+    np.testing.assert_array_equal(believed["q"], log["q"])
+    assert "believed" in believed.repairs[-1]

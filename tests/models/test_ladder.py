@@ -262,6 +262,16 @@ def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
     np.testing.assert_allclose(full.model.of_rung("identified+gp").safe(new), physics.predict(new), rtol=1e-9)
 
 
+def test_an_axis_that_moved_in_one_trajectory_only_cannot_be_held_out(data) -> None:
+    moving = data.moving.copy()
+    moving[data.group != 1, 1] = False
+    found = ladder(replace(data, moving=moving), AUTO)
+    assert np.isnan(found.errors["gp"][1])
+    assert np.isfinite(found.errors["gp"][0])
+    assert np.isfinite(found.model.predict(trajectory(9).log)[1]).all()
+    assert found.chosen[0] == "identified+gp"
+
+
 def test_what_cannot_be_trained_is_refused(data) -> None:
     with pytest.raises(DataError, match="hardly moves"):
         ladder(replace(data, moving=np.zeros_like(data.moving)))

@@ -22,10 +22,10 @@ from learning_examples import (
 from etude.contracts import FitData
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
 from etude.models.contracts import HasKernel
-from etude.models.fit import on_schedule, trained_process
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
+from etude.models.hyperparameters import on_schedule, trained_process
 from etude.models.members import MEMBERS
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors

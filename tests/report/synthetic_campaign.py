@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import base64
+import json
 import struct
 import zlib
 from pathlib import Path
 
 import numpy as np
 
+from etude.campaign.config import preset_config
 from etude.campaign.config_file import config_text
 from etude.campaign.journal import commit
-from etude.campaign.presets import preset
-from etude.logs.log import RobotLog
-from etude.logs.parquet import write_parquet
-from etude.robots.spec import Axis, RobotSpec
+from etude.contracts import Log
+from etude.limits.certificate import certify
+from etude.limits.feasible import FeasibleSet
+from etude.limits.samplers import uniform
+from etude.logs.log_file import write_log
+from etude.robots.arm.inputs import ArmInputs
+from etude.robots.arm.kind import KIND
+from etude.robots.arm.spec import ArmSpec, Axis
 from etude.storage import write_atomic
-from etude.trajectories.certificate import certify
-from etude.trajectories.family import TrajectoryFamily
+from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.random import random_trajectory
 
 SECONDS = 20.0
 CONFIG = "0" * 64
 BASELINES = {"pd": 3.2, "rigid_body": 0.98, "perfect": 0.11}
 JOINTS = np.array([1.3, 0.9, 0.7, 1.1])
+DEFAULT = preset_config(KIND, "default")
 
 
-def spec(names: tuple[str, ...] = ("waist", "shoulder", "elbow", "wrist")) -> RobotSpec:
+def spec(names: tuple[str, ...] = ("waist", "shoulder", "elbow", "wrist")) -> ArmSpec:
     """A robot with the given joint names."""
     axes = tuple(Axis(name, -1.0 - 0.1 * j, 0.8, 0.5, 1.5, 255.0) for j, name in enumerate(names))
-    return RobotSpec("synthetic <arm>", axes, "pwm", 50.0)
+    return ArmSpec("synthetic <arm>", axes, "pwm", 50.0)
 
 
 def error_after(number: int) -> float:
@@ -39,13 +44,13 @@ def error_after(number: int) -> float:
 
 
 def write_campaign(
-    folder: Path, rounds: int = 5, *, evaluated: bool = True, robot: RobotSpec | None = None
-) -> RobotSpec:
+    folder: Path, rounds: int = 5, *, evaluated: bool = True, robot: ArmSpec | None = None
+) -> ArmSpec:
     """A campaign with `rounds` learned logs and one more trajectory asked for."""
     robot = robot or spec()
     rng = np.random.default_rng(7)
     write_robot(folder, robot)
-    write_atomic(folder / "campaign.toml", config_text(preset("default")).encode())
+    write_atomic(folder / "campaign.toml", config_text(DEFAULT, KIND).encode())
     commit(folder, "created", None, CONFIG, [], seed=3, etude_version="0.1.0")
     if evaluated:
         _evaluate_baselines(folder, robot.dof)
@@ -59,10 +64,10 @@ def write_campaign(
     return robot
 
 
-def write_robot(folder: Path, robot: RobotSpec) -> None:
+def write_robot(folder: Path, robot: ArmSpec) -> None:
     lines = [f'name = "{robot.name}"', f'command_unit = "{robot.command_unit}"', f"rate = {robot.rate}"]
     for axis in robot.axes:
-        lines += ["[[axis]]", f'name = "{axis.name}"']
+        lines += ["[[axis]]", f"name = {json.dumps(axis.name)}"]
         lines += [
             f"{key} = {getattr(axis, key)}"
             for key in ("lower", "upper", "velocity", "acceleration", "command")
@@ -70,40 +75,49 @@ def write_robot(folder: Path, robot: RobotSpec) -> None:
     write_atomic(folder / "robot.toml", "\n".join([*lines, ""]).encode())
 
 
-def _ask(folder: Path, robot: RobotSpec, number: int, rng: np.random.Generator) -> FourierTrajectory:
-    trajectory = random_trajectory(rng, robot, TrajectoryFamily(duration=SECONDS))
+def _ask(folder: Path, robot: ArmSpec, number: int, rng: np.random.Generator) -> FourierTrajectory:
+    limits = KIND.limits(robot, DEFAULT, None, {})
+    family = FourierFamily.of(FourierConfig(duration=SECONDS), robot.dof)
+    feasible = FeasibleSet.of(limits, family, KIND.home(robot))
+    trajectory = family.trajectory(uniform(rng, feasible)[0])
     place = folder / "proposals" / f"{number:04d}"
     write_atomic(place / "trajectory.json", trajectory.to_json().encode())
-    write_atomic(place / "certificate.json", certify(trajectory, robot).to_json().encode())
+    write_atomic(place / "certificate.json", certify(trajectory, limits).to_json().encode())
     files = [place / "trajectory.json", place / "certificate.json"]
     commit(folder, "asked", number, CONFIG, files, status="converged", seconds=1.2)
     return trajectory
 
 
 def synthetic_log(
-    robot: RobotSpec, trajectory: FourierTrajectory, error_deg: float, rng: np.random.Generator
-) -> RobotLog:
+    robot: ArmSpec, trajectory: FourierTrajectory, error_deg: float, rng: np.random.Generator
+) -> Log:
     """A run whose tracking error is a sine of known size, with 1 s of lead-in."""
     t = np.arange(-1.0, trajectory.duration, 1.0 / robot.rate)
-    s = trajectory.sample(np.maximum(t, 0.0))
+    q, qd, qdd = trajectory.motion(np.maximum(t, 0.0)).orders
     moving = (t >= 0.0)[:, None]
-    true = s.q - np.radians(error_deg) * np.sin(3.0 * t)[:, None] * moving
-    wanted = 300.0 * np.tanh(s.qd / 0.02) * 0.2 + 250.0 * s.qd + 40.0 * np.sin(s.q)
-    feedback = 400.0 * (s.q - true)
-    return RobotLog(
-        robot.names, robot.command_unit, t, true + 2e-4 * rng.standard_normal(true.shape),
-        np.clip(np.round(wanted + feedback), -255, 255), q_des=s.q, qd_des=s.qd, qdd_des=s.qdd,
-        tau_ff=wanted * 0.95, tau_fb=feedback, q_true=true, source="synthetic",
-        repairs=("dropped 3 repeated samples",),
-    )  # fmt: skip
+    true = q - np.radians(error_deg) * np.sin(3.0 * t)[:, None] * moving
+    wanted = 300.0 * np.tanh(qd / 0.02) * 0.2 + 250.0 * qd + 40.0 * np.sin(q)
+    feedback = 400.0 * (q - true)
+    values = {
+        "q": true + 2e-4 * rng.standard_normal(true.shape),
+        "command": np.clip(np.round(wanted + feedback), -255, 255),
+        "q_des": q,
+        "qd_des": qd,
+        "qdd_des": qdd,
+        "command_ff": wanted * 0.95,
+        "command_fb": feedback,
+        "q_true": true,
+    }
+    channels = {c.name: c for c in robot.channels() if c.name in values}
+    return Log(t, channels, values, "synthetic", ("dropped 3 repeated samples",))
 
 
 def _tell(
-    folder: Path, robot: RobotSpec, trajectory: FourierTrajectory, number: int, rng: np.random.Generator
+    folder: Path, robot: ArmSpec, trajectory: FourierTrajectory, number: int, rng: np.random.Generator
 ) -> None:
     log = synthetic_log(robot, trajectory, error_after(number - 1), rng)
     path = folder / "runs" / f"{number:04d}.parquet"
-    write_parquet(log, path)
+    write_log(path, log)
     facts = {"sha256": f"{number:064d}", "robot_seconds": SECONDS, "repairs": list(log.repairs)}
     commit(folder, "told", number, CONFIG, [path], **facts)
 
@@ -151,14 +165,13 @@ def _per_joint(mean: float, dof: int) -> list[float]:
 class BumpModel:
     """Stands in for a trained model: sure near the origin, unsure far from it."""
 
-    kind = "identified+gp"
-
-    def __init__(self, robot: RobotSpec) -> None:
+    def __init__(self, robot: ArmSpec) -> None:
         self.robot = robot
+        self.inputs = ArmInputs.of(robot, 0.02)
 
-    def predict(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        far = (q / self.robot.upper) ** 2 + (qd / self.robot.velocity) ** 2
-        return np.zeros_like(q), 4.0 + 900.0 * (1.0 - np.exp(-far))
+    def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
+        far = (log["q"] / self.robot.upper) ** 2 + (log["qd"] / self.robot.velocity) ** 2
+        return np.zeros_like(log["q"]), 4.0 + 900.0 * (1.0 - np.exp(-far))
 
 
 def decode_png(text: str) -> np.ndarray:

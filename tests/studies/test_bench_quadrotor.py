@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_up_orders import made_up
 
+from etude import plugins
 from etude_studies import bench_quadrotor
 from etude_studies.bench_quadrotor import FULL, QUICK, order_bench_rows, tracking_rows
 from etude_studies.flight_orders_cell import Effort
@@ -17,6 +18,7 @@ def test_the_bench_runs_every_measure(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[bool] = []
+    assert plugins.load("etude.studies", "bench_quadrotor") is bench_quadrotor.run
 
     def measure(rng: np.random.Generator, quick: bool) -> list[Row]:
         asked.append(quick)

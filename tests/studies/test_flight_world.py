@@ -1,4 +1,4 @@
-"""A vehicle as the studies fly it: the noise asked for, the room asked for, each rung with tails of its own."""
+"""A vehicle as the studies fly it: the noise asked for, the room asked for, each rung's own tails."""
 
 from __future__ import annotations
 

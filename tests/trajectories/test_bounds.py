@@ -7,6 +7,7 @@ import pytest
 
 from etude.trajectories.extremes import riesz_range
 from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.ramp import PEAK_BEND, PEAK_PRODUCT
 
 
 def example(rng: np.random.Generator, ramped: bool) -> FourierTrajectory:
@@ -71,3 +72,20 @@ def test_a_ramp_as_hard_as_it_can_be_is_nearly_reached() -> None:
     reached = np.abs(motion.motion(np.linspace(0.0, 20.0, 100_001)).orders[2]).max()
     values, _, kappa = motion.bound(2)
     assert reached > 0.99 * np.abs(values).max() / kappa
+
+
+@pytest.mark.parametrize("omega0", [0.5, 1.2, 4.0])
+def test_jerk_is_bounded_for_whatever_a_ramp_does_within_its_extremes(omega0: float) -> None:
+    """Also where its third derivative counts and its rate does not, as at its beginning."""
+    ramp, table = 2.0, np.array([[0.0], [1.0], [-1.0], [2.0], [1.0]])  # lopsided: up is not down
+    values, amplitudes, kappa = FourierTrajectory(table, omega0, 20.0, ramp).bound(3)
+    low, high = riesz_range(values, kappa, amplitudes)
+    plain = FourierTrajectory(table, omega0, 2.0 * np.pi / omega0)
+    _, first, second, third = plain.motion(np.linspace(0.0, plain.duration, 1001), 4).orders
+    for rate in (0.0, 0.4, 1.0):
+        for product in (-1.0, 1.0):
+            for bend in (-1.0, 1.0):
+                jerk = rate**3 * third + 3.0 * product * PEAK_PRODUCT / ramp * second
+                jerk = jerk + bend * PEAK_BEND / ramp**2 * first
+                assert low[0] <= jerk.min()
+                assert jerk.max() <= high[0]

@@ -125,3 +125,12 @@ def test_bad_grids(degree: int, oversampling: int) -> None:
 def test_samples_that_hold_the_extremes_are_taken_as_they_are() -> None:
     values = np.array([[0.1], [0.7], [-0.3]])
     assert [float(end[0]) for end in riesz_range(values, 1.0)] == [-0.3, 0.7]
+
+
+def test_large_terms_that_cancel_cost_an_allowance_for_their_rounding() -> None:
+    values = np.array([[0.1], [0.7], [-0.3]])
+    for kappa in (0.9, 1.0):
+        low, high = (end[0] for end in riesz_range(values, kappa))
+        wider = riesz_range(values, kappa, 1e12)
+        assert wider[0][0] < low - 1e-3
+        assert wider[1][0] > high + 1e-3

@@ -1,1 +1,4 @@
-"""See docs/architecture.md."""
+"""A campaign folder and what is done with it: the only circle, through files."""
+
+PUBLIC = ("config", "config_file", "create", "folder", "journal", "learn", "rounds", "simulate")
+"""Modules that may be used from outside."""

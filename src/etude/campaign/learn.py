@@ -103,6 +103,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         "rungs": list(ladder.chosen),
         "calibrated": ladder.model.calibrated,
         "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
+        "recipe": _said(campaign, logs, samples),
         "inputs": {name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
         "warnings": [*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings],
         **forecast(ladder.model, before, campaign, state),
@@ -182,14 +183,20 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples) -> di
     return {rung: _plain(one) for rung, one in found.items()}
 
 
+def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
+    """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
+    told = {sentence for n in logs for sentence in read_log_file(campaign.run_file(n)).repairs}
+    return [sentence for sentence in samples.log.repairs if sentence not in told]
+
+
 def _plain(found: Score) -> dict[str, list[float | None]]:
     return {name: jsonable(getattr(found, name)) for name in ("nmse", "z2", "coverage", "msll")}
 
 
 def _left_out(ladder: Ladder) -> dict[str, float | None]:
     """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
-    errors = {rung: np.mean(held.errors("absolute")) for rung, held in ladder.held_out.items()}
-    return dict(zip(errors, jsonable(errors.values()), strict=True))
+    errors = {rung: float(np.mean(held.errors("absolute"))) for rung, held in ladder.held_out.items()}
+    return dict(zip(errors, jsonable(list(errors.values())), strict=True))
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dict[str, Any]:
@@ -224,5 +231,5 @@ def _renew(campaign: Campaign, say: Say) -> None:
     old = newest.trained or {}
     say("The model was stored by Étude 0.1: it is trained again from its logs.")
     learned = learn_log(campaign, state, newest.number)
-    kept = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
+    kept: dict[str, Any] = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
     campaign.commit("trained", newest.number, learned.files, **{**learned.facts, **kept})

@@ -28,11 +28,4 @@ def read_log(path: str | Path, robot: Campaign | str | Path, *, degrees: bool = 
         kind, place = find_robot(str(robot))
         spec = kind.spec(place)
     known = kind.expected(spec)
-    return logs.read_log(
-        path,
-        kind.channels(spec),
-        rate=known.rate,
-        degrees=degrees,
-        limits=known.limits,
-        checks=lambda log: kind.checks(spec, log),
-    )
+    return logs.read_log(path, kind.channels(spec), rate=known.rate, degrees=degrees, limits=known.limits)

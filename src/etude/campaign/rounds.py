@@ -68,6 +68,6 @@ def interrupted_round(campaign: Campaign, say: Say) -> int | None:
         DataError, NumericalError: the log cannot be learned.
     """
     with campaign.writing():
-        learn_pending(campaign, say)
+        learn_pending(campaign, say=say)
     trained = campaign.state().trained
     return trained[-1].number if trained else None

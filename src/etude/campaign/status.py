@@ -15,8 +15,9 @@ def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
     Keys: kind, robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds,
-    prequential (newest scores of each model before it learned the newest log), chosen, calibration_factor,
-    forecast_fraction, next_gain, held_out (of the newest log without proposal), verdict, problems.
+    prequential (newest scores of each model before it learned the newest log), chosen, rungs (of each
+    output), calibration_factor, forecast_fraction, next_gain, held_out (of the newest log without
+    proposal), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()
@@ -38,6 +39,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "scored_log": trained[-1].number if trained else None,
         "prequential": newest.get("models", {}),
         "chosen": newest.get("chosen"),
+        "rungs": newest.get("rungs"),
         "calibration_factor": calibration_factor(trained),
         "forecast_fraction": evidence[-1].forecast if evidence else None,
         "next_gain": evidence[-1].gain if evidence else None,

@@ -78,9 +78,17 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
     if not scores:
         return []
     return [
-        f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {found['chosen']}):",
+        f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {_in_use(found)}):",
         _by_output(found, scores),
     ]
+
+
+def _in_use(found: Mapping[str, Any]) -> str:
+    """The rung of all outputs, or of each."""
+    rungs = found["rungs"] or [found["chosen"]]
+    if len(set(rungs)) == 1:
+        return str(rungs[0])
+    return ", ".join(f"{output} {rung}" for output, rung in zip(found["outputs"], rungs, strict=True))
 
 
 def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:

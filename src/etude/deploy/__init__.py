@@ -1,1 +1,4 @@
-"""See docs/architecture.md."""
+"""What leaves for the robot: trajectory files and the command expected along them."""
+
+PUBLIC = ()
+"""Modules that may be used from outside."""

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from etude.contracts import Array
-from etude.design.objective import Objective
 from etude.limits.feasible import FeasibleSet
 
 CORNER = 30
 """p of the smooth corner at the edge of the limits; the final step takes back the few per cent it costs."""
 LEAST_VALUE = 1e-12
 """Values are divided by that of the start, since L-BFGS takes differences far below 1 for converged."""
+
+
+class Aim(Protocol):
+    """What is maximised: an `Objective`, or one less a penalty."""
+
+    def value(self, p: Array) -> float: ...
+    def value_and_gradient(self, p: Array) -> tuple[float, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +33,7 @@ class Refined:
     evaluations: int
 
 
-def refine(objective: Objective, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
+def refine(objective: Aim, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
     """The best point met in `steps` iterations from `start` (P,), on the exact edge where that is better."""
     from scipy.optimize import minimize
 
@@ -46,7 +53,7 @@ def refine(objective: Objective, feasible: FeasibleSet, start: Array, steps: int
     return Refined(p, value, best.count + len(feasible.blocks))
 
 
-def _to_the_edge(objective: Objective, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
+def _to_the_edge(objective: Aim, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
     """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
     full = feasible.enlarge(p)
     for block in feasible.blocks:
@@ -85,7 +92,7 @@ class Search:
     inside, and the search has no constraints and no corners.
     """
 
-    objective: Objective
+    objective: Aim
     feasible: FeasibleSet
 
     @cached_property

@@ -13,6 +13,7 @@ from etude.design.batch import batch_of
 from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
 from etude.design.criteria import Output, Reduction, criterion_named, needs_of
+from etude.design.kept import Kept, Penalised
 from etude.design.objective import Objective, gains_of, instants
 from etude.design.reference import MOTIONS, reference_states
 from etude.design.refine import refine
@@ -98,7 +99,7 @@ def design(
         source = Source(family, tuple(limits), home, config.sampler)
         standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
         aim = objective(family, inputs, model, config, tasks, standing_in, rate=rate, physics=physics)
-        found = search(aim.objective, source.candidates(rng, config.candidates), config)
+        found = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
         before, after = aim.deviations(found.best)
     return Design(
         trajectory=found.best.trajectory,
@@ -213,19 +214,34 @@ class Found:
     evaluations: int
 
 
-def search(aim: Objective, candidates: Sequence[Drawn], config: DesignConfig) -> Found:
-    """The best of the candidates and of what the best few are refined to."""
-    aims = [replace(aim, family=drawn.family) for drawn in candidates]
-    values = [one.value(drawn.p) for one, drawn in zip(aims, candidates, strict=True)]
+def search(
+    aim: Objective, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
+) -> Found:
+    """The best of the candidates and of what the best few are refined to.
+
+    What limits without cones forbid is drawn home, candidates and ends alike; between, a penalty counts.
+    """
+    kept = Kept.of(limits, candidates[0].family, candidates[0].p)
+    weight = kept.weight(candidates)
+    starts = [_at_home(kept, drawn) for drawn in candidates]
+    aims = [replace(aim, family=drawn.family) for drawn in starts]
+    values = [one.value(drawn.p) for one, drawn in zip(aims, starts, strict=True)]
     order = np.argsort(values)[::-1]
-    best, value, evaluations = candidates[order[0]], values[order[0]], len(values)
+    best, value, evaluations = starts[order[0]], values[order[0]], len(values)
     for place in order[: config.refine]:
-        start = candidates[place]
-        end = refine(aims[place], start.feasible, start.p, config.steps)
+        start, own = starts[place], aims[place]
+        searched = Penalised(own, kept, weight * abs(values[place])) if kept.limits else own
+        end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
-        if end.value > value:
-            best, value = replace(start, p=end.p), end.value
+        found = _at_home(kept, replace(start, p=end.p))
+        found_value = own.value(found.p) if kept.limits else end.value
+        if found_value > value:
+            best, value = found, found_value
     return Found(best, value, values[order[0]], evaluations)
+
+
+def _at_home(kept: Kept, drawn: Drawn) -> Drawn:
+    return replace(drawn, p=kept.drawn_home(drawn.family, drawn.feasible.centre, drawn.p))
 
 
 def _status(config: DesignConfig, found: Found) -> str:

@@ -1,1 +1,4 @@
-"""See docs/architecture.md."""
+"""From a file to a Log: readers, columns, units, the doctor, alignment, and the steps of every recipe."""
+
+PUBLIC = ("log_file", "read", "steps")
+"""Modules that may be used from outside."""

@@ -7,20 +7,22 @@ or repaired here. A log whose times are row numbers has them in one of its colum
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Channel, Log, Reader
+from etude.contracts import Array, Log, Reader
 from etude.errors import DataError, EtudeError
-from etude.logs.frames import frame_log, guarded, parquet_frame
+from etude.logs.frames import frame_log, guarded, parquet_frame, raw_log
 from etude.logs.log_file import column_names
 
 GROUP = "etude.readers"
 READERS: Mapping[str, str] = {".csv": "csv", ".tsv": "csv", ".txt": "csv", ".parquet": "parquet"}
-"""Suffix -> name of the reader; files of other suffixes are shown to those of other packages."""
+"""Suffix -> name of the built-in reader; files of other suffixes are shown to those of other packages."""
 HEAD = 4096
 AGAIN = "Export the log again."
 
@@ -68,14 +70,21 @@ def _reader_of(path: Path, head: bytes) -> str:
         return built_in
     brought = [name for name in plugins.names(GROUP) if name not in READERS.values()]
     for name in brought:
-        recognises = getattr(plugins.load(GROUP, name), "recognises", None)
-        if recognises is not None and recognises(path, head):
+        if _recognises(name, path, head):
             return name
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),
         next_step=f"Convert the log to one of: {', '.join((*READERS, *brought))}.",
     )
+
+
+def _recognises(name: str, path: Path, head: bytes) -> bool:
+    """Whether that reader takes the file; one that is broken takes none, and harms no other."""
+    try:
+        return bool(plugins.load(GROUP, name).recognises(path, head))
+    except Exception:
+        return False
 
 
 def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Mapping[str, Log]:
@@ -96,20 +105,28 @@ def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Map
 
 
 def _joined(topics: Mapping[str, Log]) -> Log:
-    """One log of all topics, at the times of the one with the most rows; the others are interpolated."""
+    """One log of all topics, at the times of the one with the most rows; the others are interpolated. A
+    column that several topics have keeps its topic's name before it.
+    """
     if len(topics) == 1:
         return next(iter(topics.values()))
     leader = max(topics, key=lambda name: len(topics[name]))
     base = topics[leader]
-    log = Log(base.t, {}, {}, base.source, base.repairs)
-    for topic, part in topics.items():
-        for name, values in part.values.items():
-            channel = part.channels[name]
-            for column, signal in zip(column_names(channel), values.T, strict=True):
-                at_base = signal if topic == leader else _interpolated(base.t, part.t, signal)
-                header = f"{topic}/{column}"
-                log = log.put(Channel(header, ("",), ("",), "aside"), at_base[:, None])
+    columns = {topic: _columns(part) for topic, part in topics.items()}
+    counts = Counter(name for own in columns.values() for name in own)
+    found = {}
+    for topic, own in columns.items():
+        for name, signal in own.items():
+            at_base = signal if topic == leader else _interpolated(base.t, topics[topic].t, signal)
+            found[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
+    log = replace(raw_log(found, base.source, base.repairs), t=base.t)
     return log.repaired(f"Topics {', '.join(topics)} were joined at the times of {leader}.")
+
+
+def _columns(log: Log) -> dict[str, Array]:
+    """Header -> (T,) of a log's channels, part by part."""
+    named = ((column_names(log.channels[name]), values) for name, values in log.values.items())
+    return {name: column for names, values in named for name, column in zip(names, values.T, strict=True)}
 
 
 def _interpolated(times: Array, t: Array, signal: Array) -> Array:
@@ -118,17 +135,35 @@ def _interpolated(times: Array, t: Array, signal: Array) -> Array:
     return np.interp(times, t, signal, left=np.nan, right=np.nan)
 
 
-def read_parquet(path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
-    """All columns of a Parquet file; it has one topic, whatever is asked for."""
-    del topics
-    return {"": frame_log(parquet_frame(path), path)}
+@dataclass(frozen=True)
+class TableReader:
+    """A `contracts.Reader` of files that hold one table, so one topic, whatever is asked for.
+
+    Attributes:
+        name: as in READERS.
+        table: path -> its raw columns.
+    """
+
+    name: str
+    table: Callable[[Path], Log]
+
+    def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:  # noqa: ARG002
+        return {"": self.table(path)}
+
+    def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """By the suffix."""
+        return READERS.get(path.suffix.lower()) == self.name
 
 
-def read_csv(path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
+def _parquet(path: Path) -> Log:
+    """All columns of a Parquet file."""
+    return frame_log(parquet_frame(path), path)
+
+
+def _csv(path: Path) -> Log:
     """Comma, semicolon or tab separated text with one header row; lines that start with # are skipped."""
     import polars as pl
 
-    del topics
     text, repairs = _csv_text(path)
     header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "")
     separator = max(",;\t", key=header.count)
@@ -151,7 +186,7 @@ def read_csv(path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
             next_step="Check the quotes and line breaks in the header.",
         )
     frame.columns = names
-    return {"": frame_log(frame, path, repairs)}
+    return frame_log(frame, path, repairs)
 
 
 def _header(line: str, separator: str, where: str) -> list[str]:
@@ -203,3 +238,7 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+read_csv = TableReader("csv", _csv)
+read_parquet = TableReader("parquet", _parquet)

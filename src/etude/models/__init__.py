@@ -1,1 +1,4 @@
-"""See docs/architecture.md."""
+"""What was learned: one ladder of rungs for every kind of robot, its members, scores and store."""
+
+PUBLIC = ("config", "fit", "held_out", "ladder", "linear", "model", "score", "student_t")
+"""Modules that may be used from outside."""

@@ -50,7 +50,8 @@ def _reference(folds: Folds, trained: Sequence[Sequence[str]], votes: Mapping[st
     physics = [rung for rung in common if rung in PHYSICAL]
     if physics and folds.trajectories < TRAJECTORIES:
         common = physics
-    return _least({rung: float(np.mean([fold_mean(own) for own in votes[rung].T])) for rung in common}, 0.0)
+    relative = {rung: fold_mean(np.array([fold_mean(own) for own in votes[rung].T])) for rung in common}
+    return _least(relative, 0.0)
 
 
 def _choice(votes: Mapping[str, Array], reference: str, rounding: float) -> str:
@@ -116,4 +117,4 @@ def _outcome(folds: Folds, rung: str) -> str:
         return ", so the process now learns only what linear regression leaves"
     if folds.trajectories < TRAJECTORIES:
         return ", but one trajectory is too little to fall back to that; tell another one"
-    return ""
+    return ", which may be chance"

@@ -199,68 +199,67 @@ def _loses(
     for name, base in bases.items():
         held[name] = rows_only(base.held_out(folds), group, rows)
     errors = {rung: own.errors(folds.config.choose_by) for rung, own in held.items()}
-    best = np.nanmin(np.stack([error for name, error in errors.items() if name != "linear"]), axis=0)
+    best = np.fmin.reduce([error for name, error in errors.items() if name != "linear"])
     return bool(np.any(errors["linear"] < best))
 
 
 def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: HeldOut) -> Ladder:
     """The model of all groups, with the choice for each command."""
-    samples, config = folds.samples, folds.config
-    pairs = list(zip(folds.groups, groups, strict=True))
-    rungs = list(dict.fromkeys(rung for _, own in pairs for rung in own))
-    held = {rung: _joined(folds, rung, pairs) for rung in rungs}
+    config, pairs = folds.config, list(zip(folds.groups, groups, strict=True))
+    held, calibrated = _joined(folds, pairs)
     kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
     held.setdefault("linear", baseline.at(kept))
-    scale = {rung: _scales(folds, rung, pairs) for rung in held}
-    errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
-    candidates = []
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
     chosen = choices(folds, trained, held)
-    for group, own in pairs:
-        for rung, learned in own.items():
-            weights = np.array([float(chosen[j] == rung) for j in group])
-            candidates.append(replace(learned.candidate, weights=weights))
-    columns = range(len(chosen))
-    error = np.column_stack([held[chosen[j]].error[:, j] for j in columns])
-    spread = np.column_stack([(scale[chosen[j]] * held[chosen[j]].variance)[:, j] for j in columns])
+    candidates = [
+        replace(learned.candidate, weights=np.array([float(chosen[j] == rung) for j in group]))
+        for group, own in pairs
+        for rung, learned in own.items()
+    ]
+    error = np.column_stack([held[rung].error[:, j] for j, rung in enumerate(chosen)])
+    spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
     model = LearnedModel(
         inputs=folds.inputs,
         candidates=tuple(candidates),
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
         calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
-        independence=independence(error, samples),
+        independence=independence(error, folds.samples),
         member=config.process,
         student=_student(error, spread) if config.student_t else None,
         warnings=warnings_of(folds, trained, chosen, held),
     )
-    trivial = trivial_prediction(samples)
-    scores = {}
-    for rung, own_held in held.items():
-        use = np.isfinite(own_held.error)
-        predicted = np.where(use, samples.command - own_held.error, 0.0)
-        found = figures(samples.command, predicted, scale[rung] * own_held.variance, use, trivial)
-        scores[rung] = Score(**vars(found), usable=found)
+    errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
+    trivial = trivial_prediction(folds.samples)
+    scores = {
+        rung: _score(folds.samples, own.error, calibrated.get(rung, own.variance), trivial)
+        for rung, own in held.items()
+    }
     return Ladder(model, errors, held, scores)
 
 
 def _joined(
-    folds: Folds, rung: str, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]
-) -> HeldOut:
-    """What a rung says of all commands; NaN for those that it was not trained for."""
-    error, variance = (np.full_like(folds.samples.command, np.nan) for _ in range(2))
-    for group, own in pairs:
-        if rung in own:
-            error[:, list(group)], variance[:, list(group)] = own[rung].held.error, own[rung].held.variance
-    return HeldOut(error, variance, folds.fold)
+    folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]
+) -> tuple[dict[str, HeldOut], dict[str, Array]]:
+    """By rung, what it says of all commands, and its calibrated variances; NaN where it was not trained."""
+    held: dict[str, HeldOut] = {}
+    calibrated: dict[str, Array] = {}
+    for rung in dict.fromkeys(rung for _, own in pairs for rung in own):
+        error, variance, spread = (np.full_like(folds.samples.command, np.nan) for _ in range(3))
+        for group, own in pairs:
+            if rung in own:
+                columns, found = list(group), own[rung]
+                error[:, columns], variance[:, columns] = found.held.error, found.held.variance
+                spread[:, columns] = found.candidate.calibration * found.held.variance
+        held[rung], calibrated[rung] = HeldOut(error, variance, folds.fold), spread
+    return held, calibrated
 
 
-def _scales(folds: Folds, rung: str, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]) -> Array:
-    scale = np.ones(len(folds.commands))
-    for group, own in pairs:
-        if rung in own:
-            scale[list(group)] = own[rung].candidate.calibration
-    return scale
+def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> Score:
+    """Of predictions that were held out; those that stood still were not."""
+    use = np.isfinite(error)
+    found = figures(samples.command, np.where(use, samples.command - error, 0.0), variance, use, trivial)
+    return Score(**vars(found), usable=found)
 
 
 def _student(error: Array, variance: Array) -> StudentT | None:

@@ -8,15 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, FitData, Member, Posterior, Process
-from etude.errors import EtudeError, UsageError
-from etude.models.fit import before, columns, counted, initial_process, trained_process, weak
+from etude.contracts import Array, FitData, Member, Posterior
 from etude.models.gp.exact import columns_of
+from etude.models.hyperparameters import before, columns, counted, initial_process, trained_process, weak
+from etude.models.plugin_member import PluginMember
 from etude.models.process import Posteriors, Teaching, restored, taught
 from etude.models.thesis_dictionary import thesis_dictionary
 
@@ -24,9 +24,6 @@ if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
     from etude.models.gp.inducing import Form
     from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-
-METHODS = ("latents", "predict", "held_out", "arrays", "c")
-VALUES = ("noise_variance", "signal_variance")
 
 
 @dataclass(frozen=True)
@@ -226,55 +223,4 @@ def member_named(name: str) -> Member:
     """
     if name in MEMBERS:
         return MEMBERS[name]
-    found = plugins.load("etude.models", name)
-    if not callable(found) or not callable(getattr(found, "restore", None)):
-        raise UsageError(f"the model {name!r} is no function with an attribute `restore`", next_step=_ASK)
-    return PluginMember(name, found)
-
-
-@dataclass(frozen=True)
-class PluginMember:
-    """A member of another package: named in every message, and checked once it has learned."""
-
-    name: str
-    own: Any
-
-    def __call__(self, fit: FitData) -> Process:
-        """The process of the group. UsageError if it is none."""
-        return self._checked(self._tried(lambda: self.own(fit)), fit.X[:3], fit.Y.shape[1])
-
-    def restore(self, arrays: Mapping[str, Array]) -> Process:
-        """The process whose arrays these are."""
-        return cast("Process", self._tried(lambda: self.own.restore(arrays)))
-
-    def _tried(self, what: Callable[[], Any]) -> Any:
-        try:
-            return what()
-        except EtudeError:
-            raise
-        except Exception as error:
-            raise self._wrong(f"fails ({type(error).__name__}: {error})") from error
-
-    def _checked(self, process: Any, X: Array, commands: int) -> Process:
-        missing = [name for name in METHODS if not callable(getattr(process, name, None))]
-        missing += [name for name in VALUES if not hasattr(process, name)]
-        if missing:
-            raise self._wrong(f"makes a process without {', '.join(missing)}")
-        mean, variance = self._tried(lambda: process.predict(X))
-        values = {"mean": mean, "variance": variance}
-        for name, shape in {
-            **dict.fromkeys(values, (len(X), commands)),
-            **dict.fromkeys(VALUES, (commands,)),
-        }.items():
-            value = np.asarray(values.get(name, getattr(process, name, None)), dtype=float)
-            if value.shape != shape:
-                raise self._wrong(f"gives a {name} of shape {value.shape}, not {shape}")
-            if not np.isfinite(value).all() or (name != "mean" and bool((value < 0.0).any())):
-                raise self._wrong(f"gives a {name} that is no number, or below zero")
-        return cast("Process", process)
-
-    def _wrong(self, what: str) -> UsageError:
-        return UsageError(f"the model {self.name!r} {what}", next_step=_ASK)
-
-
-_ASK = "Ask whoever wrote the plug-in; etude.testing.ProcessSuite shows what fails."
+    return PluginMember.of(name, plugins.load("etude.models", name))

@@ -9,8 +9,8 @@ import numpy as np
 
 from etude.contracts import FitData, Index
 from etude.errors import UsageError
-from etude.models.fit import columns, counted, initial_process, trained_process
 from etude.models.gp.exact import ExactGP, ExactPosterior
+from etude.models.hyperparameters import columns, counted, initial_process, trained_process
 from etude.models.process import Posteriors
 
 Rule = Literal["variance", "error"]

@@ -1,1 +1,4 @@
-"""See docs/architecture.md."""
+"""What a campaign came to, as one page."""
+
+PUBLIC = ()
+"""Modules that may be used from outside."""

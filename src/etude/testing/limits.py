@@ -50,7 +50,7 @@ class LimitSuite:
             trajectory = family.trajectory(p)
             rows = self.limit.prove(trajectory)
             t = np.linspace(0.0, trajectory.duration, PERIODS)
-            measured = self.limit.of_motion(trajectory.motion(t, 5))
+            measured = self.limit.of_motion(trajectory.motion(t, 4))
             assert measured.shape == (PERIODS, len(rows)), "of_motion has one column for each row of prove"
             for row, values in zip(rows, measured.T, strict=True):
                 self._holds(row, values)

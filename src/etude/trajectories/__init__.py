@@ -1,1 +1,4 @@
-"""Trajectories as pure functions of time, with limits proved for all times. See docs/architecture.md."""
+"""Trajectories as pure functions of time, and the families that motions are proposed from."""
+
+PUBLIC = ("family", "fourier")
+"""Modules that may be used from outside."""

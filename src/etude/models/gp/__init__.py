@@ -1,1 +1,19 @@
 """Gaussian processes: kernels, exact and approximate posteriors, training. See docs/models.md."""
+
+PUBLIC = (
+    "dictionary",
+    "dictionary_stream",
+    "downsampled",
+    "exact",
+    "inducing",
+    "inducing_training",
+    "kernel_algebra",
+    "kernels",
+    "local",
+    "single_point",
+    "sogp",
+    "sparse_spectrum",
+    "sparse_spectrum_training",
+    "training",
+)
+"""Modules that may be used from outside."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log
+from etude.contracts import Channel, Log
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.record import Record
 from etude.report.scales import Axis
@@ -46,10 +46,10 @@ class Run:
     """One log to draw, and the same motion under feedback alone, if there is one, behind its error."""
 
     def __init__(self, record: Record, log: Log, alone: Log | None) -> None:
-        assert record.path is not None  # a log was read, so the robot could be
-        self.log, self.alone, self.channel = log, alone, record.path
-        self.names, self.units = record.path.parts, record.path.units
-        self.outputs, self.command_units = record.outputs, record.units
+        command = log.channels["command"]
+        self.log, self.alone, self.channel = log, alone, record.path or _path_of(log)
+        self.names, self.units = self.channel.parts, self.channel.units
+        self.outputs, self.command_units = command.parts, command.units
         self.wanted = log.get(f"{self.channel.name}_des")
         self.true = f"{self.channel.name}_true"
         self.ahead = log.get("command_ff")
@@ -126,6 +126,12 @@ class Run:
             marks.append(_curve(self.log.t, self.ahead[:, j], "feedforward", "c2"))
         title = f"{self.outputs[j]}: command"
         return panel(title, _time(self.log), Axis(f"command ({self.command_units[j]})"), marks, size=SIZE)
+
+
+def _path_of(log: Log) -> Channel:
+    """The channel that has a desired one, where robot.toml cannot tell; else the first."""
+    channels = list(log.channels.values())
+    return next((c for c in channels if f"{c.name}_des" in log), channels[0])
 
 
 def deviation(log: Log, path: str) -> Array:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from etude.campaign.evidence import POOLED, calibration_factor, collect
 from etude.campaign.folder import Campaign
+from etude.campaign.history import POOLED, calibration_factor, seen_by_the_rule
 from etude.campaign.state import Round, State
 
 LIMITS = (20.0, 10.0)
@@ -39,7 +39,7 @@ def test_the_campaign_has_these_limits(campaign: Campaign) -> None:
 def test_the_forecast_is_the_worst_axis_in_parts_of_its_limit(
     campaign: Campaign, deviation: list[float], worst: float
 ) -> None:
-    (found,) = collect(campaign, state([1.0, 1.0], forecast_deviation=deviation))
+    (found,) = seen_by_the_rule(campaign, state([1.0, 1.0], forecast_deviation=deviation))
     assert found.forecast == pytest.approx(worst)
 
 
@@ -55,7 +55,7 @@ def test_the_forecast_is_the_worst_axis_in_parts_of_its_limit(
     ],
 )
 def test_the_forecast_is_calibrated(campaign: Campaign, z2: list[list[float | None]], factor: float) -> None:
-    found = collect(campaign, state(*z2))[-1]
+    found = seen_by_the_rule(campaign, state(*z2))[-1]
     assert found.forecast == pytest.approx(0.2 * math.sqrt(factor))
 
 
@@ -74,9 +74,9 @@ def test_the_calibration_is_of_the_last_logs_and_of_the_model_in_use() -> None:
 def test_the_noise_ratio_is_the_worst_axis_of_variances(
     campaign: Campaign, latent: list[float], noise: list[float], worst: float
 ) -> None:
-    (found,) = collect(campaign, state([9.0, 9.0], latent_deviation=latent, noise_deviation=noise))
+    (found,) = seen_by_the_rule(campaign, state([9.0, 9.0], latent_deviation=latent, noise_deviation=noise))
     assert found.noise_ratio == pytest.approx(worst)
 
 
 def test_without_noise_there_is_no_ratio(campaign: Campaign) -> None:
-    assert collect(campaign, state([1.0, 1.0], noise_deviation=None))[-1].noise_ratio is None
+    assert seen_by_the_rule(campaign, state([1.0, 1.0], noise_deviation=None))[-1].noise_ratio is None

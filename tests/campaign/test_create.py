@@ -1,0 +1,95 @@
+"""Finding a robot: by name or by file, over all kinds that there are, with words for what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_robot import ROBOT
+
+from etude import plugins
+from etude.campaign.create import create_campaign, find_robot, load_robot
+from etude.errors import UsageError
+
+
+def test_built_in_robots_of_every_kind() -> None:
+    assert find_robot("arm4")[0].name == "arm"
+    assert find_robot("quadrotor")[0].name == "quadrotor"
+    assert load_robot("arm4_rough").name == "arm4_rough"
+
+
+def test_a_file_is_recognised_by_its_kind(tmp_path: Path) -> None:
+    path = tmp_path / "pair.toml"
+    path.write_text(ROBOT)
+    assert load_robot(path).name == "pair"
+    assert find_robot(str(path))[0].name == "arm"
+    flying = plugins.load("etude.robots", "quadrotor").built_in()["quadrotor"]
+    assert find_robot(str(flying))[0].name == "quadrotor"
+
+
+def test_what_is_no_robot_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no robot and no file 'arm5'.*Built-in robots: arm4, arm4_rough"):
+        load_robot("arm5")
+    with pytest.raises(UsageError, match=r"there is no robot and no file '.*missing\.toml'"):
+        load_robot(tmp_path / "missing.toml")
+    with pytest.raises(UsageError, match="this is a folder, not a robot's description"):
+        load_robot(tmp_path)
+    for name, content in {"a.toml": "[boat]\n", "b.toml": "kind = 'boat'", "c.txt": ROBOT, "d": ""}.items():
+        (tmp_path / name).write_text(content)
+        if name == "a.toml":
+            continue  # without a kind it is an arm's, which then says what it lacks
+        with pytest.raises(UsageError, match=r"describes no kind of robot that is known \(arm, quadrotor"):
+            load_robot(tmp_path / name)
+
+
+class Boat:
+    """A kind that takes every TOML file for its own."""
+
+    name = "boat"
+
+    def built_in(self) -> dict[str, Path]:
+        return {}
+
+    def recognises(self, path: Path) -> bool:
+        return path.suffix == ".toml"
+
+
+def test_several_kinds_may_recognise_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = plugins.load
+    monkeypatch.setattr(plugins, "names", lambda group: ("arm", "boat"))
+    monkeypatch.setattr(plugins, "load", lambda g, name: Boat() if name == "boat" else real(g, name))
+    path = tmp_path / "pair.toml"
+    path.write_text(ROBOT)
+    with pytest.raises(UsageError, match=r"several kinds of robot recognise this file: arm, boat"):
+        load_robot(path)
+
+
+def test_a_broken_kind_harms_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = plugins.load
+
+    def load(group: str, name: str) -> Any:
+        if name == "boat":
+            raise UsageError("'boat' cannot be loaded: ModuleNotFoundError: No module named 'sea'")
+        return real(group, name)
+
+    monkeypatch.setattr(plugins, "names", lambda group: ("arm", "boat"))
+    monkeypatch.setattr(plugins, "load", load)
+    assert find_robot("arm4")[0].name == "arm"
+    (tmp_path / "b.toml").write_text("kind = 'boat'")
+    with pytest.raises(UsageError, match=r"boat could not be loaded.*No module named 'sea'"):
+        load_robot(tmp_path / "b.toml")
+
+
+def test_the_folder_says_what_it_is(tmp_path: Path) -> None:
+    campaign, _ = create_campaign(tmp_path / "lab", "quadrotor", seed=2)
+    facts = campaign.events()[0].facts
+    assert facts == {
+        "seed": 2,
+        "preset": "default",
+        "kind": "quadrotor",
+        "robot": "quadrotor",
+        "axes": ["x", "y", "z"],
+    }
+    assert 'kind = "quadrotor"' in (campaign.path / "campaign.toml").read_text()
+    assert (campaign.name, campaign.command.units[0], campaign.notes) == ("quadrotor", "V", ())

@@ -1,0 +1,102 @@
+"""Limits that are not convex: here a disc in joint space that the arm has to go round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from design_examples import (
+    arm_family,
+    arm_home,
+    arm_limits,
+    arm_model,
+    arm_point,
+    assert_same,
+    differences,
+)
+
+from etude.contracts import Cone, Family, Motion, Proof, Trajectory
+from etude.design.config import DesignConfig
+from etude.design.kept import Kept
+from etude.design.solve import Design, design
+from etude.errors import UnsafeTrajectoryError
+from etude.limits.certificate import certify
+
+QUICK = DesignConfig(criterion="mean_variance", candidates=6, refine=2, steps=15, points=25)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Positions at least `radius` from `middle`; not convex."""
+
+    middle: tuple[float, float]
+    radius: float
+    name = "disc"
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        return ()
+
+    def penalty(self, motion: Motion) -> tuple[float, np.ndarray]:
+        step = motion.orders[0] - self.middle
+        deep = np.maximum(self.radius**2 - (step**2).sum(axis=1), 0.0)
+        gradient = np.zeros_like(motion.orders)
+        gradient[0] = -4.0 * deep[:, None] * step / len(step)
+        return float(np.mean(deep**2)), gradient
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        least = float(self.of_motion(piece.motion(np.linspace(0.0, piece.duration, 5001), 1)).min())
+        return [Proof("arm", "disc", self.radius, np.inf, least, 9.0, "5001 samples", "sampled")]
+
+    def of_motion(self, motion: Motion) -> np.ndarray:
+        return np.linalg.norm(motion.orders[0] - self.middle, axis=1)[:, None]
+
+
+DISC = Disc((0.3, 1.2), 0.3)
+
+
+def run(limits, seed: int = 0) -> Design:
+    model, rng = arm_model(), np.random.default_rng(seed)
+    return design(arm_family(), limits, arm_home(), model.inputs, model, QUICK, rng)
+
+
+def test_the_design_goes_round_what_is_not_convex() -> None:
+    free = run(arm_limits())
+    for seed in range(3):
+        found = run((*arm_limits(), DISC), seed)
+        assert certify(found.trajectory, (*arm_limits(), DISC)).ok
+        assert found.value >= found.baseline
+        model = arm_model()
+        plan = model.inputs.plan(found.trajectory.motion(np.linspace(0.0, 30.0, 99), 3))
+        assert np.ptp(plan.X[:, 0]) > 0.1
+    assert not certify(free.trajectory, [DISC]).ok
+
+
+def test_a_disc_that_is_far_changes_nothing() -> None:
+    far = run((*arm_limits(), Disc((9.0, 9.0), 0.2)))
+    assert far.trajectory.to_json() == run(arm_limits()).trajectory.to_json()
+
+
+def test_the_penalty_is_zero_where_it_is_kept_and_its_gradient_right() -> None:
+    family, rng = arm_family(), np.random.default_rng(1)
+    at = arm_point(rng, family)
+    kept = Kept.of((*arm_limits(), DISC), family, at)
+    assert kept.limits == (DISC,)
+    wide = Kept.of([Disc(DISC.middle, 0.6)], family, at)
+    value, gradient = wide.penalty(family, at)
+    assert value > 0.0
+    assert_same(gradient, differences(lambda p: wide.penalty(family, p)[0], at), 1e-5)
+    assert kept.penalty(family, arm_point(rng, family, 0.0))[0] == 0.0
+
+
+def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
+    family, rng = arm_family(), np.random.default_rng(1)
+    home, at = arm_point(rng, family, 0.0), arm_point(rng, family, 4.0)
+    kept = Kept.of([DISC], family, at)
+    found = kept.drawn_home(family, home, at)
+    assert kept.proved(family, found)
+    assert not kept.proved(family, home + 1.01 * (found - home))
+    assert kept.drawn_home(family, home, found) is found
+    with pytest.raises(UnsafeTrajectoryError, match="home does not keep the limits disc"):
+        Kept.of([Disc(tuple(arm_home()), 0.6)], family, at).drawn_home(family, home, at)
