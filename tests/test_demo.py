@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 
 from etude.campaign.folder import open_campaign
+from etude.commands import demonstration as demo
 from etude.commands.demo import Demo
 from etude.commands.parse import command
 from etude.errors import UsageError
-from etude_studies import demo
 
 
 def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
     said: list[str] = []
     text, figures = demo.run(tmp_path / "lab", "quadrotor", None, 1, 2, said.append)
     campaign = open_campaign(tmp_path / "lab")
-    assert campaign.spec.name == figures["robot"] == "quadrotor_rough"
+    assert campaign.name == figures["robot"] == "quadrotor_rough"
     assert campaign.state().seed == figures["seed"] == 2
     uniform = [e for e in campaign.state().evaluated if e["test"] == "uniform"]
     learned = next(e["tracking_error_m"][-1] for e in uniform if not e.get("baseline"))
@@ -33,17 +33,18 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
             assert figures["baselines"][event["baseline"]] == event["tracking_error_m"][-1]
             assert f"{event['tracking_error_m'][-1]:>8.3f} m" in text
     lines = [line for line in text.splitlines() if line.endswith(" m")]
-    assert [line.split("   ")[0].strip() for line in lines[:3]] == [
+    assert [line.split("   ")[0].strip() for line in lines[:4]] == [
         "PID alone",
         "PID + analytic model without drag",
         "PID + analytic, exact linear drag",
+        "PID + identified vehicle",
     ]
     assert f"After 30 s of motion: {learned:.3f} m on the test motion." in said
     assert Path(figures["report"]).is_file()
 
 
 def test_an_arm_cannot_be_the_quadrotor_and_nothing_is_made(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="does not fly"):
+    with pytest.raises(UsageError, match="'arm4' is of the kind 'arm'"):
         demo.run(tmp_path / "lab", "quadrotor", "arm4", 1, 0, lambda _: None)
     with pytest.raises(UsageError, match="1 round or more"):
         demo.run(tmp_path / "lab", "quadrotor", None, 0, 0, lambda _: None)
@@ -51,18 +52,11 @@ def test_an_arm_cannot_be_the_quadrotor_and_nothing_is_made(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("kind", "robot", "test", "unit"),
-    [
-        ("arm", None, "fourier", "deg"),
-        ("arm", "quadrotor", "uniform", "m"),
-        ("quadrotor", None, "uniform", "m"),
-    ],
+    ("kind", "robot", "shown"),
+    [("arm", None, "arm"), ("arm", "quadrotor", "quadrotor"), ("quadrotor", None, "quadrotor")],
 )
-def test_the_robot_decides_what_is_shown(
-    kind: demo.DemoKind, robot: str | None, test: str, unit: str
-) -> None:
-    show = demo._show(robot or demo.SHOWS[kind].robot, kind)
-    assert (show.test, show.unit) == (test, unit)
+def test_the_robot_decides_what_is_shown(kind: str, robot: str | None, shown: str) -> None:
+    assert demo._show(robot or demo.SHOWS[kind].robot, kind) == demo.SHOWS[shown]
 
 
 @pytest.mark.parametrize(

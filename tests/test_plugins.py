@@ -37,6 +37,12 @@ def test_every_row_of_the_table_names_a_module_and_an_attribute() -> None:
         assert all(plugins.FULL_NAME.fullmatch(target) for target in rows.values())
 
 
+@pytest.mark.parametrize("group", plugins.BUILT_IN)
+def test_every_row_of_the_table_is_there(group: str) -> None:
+    for name in plugins.BUILT_IN[group]:
+        assert plugins.load(group, name) is not None
+
+
 def test_a_plug_in_follows_the_built_ins_and_is_imported_only_when_named(installed) -> None:  # type: ignore[no-untyped-def]
     installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", "KIND = 'a vessel'")
     assert plugins.names("etude.robots") == ("arm", "quadrotor", "vessel")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 
+from etude.campaign import learn as learning
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.history import calibration_factor, seen_by_the_rule
-from etude.campaign.learn import newest_model, told_samples
+from etude.campaign.learn import MIXED, label, newest_model, told_samples
 from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.errors import StopRuleReached
@@ -140,3 +142,29 @@ def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_pat
         ask(campaign)
     assert not campaign.proposal(4).exists()
     assert ask(campaign, go_on=True).number == 4
+
+
+@pytest.mark.parametrize("rung", ["linear", "linear+gp", "auto"])
+def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_path: Path) -> None:
+    campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', f'rung = "{rung}"'))
+    for seed in (1, 2):
+        tell(campaign, write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed)), foreign=True)
+    facts = campaign.state().trained[-1].trained
+    assert facts is not None
+    assert rung in (facts["chosen"], "auto")
+    assert len(facts["rungs"]) == 2
+    assert ask(campaign, go_on=True).certificate.ok
+
+
+def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:
+    samples = told_samples(learned, [1, 2, 3])
+    model = newest_model(learned, learned.state())
+    (candidate,) = [c for c in model.candidates if c.commands == (1,)]
+    other = replace(candidate, rung="another")
+    mixed = replace(model, candidates=tuple(other if c is candidate else c for c in model.candidates))
+    assert mixed.chosen == ("gp", "another")
+    assert (label(mixed.chosen), label(model.chosen)) == (MIXED, "gp")
+    scores = [learning._scores(m, model.inputs, samples) for m in (model, mixed)]
+    assert scores[1][MIXED] == scores[0]["gp"]
+    assert MIXED not in scores[0]
+    assert "gp" not in scores[1]

@@ -199,3 +199,22 @@ def test_nothing_prints_below_the_reports() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
         ]
         assert not calls, f"{name} prints at lines {calls}"
+
+
+def test_the_six_answers_of_the_contributing_page_are_true() -> None:
+    """Somebody new finds the room for a change: the files that the page names exist and hold what it says."""
+    root = SOURCE.parent.parent
+    page = (root / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = [word.strip("`,;()") for word in page.split() if word.strip("`,;()").startswith("src/etude/")]
+    assert len(named) >= 10
+    for name in named:
+        assert (root / name).is_file(), name
+    for name, held in {
+        "limits/library.py": "class AxisLimit",
+        "limits/certificate.py": "def certify",
+        "campaign/stopping.py": "def judge",
+        "models/fit.py": "floor_of",
+        "logs/readers.py": "def read_raw",
+        "contracts.py": "class Kind(Protocol)",
+    }.items():
+        assert held in (SOURCE / name).read_text(encoding="utf-8"), name

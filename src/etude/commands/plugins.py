@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from etude.commands.common import Common
-from etude.commands.outcome import Outcome, Say, table
+from etude.commands.outcome import Outcome, Say
 
 if TYPE_CHECKING:
     from etude.plugins import Plugin
@@ -24,13 +24,19 @@ class Plugins(Common):
         lines = []
         for group in GROUPS:
             rows = [_row(plugin) for plugin in found if plugin.group == group]
-            lines += [group, table(["  name", "from", "source"], rows) if rows else "  none yet", ""]
+            lines += [group, *(_columns(rows) or ["  none yet"]), ""]
         lines += _problems(found)
         return Outcome("\n".join(lines).rstrip(), {"plugins": [asdict(plugin) for plugin in found]})
 
 
-def _row(plugin: Plugin) -> list[str]:
-    return [f"  {plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, plugin.source]
+def _row(plugin: Plugin) -> tuple[str, str, str]:
+    return f"{plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, f"({plugin.source})"
+
+
+def _columns(rows: Sequence[tuple[str, str, str]]) -> list[str]:
+    """The rows with their columns under each other."""
+    first, second = (max((len(row[i]) for row in rows), default=0) for i in (0, 1))
+    return [f"  {name:<{first}}  {target:<{second}}  {source}" for name, target, source in rows]
 
 
 def _problems(found: Sequence[Plugin]) -> list[str]:
