@@ -13,24 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import (
-    Channel,
-    Column,
-    Controller,
-    Described,
-    Expected,
-    Finding,
-    Index,
-    Limit,
-    Log,
-    Model,
-    Motion,
-    Planned,
-    Row,
-    Samples,
-    Trajectory,
-    joined_samples,
-)
+from etude import contracts as nouns
+from etude.contracts import Channel, Controller, Index, Log, Model, Motion, Row, Samples, Trajectory
+from etude.errors import UsageError
 from etude.limits.library import AxisLimit
 from etude.logs.steps import smooth
 from etude.robots.toml import decoded, from_table, read_text
@@ -39,27 +24,23 @@ from etude.trajectories.moves import random_moves
 
 Array = NDArray[np.float64]
 AXES, STATES = ("x", "y"), ("position", "velocity", "acceleration")
+ALL = (
+    Channel("position", AXES, ("m", "m"), required=True),
+    Channel("velocity", AXES, ("m/s", "m/s"), derivative_of="position"),
+    Channel("acceleration", AXES, ("m/s^2", "m/s^2"), derivative_of="velocity"),
+    Channel("position_des", AXES, ("m", "m"), "plan"),
+    Channel("command", AXES, ("N", "N"), "command", required=True, acts_on="position"),
+)
+CHANNELS = {channel.name: channel for channel in ALL}
 
 
-def channel(name: str, unit: str, role: Any = "state", **more: Any) -> Channel:
-    return Channel(name, AXES, (unit, unit), role, **more)
-
-
-CHANNELS = {
-    c.name: c
-    for c in (
-        channel("position", "m", required=True),
-        channel("velocity", "m/s", derivative_of="position"),
-        channel("acceleration", "m/s^2", derivative_of="velocity"),
-        channel("position_des", "m", "plan"),
-        channel("command", "N", "command", required=True, acts_on="position"),
-    )
-}
+def _row(t: float, row: Row) -> Log:
+    return Log(np.array([t]), CHANNELS, {name: values[None] for name, values in row.items()})
 
 
 @dataclass(frozen=True)
 class VesselSpec:
-    """As its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N), mass (kg)."""
+    """As its owner describes it: basin (m), speed (m/s), acceleration (m/s^2), thrust (N)."""
 
     name: str
     rate: float
@@ -68,7 +49,6 @@ class VesselSpec:
     speed: float
     acceleration: float
     thrust: tuple[float, float]
-    mass: float
     kind: str = "vessel"
     simulated: bool = False
 
@@ -89,7 +69,7 @@ class VesselInputs:
     rate: float = 0.0
 
     @property
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[nouns.Column]:
         plain = [(name, a, CHANNELS[name].units[0], "") for name in STATES for a in AXES]
         return [*plain, *(("velocity", a, "m^2/s^2", "square") for a in AXES)]
 
@@ -100,9 +80,9 @@ class VesselInputs:
 
     def of_log(self, log: Log) -> Array:
         v = log["velocity"]
-        return np.concatenate([log["position"], v, log["acceleration"], v * np.abs(v)], axis=1)
+        return np.concatenate([*(log[name] for name in STATES), v * np.abs(v)], axis=1)
 
-    def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
+    def plan(self, motion: Motion, keep: Index | None = None) -> nouns.Planned:
         kept = slice(None) if keep is None else keep
         X, v = self.of_log(self.states(motion)), motion.orders[1]
 
@@ -113,12 +93,10 @@ class VesselInputs:
             out[1, kept] += 2.0 * np.abs(v[kept]) * in_X[:, 6:8]
             return out
 
-        return Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
+        return nouns.Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
-        v = row["velocity"]
-        x = np.concatenate([row["position"], v, row["acceleration"], v * np.abs(v)])
-        return x, np.zeros(0) if memory is None else memory
+        return self.of_log(_row(0.0, row))[0], np.zeros(0)
 
     def rates(self, motion: Motion) -> None:
         return None
@@ -143,12 +121,7 @@ class VesselMean:
     weights: Array
 
     def parameters(self) -> Mapping[str, tuple[float, float]]:
-        names = ("mass", "drag", "constant")
-        return {
-            f"{n}_{a}": (float(self.weights[i, j]), 0.0)
-            for i, n in enumerate(names)
-            for j, a in enumerate(AXES)
-        }
+        return {f"mass_{a}": (float(self.weights[0, j]), np.inf) for j, a in enumerate(AXES)}
 
     def predict(self, log: Log) -> Array:
         mass, drag, constant = self.weights
@@ -191,8 +164,7 @@ class Feedforward:
         return np.clip(mean, -self.thrust, self.thrust)
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
-        log = Log(np.array([t]), CHANNELS, {name: np.atleast_2d(values) for name, values in row.items()})
-        mean, variance = self.model.predict(log)
+        mean, variance = self.model.predict(_row(t, row))
         return np.clip(mean[0], -self.thrust, self.thrust), np.sqrt(variance[0])
 
     def observe(self, t: float, row: Row) -> None:
@@ -210,17 +182,15 @@ class SimulatedVessel:
     square: tuple[float, float] = (14.0, 30.0)
 
     def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
-        dt, fine = 1.0 / self.spec.rate, 10
+        dt, fine, rows = 1.0 / self.spec.rate, 10, []
         t = np.arange(int(trajectory.duration * self.spec.rate + 1e-9), dtype=float) * dt
         motion = trajectory.motion(t, 3)
         ahead = controller.planned(motion) if controller else None
         p, v, limit = motion.orders[0, 0].copy(), motion.orders[1, 0].copy(), np.array(self.spec.thrust)
         mass = np.array(self.mass) + self.payload
-        rows = []
         for i in range(len(t)):
             error, rate = motion.orders[0, i] - p, motion.orders[1, i] - v
-            u = 30.0 * error + 40.0 * rate + (0.0 if ahead is None else ahead[i])
-            u = np.clip(u, -limit, limit)
+            u = np.clip(30.0 * error + 40.0 * rate + (0.0 if ahead is None else ahead[i]), -limit, limit)
             rows.append((p + 0.002 * rng.standard_normal(2), u))
             for _ in range(fine):
                 a = (u - self.resistance(p, v)) / mass
@@ -239,7 +209,9 @@ class SimulatedVessel:
         return off.mean(axis=0), ("m", "m")
 
     def changed(self, **what: float) -> SimulatedVessel:
-        return replace(self, payload=what.get("payload", 0.0))
+        if set(what) - {"payload"}:
+            raise UsageError(f"a vessel can change its payload, not {', '.join(what)}")
+        return replace(self, payload=what["payload"])
 
 
 class VesselKind:
@@ -256,8 +228,8 @@ class VesselKind:
     def recognises(self, path: Path) -> bool:
         return path.suffix == ".toml" and decoded(read_text(path), str(path)).get("kind") == self.name
 
-    def described(self, path: Path) -> Described:
-        return Described({"robot.toml": path.read_bytes()})
+    def described(self, path: Path) -> nouns.Described:
+        return nouns.Described({"robot.toml": path.read_bytes()})
 
     def spec(self, path: Path) -> VesselSpec:
         return from_table(VesselSpec, decoded(read_text(path), str(path)), str(path))
@@ -269,20 +241,20 @@ class VesselKind:
         return np.array(spec.thrust)
 
     def channels(self, spec: VesselSpec) -> Sequence[Channel]:
-        return tuple(CHANNELS.values())
+        return ALL
 
-    def expected(self, spec: VesselSpec) -> Expected:
-        low, high = np.array(spec.lower), np.array(spec.upper)
-        return Expected(spec.rate, high - low, {"position": (low, high)})
+    def expected(self, spec: VesselSpec) -> nouns.Expected:
+        room = np.array(spec.lower), np.array(spec.upper)
+        return nouns.Expected(spec.rate, room[1] - room[0], {"position": room})
 
     def family(self, spec: VesselSpec, config: Any) -> FourierFamily:
         return FourierFamily.of(config.trajectory, 2)
 
-    def limits(self, spec: VesselSpec, config: Any, model: Model | None, margins: Any) -> Sequence[Limit]:
+    def limits(self, spec: VesselSpec, *_: Any) -> Sequence[nouns.Limit]:
         speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
         return (
             AxisLimit("position", 0, AXES, np.array(spec.lower), np.array(spec.upper)),
-            AxisLimit("velocity", 1, AXES, -speed, speed),
+            AxisLimit("velocity", 1, AXES, -speed, speed, rest=True),
             AxisLimit("acceleration", 2, AXES, -bend, bend),
         )
 
@@ -295,13 +267,11 @@ class VesselKind:
     def physics(self, spec: VesselSpec, config: Any) -> Mapping[str, Any]:
         return {"identified": Identified()}
 
-    def checks(self, spec: VesselSpec, log: Log) -> Sequence[Finding]:
+    def checks(self, spec: VesselSpec, log: Log) -> Sequence[nouns.Finding]:
         return ()
 
     def samples(self, spec: VesselSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
-        return joined_samples(
-            [self._samples(config, log, own) for log, own in zip(logs, groups, strict=True)]
-        )
+        return nouns.joined_samples([self._samples(config, *own) for own in zip(logs, groups, strict=True)])
 
     def _samples(self, config: Any, log: Log, group: Index) -> Samples:
         found = smooth(log.t, log["position"], config.data.cutoff_hz)

@@ -1,0 +1,87 @@
+"""A third kind of robot, from outside: it keeps the laws of every kind, and works installed beside Étude."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from etude.contracts import Kind
+from etude.testing import KindSuite
+
+VESSEL = Path(__file__).parents[2] / "examples" / "vessel"
+LARGEST = 300
+sys.path.insert(0, str(VESSEL / "src"))
+
+from etude_vessel import KIND  # noqa: E402  the plug-in is not installed where the tests run
+
+
+class TestVessel(KindSuite):
+    kind: ClassVar[Kind] = KIND
+    robot: ClassVar[str] = str(VESSEL / "src" / "etude_vessel" / "vessel.toml")
+
+    def test_the_error_falls_within_two_rounds(self, tmp_path: Path) -> None:
+        """In an environment where it is installed: see below."""
+
+
+def test_it_is_small() -> None:
+    lines = sum(len(path.read_text().splitlines()) for path in (VESSEL / "src").rglob("*.py"))
+    assert lines <= LARGEST
+
+
+def test_nothing_inside_knows_of_it() -> None:
+    for path in (VESSEL.parents[1] / "src").rglob("*.py"):
+        assert "vessel" not in path.read_text(encoding="utf-8").replace(
+            "etude_vessel import KIND", ""
+        ).replace("TestVessel", "").replace('KIND, "vessel"', ""), path
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fresh environment with the plug-in installed by pip; the rest is that of the tests."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=True)
+    python = folder / "bin" / "python"
+    site = subprocess.run(
+        [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"],
+        capture_output=True, text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    paths = [sysconfig.get_path("purelib"), *(p for p in sys.path if p.endswith("site-packages"))]
+    source = str(VESSEL.parents[1] / "src")
+    (Path(site) / "beside.pth").write_text("\n".join(dict.fromkeys([source, *paths])) + "\n")
+    command = [python, "-m", "pip", "install", "--quiet", "--no-deps", str(VESSEL)]
+    environment = {**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode != 0 and "onnection" in done.stderr:
+        pytest.skip("pip cannot reach a package index to build the plug-in with")
+    assert done.returncode == 0, done.stderr
+    return python
+
+
+def test_installed_it_does_the_whole_loop(installed: Path, tmp_path: Path) -> None:
+    def etude(*words: str) -> str:
+        command = [installed, "-m", "etude", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "vessel" in etude("plugins")
+    etude("init", "lab", "--robot", "vessel")
+    assert "Proved for all times" in etude("ask", "lab")
+    table = etude("simulate", "lab", "--rounds", "2")
+    rows = {
+        line.split()[0]: float(line.split()[-1])
+        for line in table.splitlines()
+        if len(line.split()) > 1 and line.split()[0] in ("pd", "after")
+    }
+    assert rows["after"] < 0.8 * rows["pd"]
+    etude("tell", "lab", "lab/simulated/0001.parquet")  # told before: nothing is stored again
+    assert "learned" in etude("status", "lab")
+    etude("report", "lab")
+    assert (tmp_path / "lab" / "report.html").stat().st_size > 50_000
