@@ -11,6 +11,7 @@ from etude import __version__
 from etude.errors import EtudeError
 from etude.interrupt import INTERRUPTED, end_on_interrupt, ignore_from_now
 
+MACHINE = "Nothing committed was lost; check the permissions and the disk, and run the command again."
 KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
 
 
@@ -49,6 +50,10 @@ def _guarded(given: list[str]) -> int:
         # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a file or folder nobody foresaw: the machine's failing, whose words help more
+        where = "" if error.filename is None else str(error.filename)
+        fact = f"the machine refused: {error.strerror or error}"
+        return _report(as_json, "MachineError", fact, where, MACHINE, 1)
     except Exception as error:
         traceback.print_exc()
         fact = f"this is a bug in etude: {type(error).__name__}: {error}"

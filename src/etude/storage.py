@@ -78,11 +78,16 @@ def read_lines(path: Path) -> list[str]:
     """The whole lines of a file that `append_line` wrote; a torn last line is left out.
 
     Bytes that are not UTF-8 come as surrogates, so that every byte of a damaged file is kept.
+
+    Raises:
+        UsageError: there is something of that name, and it cannot be read.
     """
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
         return []
+    except OSError as error:
+        raise unreadable(path, error) from error
     return data.decode(errors="surrogateescape").split("\n")[:-1]
 
 
@@ -98,10 +103,15 @@ def writer_lock(folder: Path, wait_s: float = 10.0) -> Iterator[None]:
 
     Raises:
         UsageError: another process still holds it after `wait_s` seconds.
+        EtudeError: the folder cannot be written to.
     """
     import fcntl
 
-    handle = os.open(Path(folder) / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    lock = Path(folder) / ".lock"
+    try:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise _refused(lock, error) from error
     try:
         deadline = time.monotonic() + wait_s
         while True:
@@ -162,6 +172,15 @@ def _whole_lines_end(handle: int) -> int:
             return start + found + 1
         end = start
     return 0
+
+
+def unreadable(path: Path, error: OSError) -> UsageError:
+    """What to raise where a file that should be there cannot be read."""
+    return UsageError(
+        f"could not read: {error.strerror or error}",
+        where=str(path),
+        next_step="Check that it is a file and that you may read it, or restore it from a copy.",
+    )
 
 
 def _refused(path: Path, error: OSError) -> EtudeError:

@@ -192,7 +192,7 @@ def some_extremes(
 def mean_speed(world: World, parameters: Array) -> float:
     """m/s, of the plan."""
     flight = world.flights.family.trajectory(parameters)
-    velocity = flight.motion(np.linspace(0.0, flight.duration, 301)[:-1], 1).orders[1]
+    velocity = flight.motion(np.linspace(0.0, flight.duration, 301)[:-1], 2).orders[1]
     return float(np.linalg.norm(velocity, axis=1).mean())
 
 

@@ -129,6 +129,12 @@ class TestVersion01:
         assert [event.event for event in events] == ["created", *["evaluated"] * 4, "asked", "told"]
         assert events[-1].facts["rows"] == 1000
 
+    def test_a_byte_that_is_no_text_is_found(self, tmp_path: Path, old: list[str]) -> None:
+        path = tmp_path / "journal.jsonl"
+        path.write_bytes(path.read_bytes().replace(b'"arm4"', b'"arm\xe9"', 1))
+        with pytest.raises(UsageError, match=r"not an event \[.*journal\.jsonl:1\]"):
+            read_events(tmp_path)
+
     def test_the_chain_begins_at_the_next_line(self, tmp_path: Path, old: list[str]) -> None:
         before = read_events(tmp_path)
         for number in (2, 3):

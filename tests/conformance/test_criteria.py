@@ -14,7 +14,8 @@ from etude.design.config import GROUP
 from etude.design.criteria import Criterion, Output, Score, criterion_named, evaluate, needs_of, value_of
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.kernels import SquaredExponential, structured
+from etude.models.gp.kernels import structured
+from etude.testing import CriterionSuite
 
 D, T = 8, 7
 COLUMNS = [
@@ -24,49 +25,32 @@ COLUMNS = [
 ]
 NAMES = plugins.names(GROUP)
 EVERY = pytest.mark.parametrize("criterion", [criterion_named(name) for name in NAMES], ids=NAMES)
-KERNELS = {
-    "squared exponential": SquaredExponential(tuple(range(D))),
-    "structured": structured(COLUMNS, ("a",)),
-}
+KERNEL = structured(COLUMNS, ("a",))
 
 
-def outputs(kernel_name: str = "structured", *, raw_units: bool = False) -> list[Output]:
+def suite(name: str) -> type[CriterionSuite]:
+    """The laws of `etude.testing` for the criterion of that name."""
+    members = {"criterion": staticmethod(criterion_named(name)), "averaged": name == "mean_variance"}
+    return type(f"Test_{name}", (CriterionSuite,), members)
+
+
+globals().update({f"Test_{name}": suite(name) for name in NAMES})
+
+
+def outputs() -> list[Output]:
     rng = np.random.default_rng(0)
-    kernel = KERNELS[kernel_name]
     made = []
     for size in (1.0, 12.0):
         X = rng.uniform(-1.0, 1.0, (25, D))
-        gp = ExactGP(kernel, kernel.initial(np.ones(D), size), np.log(0.1 * size))
+        gp = ExactGP(KERNEL, KERNEL.initial(np.ones(D), size), np.log(0.1 * size))
         posterior = gp.condition(X, rng.standard_normal(25))
-        made.append(Output.of(posterior, rng.uniform(-1.0, 1.0, (11, D)), 1.0 if raw_units else None))
+        made.append(Output.of(posterior, rng.uniform(-1.0, 1.0, (11, D))))
     return made
 
 
 def batch(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     return rng.uniform(-1.0, 1.0, (T, D)), rng.uniform(-0.9, 0.9, (T, 2))
-
-
-def central(function, at: np.ndarray, step: float = 1e-5) -> np.ndarray:
-    out = np.empty_like(at)
-    for index in np.ndindex(at.shape):
-        shift = np.zeros_like(at)
-        shift[index] = step
-        near = function(at + shift) - function(at - shift)
-        out[index] = (8.0 * near - (function(at + 2 * shift) - function(at - 2 * shift))) / (12.0 * step)
-    return out
-
-
-@EVERY
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_gradients(criterion: Criterion, kernel: str) -> None:
-    made, (X, gains) = outputs(kernel), batch()
-    value, in_X, in_gains = evaluate(criterion, made, X, gains)
-    assert value == pytest.approx(value_of(criterion, made, X, gains), rel=1e-12)
-    by_X = central(lambda Z: value_of(criterion, made, Z, gains), X)
-    by_gains = central(lambda g: value_of(criterion, made, X, g), gains)
-    np.testing.assert_allclose(in_X, by_X, atol=1e-7 * np.abs(by_X).max())
-    np.testing.assert_allclose(in_gains, by_gains, atol=1e-7 * np.abs(by_gains).max())
 
 
 @EVERY
@@ -86,47 +70,6 @@ def test_a_posterior_with_the_bare_contract_gives_the_same(criterion: Criterion)
         evaluate(criterion, full, X, gains), evaluate(criterion, bare, X, gains), strict=True
     ):
         np.testing.assert_allclose(one, two, rtol=1e-8, atol=1e-10)
-
-
-@EVERY
-def test_a_stuck_sample_says_nothing(criterion: Criterion) -> None:
-    made, (X, gains) = outputs(), batch()
-    gains[3] = 0.0
-    kept = np.arange(T) != 3
-    value, in_X, _ = evaluate(criterion, made, X, gains)
-    without = value_of(criterion, made, X[kept], gains[kept])
-    if criterion is criterion_named("mean_variance"):
-        without *= (T - 1) / T
-    assert value == pytest.approx(without, rel=1e-10)
-    assert np.abs(in_X[3]).max() < 1e-12
-
-
-@EVERY
-def test_the_sign_of_a_gain_does_not_matter(criterion: Criterion) -> None:
-    made, (X, gains) = outputs(), batch()
-    flipped = gains * np.array([1, -1, 1, 1, -1, -1, 1])[:, None]
-    assert value_of(criterion, made, X, flipped) == pytest.approx(
-        value_of(criterion, made, X, gains), rel=1e-10
-    )
-
-
-@EVERY
-def test_a_louder_sample_never_says_more(criterion: Criterion) -> None:
-    made, (X, gains) = outputs(), batch()
-    assert value_of(criterion, made, X, 0.7 * gains) < value_of(criterion, made, X, gains)
-
-
-@EVERY
-def test_units_of_an_output_do_not_matter(criterion: Criterion) -> None:
-    """Outputs are divided by their signal variance, so N m and mN m are designed for alike."""
-    kernel, rng = KERNELS["squared exponential"], np.random.default_rng(5)
-    X, y, R = rng.uniform(-1, 1, (20, D)), rng.standard_normal(20), rng.uniform(-1, 1, (9, D))
-    Z, gains = batch()
-    values = []
-    for unit in (1.0, 1000.0):
-        gp = ExactGP(kernel, kernel.initial(np.ones(D), unit), np.log(0.1 * unit))
-        values.append(value_of(criterion, [Output.of(gp.condition(X, unit * y), R)], Z, gains[:, :1]))
-    assert values[0] == pytest.approx(values[1], rel=1e-9)
 
 
 @EVERY
@@ -188,17 +131,6 @@ def test_a_broken_criterion_is_named(change, message: str) -> None:
         evaluate(broken, made, X, gains)
     with pytest.raises(UsageError, match=message):
         value_of(broken, made, X, gains)
-
-
-@pytest.mark.parametrize("part", ["gain", "variance"])
-def test_a_wrong_gradient_does_not_pass(part: str) -> None:
-    def wrong(output: Output, batch: PlainBatch, gain: np.ndarray) -> Score:
-        score = loud(output, batch, gain)
-        return replace(score, **{part: 1.001 * getattr(score, part)})
-
-    test_gradients(loud, "structured")
-    with pytest.raises(AssertionError):
-        test_gradients(wrong, "structured")
 
 
 def test_a_criterion_is_found_by_its_full_name() -> None:

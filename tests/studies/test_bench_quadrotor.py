@@ -1,7 +1,6 @@
 from __future__ import annotations
 
-import inspect
-from importlib import import_module
+import json
 from typing import Any
 
 import numpy as np
@@ -10,15 +9,28 @@ from made_up_orders import made_up
 
 from etude import plugins
 from etude_studies import bench_quadrotor
-from etude_studies.bench_quadrotor import FULL, MEASURES, QUICK, order_bench_rows, tracking_rows
+from etude_studies.bench_quadrotor import FULL, QUICK, order_bench_rows, tracking_rows
 from etude_studies.flight_orders_cell import Effort
+from etude_studies.rows import Row
 
 
-def test_measures_are_functions_of_a_generator() -> None:
+def test_the_bench_runs_every_measure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[bool] = []
     assert plugins.load("etude.studies", "bench_quadrotor") is bench_quadrotor.run
-    for place in MEASURES:
-        module, name = place.split(":")
-        assert next(iter(inspect.signature(getattr(import_module(module), name)).parameters)) == "rng"
+
+    def measure(rng: np.random.Generator, quick: bool) -> list[Row]:
+        asked.append(quick)
+        return [Row(f"row_{len(asked)}", float(rng.integers(10)), "1")]
+
+    monkeypatch.setattr(bench_quadrotor, "MEASURES", (measure, measure))
+    bench_quadrotor.run(json=True, quick=True)
+    said = json.loads(capsys.readouterr().out)
+    assert said["command"] == "etude bench quadrotor --quick --json"
+    assert [row["metric"] for row in said["rows"]] == ["row_1", "row_2"]
+    assert asked == [True, True]
+    assert said["rows"][0]["value"] == said["rows"][1]["value"]  # the same seed for each
 
 
 def test_quick_measures_what_the_full_bench_does() -> None:

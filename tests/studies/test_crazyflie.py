@@ -6,10 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from etude.logs.flight.lag import command_lag
-from etude.logs.flight.log import FlightLog
-from etude.models.blocks import block_masks
 
+from etude.contracts import Log
+from etude.models.held_out import block_masks
 from etude_studies import crazyflie
 from etude_studies import crazyflie_flights as study
 from etude_studies.crazyflie import crazyflie_rows
@@ -17,7 +16,7 @@ from etude_studies.rows import Row
 
 
 @pytest.fixture(scope="module")
-def flights() -> dict[int, list[FlightLog]]:
+def flights() -> dict[int, list[Log]]:
     return study.crazyflie_flights()
 
 
@@ -57,7 +56,7 @@ def test_training_pieces_keep_away_from_the_test(flights) -> None:
     assert len(held) == pytest.approx(0.2 * len(log), abs=4)
     times = np.concatenate([piece.t for piece in pieces])
     assert np.abs(times[:, None] - held).min() >= study.GAP_S - 1e-9
-    assert 0.02 < command_lag(*pieces) < 0.08
+    assert 0.02 < study.lag_of([log]) < 0.08
 
 
 def test_samples_and_recorded_set_points_are_of_the_same_times(flights) -> None:

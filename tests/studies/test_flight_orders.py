@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from made_up_orders import made_up
 
-from etude.design.flight.config import FlightDesignConfig
+from etude.design.config import DesignConfig
 from etude.errors import UsageError
+from etude.trajectories.fourier import FourierTrajectory
 from etude_studies import flight_orders
 from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, extreme_cell, ordinary_cell
 from etude_studies.flight_orders_cell import (
@@ -22,6 +23,7 @@ from etude_studies.flight_orders_cell import (
     cell_measures,
     first_round,
     flown_tests,
+    known_by,
     mean_speed,
     rounds,
     some_extremes,
@@ -34,7 +36,16 @@ SMALL = Effort(
     longer=0,
     tests={"uniform": 2, "boundary": 1, "extremes": 2},
     points=120,
-    design=FlightDesignConfig(points=10, reference_points=20, inducing=30, candidates=4, starts=1, steps=3),
+    design=DesignConfig(
+        sampler="uniform",
+        points=10,
+        planned_noise=True,
+        reference_points=20,
+        inducing=30,
+        candidates=4,
+        refine=1,
+        steps=3,
+    ),
 )
 PRESET = "thesis"
 
@@ -80,9 +91,9 @@ def test_an_arm_does_not_depend_on_the_others(cell: dict[str, Any], extremes: di
 def test_figures_are_numbers_or_nothing(cell: dict[str, Any]) -> None:
     json.dumps(cell, allow_nan=False)
     scores = cell["measured"]["uniform"]["2"]["tests"]["uniform"]
-    assert set(scores) == {"gp", "identified", "identified+gp", "nominal", "ladder"}
+    assert {"gp", "identified", "identified+gp", "nominal", "linear", "ladder"} <= set(scores)
     chosen = cell["measured"]["uniform"]["2"]["chosen"]
-    assert scores["ladder"] == scores[chosen]
+    assert chosen == "mixed" or scores["ladder"] == scores[chosen]
 
 
 def test_other_seeds_have_other_tests(world: World, extremes: dict[str, list[Any]]) -> None:
@@ -107,7 +118,7 @@ def test_more_flights_leave_less_deviation(world: World, taught: list[Round]) ->
     # a law under common hyperparameters; refitted ones may say otherwise
     first, second = taught
     judge = Judge.of(world, 3, first)
-    assert len(second.process.processes[0].outputs[0].X) == len(second.data)  # nothing thinned out
+    assert len(known_by(second.process)[0].X) == 600  # nothing thinned out
     assert np.isclose(judge.latent(first), judge.latent_common(first), rtol=1e-6)
     assert judge.latent_common(second) < judge.latent_common(first)
 
@@ -115,18 +126,19 @@ def test_more_flights_leave_less_deviation(world: World, taught: list[Round]) ->
 def test_the_first_flight_of_every_arm_is_the_common_one(taught: list[Round]) -> None:
     first, second = taught
     assert second.parameters[0] is first.parameters[0]
-    own = second.data.group == 0
-    assert np.array_equal(second.data.command[own], first.data.command)
+    assert second.logs[0] is first.logs[0]
+    assert len(second.logs) == 2
 
 
 def test_mean_speed_of_a_circle(world: World) -> None:
     table = np.zeros((5, 3))
     table[0, 2], table[1, 0], table[3, 1] = 2.0, 4.0, 4.0  # x = 4 sin, y = 4 cos of the first harmonic
-    speed = mean_speed(world, world.family.parameters(table))
-    flight = world.flight(world.family.parameters(table)).sample(np.linspace(0.0, 30.0, 7)).q
+    omega0, family = 2.0 * np.pi / 30.0, world.flights.family
+    parameters = family.parameters(FourierTrajectory(table, omega0, 30.0))
+    flight = family.trajectory(parameters).motion(np.linspace(0.0, 30.0, 7), 1).orders[0]
     radius = np.hypot(flight[:, 0], flight[:, 1])
     assert np.ptp(radius) < 1e-9
-    assert np.isclose(speed, radius[0] * world.family.frequency)
+    assert np.isclose(mean_speed(world, parameters), radius[0] * omega0)
 
 
 def test_a_finished_cell_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

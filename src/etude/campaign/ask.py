@@ -20,7 +20,7 @@ from etude.campaign.tasks import load_tasks
 from etude.contracts import Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
-from etude.storage import write_atomic
+from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 if TYPE_CHECKING:
@@ -102,6 +102,10 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Traj
         return from_json(path.read_bytes())
     except FileNotFoundError:
         raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except UsageError as error:
+        raise UsageError(error.fact, where=str(path), next_step="Restore the file from a copy.") from None
 
 
 def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:

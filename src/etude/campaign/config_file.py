@@ -14,7 +14,8 @@ from etude.campaign.config import SECTIONS, CampaignConfig, preset_config, table
 from etude.campaign.renamed import KINDS, modern
 from etude.contracts import Kind
 from etude.errors import UsageError
-from etude.robots.toml import decoded, read_table, refuse_unknown, write_table
+from etude.robots.toml import CORRECT, decoded, read_table, refuse_unknown, write_table
+from etude.storage import unreadable
 
 CONFIG = "campaign.toml"
 FIRST_KIND = "arm"
@@ -53,6 +54,8 @@ def load_config(folder: Path) -> ConfigFile:
             where=str(path),
             next_step="Start one: etude init FOLDER --robot NAME.",
         ) from None
+    except OSError as error:
+        raise unreadable(path, error) from error
     return parse_config(data, str(path))
 
 
@@ -61,7 +64,7 @@ def parse_config(data: bytes, where: str) -> ConfigFile:
     try:
         table = decoded(data.decode(), where)
     except UnicodeDecodeError as error:
-        raise UsageError(f"not valid TOML: {error}", where=where) from None
+        raise UsageError(f"not valid TOML: {error}", where=where, next_step=CORRECT) from None
     refuse_unknown(table, ["kind", "preset", "seed", *SECTIONS], where)
     kind, notes = _kind(table, where)
     known = {name: tuple(f.name for f in fields(cls)) for name, cls in tables_of(kind).items()}

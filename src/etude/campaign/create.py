@@ -33,15 +33,14 @@ def create_campaign(
         the campaign, and one sentence for each assumption that a person should confirm.
 
     Raises:
-        UsageError: there is a campaign already, or the robot is unknown or impossible.
+        UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
+            impossible.
     """
     path = Path(path)
     kind, description = find_robot(robot)
     described = kind.described(description)
     config = replace(preset_config(kind, preset_name), seed=seed)
-    if path.exists() and not path.is_dir():
-        raise UsageError("this is a file, not a folder", where=str(path), next_step="Name another folder.")
-    path.mkdir(parents=True, exist_ok=True)
+    _make_folder(path)
     with writer_lock(path):
         if read_events(path):
             raise UsageError(
@@ -85,7 +84,7 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
         raise UsageError(
             f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
             where=robot,
-            next_step=f"See docs/robots.md for what a description says.{hint}",
+            next_step=f'A TOML says which one it means: kind = "{kinds[0].name}", for example.{hint}',
         )
     if len(found) > 1:
         raise UsageError(
@@ -94,6 +93,23 @@ def find_robot(robot: str) -> tuple[Kind, Path]:
             next_step='Write kind = "..." with one of them at its top.',
         )
     return found[0], path
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise UsageError(
+            "this is a file, not a folder, or below one",
+            where=str(path),
+            next_step="Name another folder.",
+        ) from None
+    except OSError as error:
+        raise UsageError(
+            f"the folder cannot be made: {error.strerror or error}",
+            where=str(path),
+            next_step="Name another folder, or one above it that you may write to.",
+        ) from None
 
 
 def _kinds() -> tuple[list[Kind], dict[str, str]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say, open_campaign
 from etude.campaign.forecast import forecast
-from etude.campaign.journal import jsonable
+from etude.campaign.journal import jsonable, require_intact
 from etude.campaign.state import Round, State
 from etude.contracts import Inputs, Samples
 from etude.errors import DataError, NumericalError, UsageError
@@ -81,6 +81,7 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
 
 def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     """Scores the newest model on log `number`, which it has not seen, then trains on all logs told."""
+    check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
     logs = [*(r.number for r in trained), *waiting, number]
@@ -124,14 +125,34 @@ def newest_model(campaign: Campaign, state: State) -> LearnedModel:
     """The model in use: that of the last training.
 
     Raises:
-        UsageError: nothing was learned yet.
-        DataError: the file is damaged, or of another version.
+        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
+        DataError: the file is of another version.
     """
     if not state.trained:
         raise UsageError(
             "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
         )
+    check_model(campaign, state)
     return stored_model(campaign, state.trained[-1].number)
+
+
+def check_model(campaign: Campaign, state: State) -> None:
+    """Holds the model in use, if any, against the journal: a damaged one may still load.
+
+    One that Étude 0.1 stored is not used any more.
+
+    Raises:
+        UsageError: its file is missing or was changed.
+    """
+    if not state.trained or not _is_stored(state.trained[-1]):
+        return
+    number = state.trained[-1].number
+    trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
+    advice = (
+        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
+        "then tell its log again."
+    )
+    require_intact(campaign.path, trained[-1:], advice)
 
 
 def load_model(folder: str | Path) -> LearnedModel:

@@ -71,7 +71,14 @@ def tell(
     path = Path(path)
     if not path.is_file():
         raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
-    digest = sha256_of(path)
+    try:
+        digest = sha256_of(path)
+    except OSError as error:
+        raise DataError(
+            f"the log file cannot be read: {error.strerror or error}",
+            where=str(path),
+            next_step="Check that you may read it.",
+        ) from None
     with campaign.writing():
         state = campaign.state()
         known = state.round_of_log(digest)
@@ -117,6 +124,10 @@ def _identify(
                 return _aligned(campaign, log, trajectory), candidate, speed
             except DataError as error:
                 refused = refused or error
+            except UsageError:
+                # a proposal that was given up because its file is damaged must not stop all other logs
+                if candidate in open_numbers or candidate == number:
+                    raise
     if refused is None or (number is None and not open_numbers):
         return start_at_zero(log), None, 100
     raise DataError(

@@ -4,7 +4,7 @@ A criterion is a function of covariances and returns its value and its derivativ
 chain from covariances to inputs is the same for all and lives in `score.evaluate`. To add one, write such a
 function, with an attribute `needs = "reference"` if it looks at reference states, or `needs = "identified"`
 if it judges the identified model's parameters, and name it: by an entry point in `etude.criteria`, or in a
-campaign as "module:function". The conformance suite tests/conformance/test_criteria.py checks its gradient.
+campaign as "module:function". `etude.testing.CriterionSuite` checks its gradient and what else it owes.
 Here are the criteria that count variances; those that count nats are in `information`.
 """
 

@@ -178,5 +178,5 @@ def _refused(criterion: Criterion, fault: str) -> UsageError:
     return UsageError(
         f"the criterion '{name}' {fault}",
         where=getattr(criterion, "__module__", ""),
-        next_step="Repair it; the conformance suite of criteria shows what each owes.",
+        next_step="Repair it; `etude.testing.CriterionSuite` shows what a criterion owes.",
     )

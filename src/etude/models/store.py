@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import io
 import json
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, cast
 from zipfile import BadZipFile
 
@@ -27,6 +29,12 @@ from etude.storage import write_atomic
 VERSION = 2
 """Of the contents; 1 were the files of 0.1, an .npz beside a .json."""
 WORDS = "words"
+# a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
+# what NumPy's reader of array headers lets through
+DAMAGE = (
+    *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
+    *(EOFError, MemoryError, SyntaxError, BadZipFile, TokenError, zlib.error),
+)
 
 
 def save_model(path: str | Path, model: LearnedModel) -> None:
@@ -49,7 +57,7 @@ def load_model(
     """
     try:
         return model_of(Path(path).read_bytes(), inputs_of, physics)
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as error:
+    except DAMAGE as error:
         raise DataError(
             f"this is no model that can be read ({error})",
             where=str(path),

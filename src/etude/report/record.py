@@ -87,7 +87,7 @@ class Record:
         return self.read(f"proposals/{number:04d}/trajectory.json", _trajectory)
 
     def certificate(self, number: int) -> Facts | None:
-        return self.read(f"proposals/{number:04d}/certificate.json", _object)
+        return self.read(f"proposals/{number:04d}/certificate.json", _proof)
 
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
@@ -122,7 +122,7 @@ class Record:
             return None
         try:
             return reader(path)
-        except (EtudeError, OSError, ValueError, KeyError, TypeError) as error:
+        except (EtudeError, OSError, ValueError, LookupError, TypeError, RecursionError) as error:
             note = f"{name} could not be read: {error}"
             if note not in self.notes:
                 self.notes.append(note)
@@ -159,10 +159,15 @@ def _trajectory(path: Path) -> Trajectory:
     return from_json(path.read_bytes())
 
 
-def _object(path: Path) -> Facts:
+def _proof(path: Path) -> Facts:
     value = json.loads(path.read_bytes())
     if not isinstance(value, dict):
         raise ValueError("not a JSON object")
+    for row in value.get("rows", ()):
+        numbers = [row[name] for name in ("lower", "upper", "proved_lower", "proved_upper", "margin")]
+        words = [row[name] for name in ("axis", "quantity", "method")]
+        if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in words):
+            raise ValueError("a row is not one of a certificate")
     return value
 
 

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from etude.errors import UsageError
 
 T = TypeVar("T")
+CORRECT = "Correct that place, or restore the file from a copy."
 STATE_ALL = "Nothing is guessed: state each of them."
 
 
@@ -27,7 +28,7 @@ def decoded(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
-        raise UsageError(f"not valid TOML: {problem}", where=where) from None
+        raise UsageError(f"not valid TOML: {problem}", where=where, next_step=CORRECT) from None
 
 
 def read_text(path: Path, what: str = "file") -> str:
@@ -37,7 +38,11 @@ def read_text(path: Path, what: str = "file") -> str:
     except FileNotFoundError:
         raise UsageError(f"there is no {what} {path}", next_step="Check the path.") from None
     except (OSError, UnicodeDecodeError) as problem:
-        raise UsageError(f"the {what} cannot be read: {problem}", where=str(path)) from None
+        raise UsageError(
+            f"the {what} cannot be read: {problem}",
+            where=str(path),
+            next_step="Check that it is a text file that you may read, or restore it from a copy.",
+        ) from None
 
 
 def read_table(kind: type[T], table: Any, start: T, where: str) -> T:

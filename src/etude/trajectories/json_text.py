@@ -22,7 +22,7 @@ def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint:
     """
     try:
         content = json.loads(text)
-    except (ValueError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"the trajectory file is not JSON: {error}") from None
     key = "form" if isinstance(content, dict) and "form" in content else "kind"
     if not isinstance(content, dict) or content.get(key) not in FORMS:

@@ -1,0 +1,32 @@
+"""A vehicle as the studies fly it: the noise asked for, the room asked for, each rung's own tails."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude_studies.flight_world import THESIS_ROOM, Flights, models_by_rung
+
+
+def test_flights_are_of_the_vehicle_asked_for() -> None:
+    flights = Flights.of("quadrotor_rough", "low", room=THESIS_ROOM, start="hover", harmonics=3)
+    assert (flights.robot.vehicle.noise, flights.robot.start) == ("low", "hover")
+    assert flights.robot.vehicle.name == "quadrotor_rough"
+    assert flights.family.size == 3 * 2 * 3 + 1  # the constant terms of x and y are fixed
+    (flight,) = flights.drawn(np.random.default_rng(0), 1, "boundary")
+    position = flight.motion(np.linspace(0.0, flight.duration, 2001), 1).orders[0]
+    lower, upper = np.array([-9.5, -9.5, 0.8]), np.array([9.5, 9.5, 4.5])
+    assert np.all((position >= lower) & (position <= upper))
+
+
+def test_each_rung_has_the_tails_of_its_own_errors() -> None:
+    flights, rng = Flights.of("quadrotor", "low"), np.random.default_rng(0)
+    samples = flights.world.samples(*flights.flown(flights.drawn(rng, 2), rng))
+    ladder = flights.world.learned(samples, flights.world.config.model, rng)
+    found = models_by_rung(ladder)
+    assert set(found) == set(ladder.model.rungs) >= {"gp", "identified", "nominal", "linear"}
+    for rung, model in found.items():
+        assert model.chosen == (rung,) * 4
+        assert model.student is not None
+    (common,) = set(ladder.chosen)
+    assert found[common].student == ladder.model.student
+    assert found["gp"].student != found["linear"].student
