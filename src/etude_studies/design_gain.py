@@ -29,7 +29,7 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     if json:
         print(rows_json(rows, command))  # noqa: T201
     else:
-        table(rows)
+        table(rows, "What the search finds")
 
 
 def cell(robot: str, seed: int, folder: Path) -> dict[str, float]:
