@@ -14,18 +14,13 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.config import preset_config
-from etude.campaign.learn import label
-from etude.contracts import Array, Log, Samples, Trajectory
+from etude.contracts import Array, Samples, Trajectory
 from etude.design.config import DesignConfig
-from etude.design.reference import reference_states
 from etude.design.solve import design
-from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.ladder import Ladder
-from etude.models.model import LearnedModel
-from etude.models.score import score_trajectories
 from etude.robots.quadrotor.kind import KIND
+from etude_studies.flight_orders_judge import Judge, Round
 from etude_studies.flight_orders_world import World
-from etude_studies.flight_world import SAMPLERS, models_by_rung
+from etude_studies.flight_world import SAMPLERS
 
 BASELINES = ("uniform", "scaled", "boundary")
 CRITERIA = ("mean_variance", "info_gain", "ivr", "log_ivr")
@@ -34,9 +29,8 @@ EXTREME = ("mean_variance", "info_gain")
 """Criteria whose flights, designed for other seeds, are the extreme tests."""
 FIRST, TEST, REFERENCE, ARM = 0, 1, 2, 10
 """Streams of a seed's random numbers; arms count up from ARM."""
-FIGURES = ("mae", "mae_after", "z2", "coverage", "nlpd", "nlpd_t", "deviation")
-INTENDED, REFERENCE_STATES = 20, 300
-"""Flights that a model is for, and states along all of them."""
+INTENDED = 20
+"""Flights that a model is for."""
 
 
 @dataclass(frozen=True)
@@ -57,24 +51,6 @@ class Effort:
     tests: Mapping[str, int] = field(default_factory=lambda: {"uniform": 20, "boundary": 12, "extremes": 10})
     points: int = 1200
     design: DesignConfig = field(default_factory=lambda: preset_config(KIND, "default").design)
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """What there is after some flights.
-
-    Attributes:
-        logs: of each flight. ladder: what learned from them. parameters: (P,) of each flight.
-    """
-
-    logs: tuple[Log, ...]
-    ladder: Ladder
-    parameters: tuple[Array, ...]
-
-    @property
-    def process(self) -> LearnedModel:
-        """The process on the commands: it chooses the flights, whichever model is in use."""
-        return self.ladder.model.of_rung("gp")
 
 
 def first_round(world: World, seed: int, *, every_kind: bool) -> Round:
@@ -151,7 +127,7 @@ def cell_measures(
     began, world = time.process_time(), World.of(preset, effort.points)
     tests = flown_tests(world, seed, extremes, effort)
     first = first_round(world, seed, every_kind=True)
-    judge = Judge.of(world, seed, first)
+    judge = Judge.of(world, intended_flights(world, seed), first)
     measured: dict[str, Any] = {}
     speed: dict[str, list[float]] = {}
     start = judge.measures(first, tests)
@@ -194,61 +170,3 @@ def mean_speed(world: World, parameters: Array) -> float:
     flight = world.flights.family.trajectory(parameters)
     velocity = flight.motion(np.linspace(0.0, flight.duration, 301)[:-1], 2).orders[1]
     return float(np.linalg.norm(velocity, axis=1).mean())
-
-
-@dataclass(frozen=True, eq=False)
-class Judge:
-    """What the models of one seed are measured by.
-
-    Attributes:
-        reference: (r, D) model inputs along the intended flights.
-        process: with the hyperparameters of the first flight, in standardised outputs.
-        deviation: of what it learned, mean over the commands, V.
-    """
-
-    reference: Array
-    process: ExactGP
-    deviation: float
-
-    @classmethod
-    def of(cls, world: World, seed: int, first: Round) -> Judge:
-        inputs, intended = world.judging(first.process.inputs), intended_flights(world, seed)
-        own, units = known_by(first.process)
-        (X,) = reference_states(inputs, [tuple(range(len(units)))], REFERENCE_STATES, intended)
-        process = ExactGP(own.kernel, own.theta, 0.5 * float(np.log(own.noise_variance)))
-        return cls(X, process, float(units.mean()))
-
-    def measures(self, last: Round, tests: Mapping[str, Samples]) -> dict[str, Any]:
-        """Figures of every kind on every test set, and deviations over the reference states."""
-        models = {**models_by_rung(last.ladder), "ladder": last.ladder.model}
-        scores = {
-            name: {kind: _figures(model, test) for kind, model in models.items()}
-            for name, test in tests.items()
-        }
-        reference = {"latent": self.latent(last), "latent_common": self.latent_common(last)}
-        return {"tests": scores, "reference": reference, "chosen": label(last.ladder.chosen)}
-
-    def latent(self, last: Round) -> float:
-        """Mean predicted deviation of the process in use, without noise, V."""
-        posterior, units = known_by(last.process)
-        return float(units.mean() * np.sqrt(posterior.predict(self.reference)[1]).mean())
-
-    def latent_common(self, last: Round) -> float:
-        """The same with the first flight's hyperparameters: what the flights alone made of it, V."""
-        X = known_by(last.process)[0].X
-        posterior = self.process.condition(X, np.zeros(len(X)))
-        return float(self.deviation * np.sqrt(posterior.predict(self.reference)[1]).mean())
-
-
-def known_by(model: LearnedModel) -> tuple[ExactPosterior, Array]:
-    """The process that all commands share, and each command's unit (J,), V."""
-    ((posterior, commands),) = model.latents()
-    assert isinstance(posterior, ExactPosterior)
-    (candidate,) = (c for c in model.candidates if c.weights.any())
-    return posterior, candidate.units[1, list(commands)]
-
-
-def _figures(model: LearnedModel, test: Samples) -> dict[str, float | None]:
-    scores = score_trajectories(test, *model.predict(test.log), model.student)
-    means = {name: getattr(scores, name) for name in FIGURES}
-    return {name: float(np.nanmean(v)) if np.isfinite(v).any() else None for name, v in means.items()}

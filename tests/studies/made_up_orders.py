@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from etude_studies.flight_orders_cell import ARMS, FIGURES
+from etude_studies.flight_orders_cell import ARMS
+from etude_studies.flight_orders_judge import FIGURES
 from etude_studies.flight_orders_rows import TESTS
 
 KINDS = ("gp", "identified", "identified+gp", "nominal", "ladder")

@@ -18,16 +18,15 @@ from etude_studies.flight_orders import EXTREME_SEEDS, Cell, designed_flights, e
 from etude_studies.flight_orders_cell import (
     EXTREME,
     Effort,
-    Judge,
-    Round,
     cell_measures,
     first_round,
     flown_tests,
-    known_by,
+    intended_flights,
     mean_speed,
     rounds,
     some_extremes,
 )
+from etude_studies.flight_orders_judge import Judge, Round, known_by
 from etude_studies.flight_orders_world import PRESETS, World
 
 SMALL = Effort(
@@ -117,7 +116,7 @@ def test_flights_of_a_criterion_are_drawn_alike() -> None:
 def test_more_flights_leave_less_deviation(world: World, taught: list[Round]) -> None:
     # a law under common hyperparameters; refitted ones may say otherwise
     first, second = taught
-    judge = Judge.of(world, 3, first)
+    judge = Judge.of(world, intended_flights(world, 3), first)
     assert len(known_by(second.process)[0].X) == 600  # nothing thinned out
     assert np.isclose(judge.latent(first), judge.latent_common(first), rtol=1e-6)
     assert judge.latent_common(second) < judge.latent_common(first)
