@@ -203,7 +203,7 @@ def test_nothing_prints_below_the_reports() -> None:
 
 def test_the_six_answers_of_the_contributing_page_are_true() -> None:
     """Somebody new finds the room for a change: the files that the page names exist and hold what it says."""
-    root = SOURCE.parent.parent
+    root = Path(__file__).parents[2]
     page = (root / "CONTRIBUTING.md").read_text(encoding="utf-8")
     named = [word.strip("`,;()") for word in page.split() if word.strip("`,;()").startswith("src/etude/")]
     assert len(named) >= 10
