@@ -32,6 +32,12 @@ def end_on_interrupt(words: str, line: str = "") -> None:
     owner = os.getpid()
 
     def end(_: int, __: FrameType | None) -> None:
+        try:  # noqa: SIM105 - suppress() would be a call outside of it
+            # C code may let us in with an error of its own pending: the first call then fails for it, and
+            # takes it away. Without this line the words would be lost.
+            os.getpid()
+        except BaseException:
+            pass
         try:
             if os.getpid() == owner:  # a forked child ends silently
                 _end_children()

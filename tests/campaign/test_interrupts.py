@@ -58,6 +58,36 @@ def test_ctrl_c_in_a_callback_that_swallows_it(as_json: bool) -> None:
         assert done.stdout == ""
 
 
+PENDING = """
+import ctypes, signal
+from numba import cfunc, types
+from etude.interrupt import end_on_interrupt
+
+def c(name, *kinds):
+    address = ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
+    return ctypes.CFUNCTYPE(*kinds)(address)
+
+raise_signal = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int)(("raise", ctypes.CDLL(None)))
+set_error = c("PyErr_SetNone", None, ctypes.c_size_t)
+check = c("PyErr_CheckSignals", ctypes.c_int)
+number, error = int(signal.SIGINT), id(ValueError)
+
+@cfunc(types.void())
+def with_an_error_pending():
+    raise_signal(number)
+    set_error(error)
+    check()
+
+end_on_interrupt("Over.")
+ctypes.PYFUNCTYPE(None)(with_an_error_pending.address)()
+"""
+
+
+def test_c_code_that_lets_it_in_with_an_error_pending() -> None:
+    done = subprocess.run([sys.executable, "-c", PENDING], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "Over.\n")
+
+
 WORKERS = """
 import os, signal, sys, time
 from concurrent.futures import ProcessPoolExecutor
