@@ -53,6 +53,8 @@ class ArmData:
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
         friction_fraction: v0 of the friction inputs as a part of the velocity limit; 0 for no such inputs.
+        offset: where the thinning of a log begins: "spread" elsewhere in each log, so that repeated motions add
+            samples; "first" at its first sample (thesis 6.2).
     """
 
     inputs: Literal["measured", "desired"] = "measured"
@@ -62,12 +64,15 @@ class ArmData:
     stick_fraction: float = 0.05
     trim_s: float | Literal["auto"] = "auto"
     friction_fraction: float = 0.02
+    offset: Literal["spread", "first"] = "spread"
 
     def __post_init__(self) -> None:
         if self.inputs not in ("measured", "desired"):
             raise UsageError(
                 f"inputs must be 'measured' or 'desired', not '{self.inputs}'", where="data.inputs"
             )
+        if self.offset not in ("spread", "first"):
+            raise UsageError(f"offset must be 'spread' or 'first', not '{self.offset}'", where="data.offset")
         _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
         _check_number("rate_hz", self.rate_hz, (), above_zero=True)
         _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
@@ -181,7 +186,7 @@ def _segment(log: Log, group: int, rate: float, spec: ArmSpec, config: ArmData) 
     speed = log[(PLAN if config.desired else PATH)[1]]
     moving = ~slower(speed, spec.velocity, config.stick_fraction)
     whole = Samples(log, np.full(len(log), group, dtype=np.int64), np.ones_like(moving), moving)
-    return whole.take(thinned(rate, config.rate_hz, group))
+    return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
 
 
 def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Array, Array, Array]:

@@ -1,0 +1,104 @@
+"""A Dask cluster as an engine: what it is given runs on its workers, and comes back to be kept here."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+from etude.errors import EtudeError, UsageError
+
+ANSWER_S = 5.0
+MANY = 10_000
+"""Calls handed to the cluster at once: it has its own queue, and workers that join find something to do."""
+
+
+class WorkersDied(EtudeError):
+    """Every worker to which the cluster gave a call died of it."""
+
+
+class Cluster(Executor):
+    """The executor of a Dask client.
+
+    Args:
+        client: connected; closed with this.
+    """
+
+    window = MANY
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._executor = client.get_executor(pure=False)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As `Executor.submit`; a call that the cluster has tried in vain on several workers fails."""
+        found: Future[Any] = Future()
+        self._executor.submit(fn, *args, **kwargs).add_done_callback(lambda own: _passed_on(own, found))
+        return found
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leaves the cluster, which goes on for others; what it computes for us is cancelled."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
+        self._client.close()
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.shutdown(wait=kind is None)
+
+
+def connect(address: str, tell: Callable[[str], None]) -> Cluster:
+    """The cluster whose scheduler has this address.
+
+    Args:
+        address: "tcp://host:port".
+        tell: is told what is strange about the cluster, a line each.
+
+    Raises:
+        UsageError: `distributed` is not installed, or nothing answers like a scheduler within some seconds.
+    """
+    try:
+        from distributed import Client
+        from distributed.comm import connect as knock
+    except ImportError as error:
+        raise UsageError(
+            f"a cluster needs the package distributed ({error})",
+            where="--cluster",
+            next_step="pip install 'etude[cluster]'",
+        ) from error
+
+    async def answers() -> None:
+        # a Client that finds nobody says so only on standard error, and long after
+        await (await knock(address, timeout=ANSWER_S)).close()
+
+    try:
+        asyncio.run(answers())
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(
+            f"no Dask scheduler answers: {error}",
+            where=f"--cluster {address}",
+            next_step="Start one with `dask scheduler`, and give the address that it prints.",
+        ) from error
+    _look_at(client.nthreads(), tell)
+    return Cluster(client)
+
+
+def _look_at(threads: dict[str, int], tell: Callable[[str], None]) -> None:
+    if not threads:
+        tell("The cluster has no workers yet; the runs wait for some.")
+    if any(count > 1 for count in threads.values()):
+        tell("Some workers have several threads, which slow each other down: start them with --nthreads 1.")
+
+
+def _passed_on(own: Future[Any], found: Future[Any]) -> None:
+    if own.cancelled():
+        found.set_exception(EtudeError("the cluster dropped the run, or went away"))
+        return
+    error = own.exception()
+    if error is None:
+        found.set_result(own.result())
+    elif type(error).__name__ == "KilledWorker":
+        tries = getattr(error, "allowed_failures", 0) + 1
+        found.set_exception(WorkersDied(f"all {tries} workers that tried it died"))
+    else:
+        found.set_exception(error)

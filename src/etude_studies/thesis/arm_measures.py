@@ -1,0 +1,161 @@
+"""What is measured of one test run of an arm: tracking, feedback, reversals, and the model's honesty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
+
+from etude.contracts import Array, Index, Log
+from etude.models.score import NORMAL_95
+
+REVERSAL_SHARE = 0.2
+"""Part of the time, nearest to a reversal, of which the share of the error is taken."""
+NEAR_S = 1.0
+"""Around a maximum or minimum of the desired motion."""
+REST = 1e-3
+"""rad/s, below which a joint rests. MOVES: above which it should move. STUCK_S: for how long it rests."""
+MOVES, STUCK_S = 0.02, 0.3
+NEIGHBOURS = 500
+"""Samples of each side at which distances are taken."""
+
+Figure = tuple[str, Array]
+
+
+def tracking(log: Log, rate: float) -> Iterator[Figure]:
+    """Name and value (J,) of each figure of a run that needs no model; angles in degrees.
+
+    Args:
+        log: of a simulated arm, with `q_des`, `q_true`, `command`, `command_ff` and `command_fb`.
+        rate: Hz.
+    """
+    log = log.take(log.t >= 0.0)
+    wanted, actual = log["q_des"], log["q_true"]
+    error = np.rad2deg(wanted - actual)
+    yield "error", np.abs(error).mean(axis=0)
+    yield "error_rms", np.sqrt((error**2).mean(axis=0))
+    command, feedback = log["command"], log["command_fb"]
+    size = np.sqrt((command**2).mean(axis=0))
+    yield "feedback_share", np.sqrt((feedback**2).mean(axis=0)) / size
+    yield "feedback_median", np.median(np.abs(feedback), axis=0) / size
+    yield "feedback_p95", np.quantile(np.abs(feedback), 0.95, axis=0) / size
+    speed = np.gradient(actual, 1.0 / rate, axis=0)
+    yield "effort", np.abs(command * speed).mean(axis=0)
+    yield "nmse", ((log["command_ff"] - command) ** 2).mean(axis=0) / command.var(axis=0)
+    yield "jerk", jerkiness(wanted, actual, rate)
+    turns = [reversals(column) for column in log["qd_des"].T]
+    yield (
+        "reversal_share",
+        np.array([near_share(np.abs(e), own) for e, own in zip(error.T, turns, strict=True)]),
+    )
+    yield from excursions(np.rad2deg(wanted), np.rad2deg(actual), turns, rate)
+    share, missed = np.sqrt((feedback**2).mean(axis=0)) / size, np.abs(error).mean(axis=0)
+    yield "share_follows_error", np.full(len(missed), rank_correlation(missed, share))
+    yield "stuck_share", stuck(actual, log["qd_des"], turns, rate)
+
+
+def jerkiness(wanted: Array, actual: Array, rate: float) -> Array:
+    """(J,) root mean square of the third difference of the error over that of the desired motion."""
+    own, plan = (np.diff(rows, 3, axis=0) * rate**3 for rows in (actual - wanted, wanted))
+    return np.asarray(np.sqrt((own**2).mean(axis=0) / (plan**2).mean(axis=0)))
+
+
+def reversals(speed: Array) -> Index:
+    """Positions at which a desired speed (T,) changes its sign."""
+    return np.flatnonzero(np.diff(np.sign(speed)) * np.sign(speed[1:]) > 0.0) + 1
+
+
+def near_share(error: Array, turns: Index) -> float:
+    """Share of the error (T,) in the fifth of the time that is nearest to a reversal; NaN without any."""
+    if not len(turns):
+        return math.nan
+    distance = np.abs(np.arange(len(error))[:, None] - turns[None]).min(axis=1)
+    nearest = np.argsort(distance, kind="stable")[: round(REVERSAL_SHARE * len(error))]
+    return float(error[nearest].sum() / error.sum())
+
+
+def excursions(wanted: Array, actual: Array, turns: list[Index], rate: float) -> Iterator[Figure]:
+    """By how much a joint falls short of the desired maxima and minima, deg; below 0 it overshoots.
+
+    `spike` is the largest error within a second of a maximum, over the median error.
+    """
+    near, last = round(NEAR_S * rate), len(wanted) - 1
+    short: dict[str, list[float]] = {
+        "undershoot": [],
+        "undershoot_max": [],
+        "undershoot_min": [],
+        "spike": [],
+    }
+    for w, a, own in zip(wanted.T, actual.T, turns, strict=True):
+        tops, bottoms, peaks = [], [], []
+        for turn in own:
+            window = slice(max(0, turn - near), min(last, turn + near) + 1)
+            if w[turn] >= w[window].mean():
+                tops.append(w[window].max() - a[window].max())
+                peaks.append(np.abs(w[window] - a[window]).max())
+            else:
+                bottoms.append(a[window].min() - w[window].min())
+        short["undershoot"].append(_mean(tops + bottoms))
+        short["undershoot_max"].append(_mean(tops))
+        short["undershoot_min"].append(_mean(bottoms))
+        short["spike"].append(_mean(peaks) / float(np.median(np.abs(w - a))))
+    yield from ((name, np.array(values)) for name, values in short.items())
+
+
+def stuck(actual: Array, speed: Array, turns: list[Index], rate: float) -> Array:
+    """(J,) share of reversals within a second of which the joint rests for 0.3 s although it should move."""
+    near, least = round(NEAR_S * rate), round(STUCK_S * rate)
+    rests = (np.abs(np.gradient(actual, 1.0 / rate, axis=0)) < REST) & (np.abs(speed) > MOVES)
+    return np.array(
+        [
+            _mean([float(_longest(own[max(0, turn - near) : turn + near]) >= least) for turn in places])
+            for own, places in zip(rests.T, turns, strict=True)
+        ]
+    )
+
+
+def honesty(command: Array, mean: Array, latent: Array, noisy: Array) -> Iterator[Figure]:
+    """How a model's mean and variances (T, J) fit the commands (T, J) that were applied: each (J,)."""
+    error, deviation = command - mean, np.sqrt(noisy)
+    yield "variance", latent.mean(axis=0)
+    yield "variance_noisy", noisy.mean(axis=0)
+    yield "z2", (error**2 / noisy).mean(axis=0)
+    yield "coverage68", (np.abs(error) <= deviation).mean(axis=0)
+    yield "coverage95", (np.abs(error) <= NORMAL_95 * deviation).mean(axis=0)
+    yield "nlpd", density_loss(error, noisy)
+    pairs = zip(deviation.T, np.abs(error).T, strict=True)
+    yield "spearman", np.array([rank_correlation(own, e) for own, e in pairs])
+
+
+def density_loss(error: Array, variance: Array) -> Array:
+    """(J,) mean negative log density of normal errors (T, J)."""
+    return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + error**2 / variance).mean(axis=0))
+
+
+def nearest_distance(new: Array, known: Array, scale: Array) -> float:
+    """Median distance from inputs `new` (T, D) to the nearest of `known` (n, D), in units of `scale` (D,)."""
+    tree = cKDTree(_spread(known) / scale)
+    return float(np.median(tree.query(_spread(new) / scale)[0]))
+
+
+def _spread(rows: Array) -> Array:
+    return rows[:: max(1, len(rows) // NEIGHBOURS)]
+
+
+def rank_correlation(one: Array, other: Array) -> float:
+    """Spearman's; NaN where one of them does not vary."""
+    varies = np.ptp(one) > 0.0 and np.ptp(other) > 0.0
+    return float(spearmanr(one, other).statistic) if varies else math.nan
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
+
+
+def _longest(flags: Array) -> int:
+    """Length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -1,0 +1,78 @@
+"""Hyperparameters of a run's processes, and how far training moved them (table 6.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from etude.contracts import Array, Posterior
+from etude.models.config import ModelConfig
+from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.training import fit, initial_gp
+from etude.models.model import LearnedModel
+from etude_studies.measured import Measured
+
+
+def parameter_figures(model: LearnedModel, before: LearnedModel | None, k: int) -> Iterator[Measured]:
+    """Of every command's process: lengths by input, deviations of signal and noise in the command's unit, the
+    negative log likelihood, and how far the lengths moved from those of the model `before`.
+    """
+    known = {} if before is None else {name: lengths_of(own) for name, own, _ in _processes(before)}
+    for name, posterior, factor in _processes(model):
+        yield Measured(k, "", "", name, "noise_sd", factor * math.sqrt(posterior.noise_variance))
+        yield Measured(k, "", "", name, "signal_sd", factor * math.sqrt(posterior.signal_variance))
+        if isinstance(posterior, ExactPosterior):
+            yield Measured(k, "", "", name, "nlml", negative_log_likelihood(posterior))
+        yield from _length_rows(model, k, "", name, lengths_of(posterior), known)
+
+
+def trained_again(
+    model: LearnedModel, before: LearnedModel, config: ModelConfig, k: int
+) -> Iterator[Measured]:
+    """The members kept and the hyperparameters trained from the start values: the last row of table 6.2."""
+    known = {name: lengths_of(own) for name, own, _ in _processes(before)}
+    for name, kept, _ in _processes(model):
+        assert isinstance(kept, ExactPosterior)
+        start = initial_gp(kept.kernel, kept.X, kept.y)
+        anew = fit(start, kept.X, kept.y, method=config.method, steps=config.steps, prior=None)
+        yield from _length_rows(model, k, "again", name, np.exp(anew.theta[1:]), known)
+
+
+def negative_log_likelihood(posterior: ExactPosterior) -> float:
+    """-log p(y | X): Rasmussen and Williams (2006), (2.30)."""
+    y, diagonal = posterior.y, np.diagonal(posterior.L)
+    constant = 0.5 * len(y) * math.log(2.0 * math.pi)
+    return float(0.5 * y @ posterior.alpha + np.log(diagonal).sum() + constant)
+
+
+def lengths_of(posterior: object) -> Array:
+    """(D,) lengths of a squared exponential process; none of one that has another kernel."""
+    if not isinstance(getattr(posterior, "kernel", None), SquaredExponential):
+        return np.zeros(0)
+    return np.asarray(np.exp(posterior.theta[1:]))  # type: ignore[attr-defined]
+
+
+def log_distance(lengths: Array, others: Array) -> float:
+    """Root mean square of the log ratios of two sets of lengths (D,)."""
+    return float(np.sqrt(np.mean(np.log(lengths / others) ** 2)))
+
+
+def _length_rows(
+    model: LearnedModel, k: int, line: str, name: str, lengths: Array, known: Mapping[str, Array]
+) -> Iterator[Measured]:
+    for column, length in zip(model.inputs.columns, lengths, strict=False):
+        yield Measured(k, "", line, name, f"length_{column[0]}_{column[1]}", float(length))
+    if len(lengths) and len(known.get(name, ())) == len(lengths):
+        yield Measured(k, "", line, name, "lengths_moved", log_distance(lengths, known[name]))
+
+
+def _processes(model: LearnedModel) -> Iterator[tuple[str, Posterior, float]]:
+    """Command, posterior and factor of candidates of one command each that are in use."""
+    for candidate in model.candidates:
+        if len(candidate.commands) == 1 and candidate.weights.any() and candidate.process is not None:
+            latents = candidate.process.latents()
+            if latents:
+                yield model.commands[candidate.commands[0]], latents[0][0], float(candidate.units[1, 0])

@@ -1,0 +1,135 @@
+"""The runs of chapter 6 by name: what each is, in a sentence and in settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from etude_studies.spec import Spec
+
+ROUNDS, LONG = 6, 10
+DOWNSAMPLED = {"rate_hz": 100.0 / 12.0, "offset": "first"}
+"""Each 12th of 6000 samples, from the first on (thesis 6.2)."""
+EVERY_SAMPLE = 6000 * ROUNDS
+
+Settings = dict[str, Any]
+Rule = Literal["error", "variance"]
+
+
+def _dictionary(other: Settings | None = None, rule: Rule = "error", **more: Any) -> Settings:
+    """500 points, random motions."""
+    other = {**(other or {}), **more}
+    model = {"process": f"thesis_dictionary_{rule}", **other.pop("model", {})}
+    return {"rounds": ROUNDS, "model": model, **other}
+
+
+def _spectrum(steps: int, schedule: str = "reinitialise", *, learned: bool = True, **other: Any) -> Settings:
+    """200 spectral points on the downsampled logs."""
+    process = "ssgp_learned" if learned else "ssgp_fixed"
+    model = {
+        "process": process,
+        "basis": 200,
+        "fit_points": 500 * ROUNDS,
+        "steps": steps,
+        "schedule": schedule,
+    }
+    return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model | other.pop("model", {}), **other}
+
+
+def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
+    """The default protocol; random motions without a criterion."""
+    design = {"criterion": criterion} if criterion else {}
+    motions = "designed" if criterion else "scaled"
+    model = {"rung": rung, **other.pop("model", {})}
+    return {
+        "preset": "default",
+        "rounds": ROUNDS,
+        "motions": motions,
+        "model": model,
+        "design": design,
+        **other,
+    }
+
+
+_FULL = {"process": "exact", "points": 500 * ROUNDS, "fit_points": 500 * ROUNDS}
+_LONG: Settings = {"rounds": LONG, "beside": True, "again": 5}
+_DESIGNED: Settings = {"motions": "designed", "beside": True}
+_ONE_START = {"candidates": 1, "refine": 1}
+_UNREFINED = {"candidates": 24, "refine": 0}
+_RAW = {"inputs": "measured", "cutoff_hz": "none"}
+_AT_ONCE = {"process": "exact", "points": 500, "fit_points": 500}
+
+ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
+    "A0": ("dictionary by error, hyperparameters not trained, random", _dictionary(model={"steps": 0})),
+    "A1": ("dictionary by error, 25 steps, updated, random", _dictionary(_LONG)),
+    "A2": ("A1 with constant hyperparameters", _dictionary(model={"schedule": "constant"})),
+    "A3": ("A1 with reinitialised hyperparameters", _dictionary(model={"schedule": "reinitialise"})),
+    "A4": ("A1 with 100 steps", _dictionary(model={"steps": 100})),
+    "A5": ("dictionary by variance, 25 steps, updated, random", _dictionary(rule="variance")),
+    "A6": ("full GPR on every 12th sample, random", {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": _FULL}),
+    "A7": ("A1 with designed trajectories", _dictionary(_LONG | _DESIGNED)),
+    "S1": ("SSGP, learned points, 5 steps, reinitialised, random", _spectrum(5)),
+    "S2": ("S1 with 25 steps", _spectrum(25)),
+    "S3": ("S1 with constant hyperparameters", _spectrum(5, "constant")),
+    "S4": ("S1 with updated hyperparameters", _spectrum(5, "update")),
+    "S5": ("SSGP, fixed points, 5 steps, reinitialised, random", _spectrum(5, learned=False)),
+    "S6": ("S5 with 25 steps", _spectrum(25, learned=False)),
+    "S7": ("S5 with constant hyperparameters", _spectrum(5, "constant", learned=False)),
+    "S8": ("S5 with updated hyperparameters", _spectrum(5, "update", learned=False)),
+    "S9": ("S1 with designed trajectories", _spectrum(5) | _DESIGNED),
+    "X1": ("A1 on a second draw of trajectories, same tests", _dictionary(draw=1)),
+    "X2": ("A1 on random motions of random amplitude", _dictionary(motions="amplitude")),
+    "X3": ("A1 with a base frequency for each joint", _dictionary(own_omega0=True)),
+    "X4": ("A7 with a base frequency for each joint", _dictionary(own_omega0=True, motions="designed")),
+    "X5a": ("A1 with 25 evaluations of the likelihood", _dictionary(model={"steps": -25})),
+    "X5b": (
+        "A3 with 25 evaluations of the likelihood",
+        _dictionary(model={"steps": -25, "schedule": "reinitialise"}),
+    ),
+    "X6a": ("S1 with 5 evaluations of the likelihood", _spectrum(-5)),
+    "X6b": ("S2 with 25 evaluations of the likelihood", _spectrum(-25)),
+    "X7": (
+        "A3 with as many steps in all as A1 has had by then",
+        _dictionary(model={"schedule": "reinitialise"}, steps_grow=True),
+    ),
+    "X8": ("A7 from one random start", _dictionary(motions="designed", design=_ONE_START)),
+    "X9": ("A1 on measured positions, differentiated without a filter", _dictionary(data=_RAW)),
+    "X10a": ("A1 to ten trajectories", _dictionary(_LONG)),
+    "X10b": ("A7 to ten trajectories", _dictionary(_LONG | _DESIGNED)),
+    "X11": (
+        "S1 on all samples",
+        _spectrum(5, data={"rate_hz": 100.0}, model={"fit_points": EVERY_SAMPLE}),
+    ),
+    "X13": (
+        "the best of 24 random trajectories, not refined",
+        _dictionary(motions="designed", design=_UNREFINED),
+    ),
+    "X14": (
+        "exact on 500 samples, evenly spread over all trajectories",
+        {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": _AT_ONCE},
+    ),
+    "DP1": ("default protocol, process alone, random", _default("gp", beside=True)),
+    "DP2": ("default protocol, process alone, designed by log_ivr", _default("gp", "log_ivr")),
+    "DP3": ("default protocol, ladder, random", _default("auto")),
+    "DP4": ("default protocol, ladder, designed by log_ivr", _default("auto", "log_ivr")),
+}
+CONTROLLERS = {
+    "B0": ("feedback alone", "pd"),
+    "B1": ("exact inverse", "exact"),
+    "B2": ("exact inverse of the arm without friction", "frictionless"),
+}
+
+
+def arm_spec(settings: Mapping[str, Any], seed: int) -> Spec:
+    """A run with the motions that it shares with others of its seed."""
+    shared = ("robot", "preset", "draw", "own_omega0")
+    own = {name: settings[name] for name in shared if name in settings}
+    own["motions"] = "amplitude" if settings.get("motions") == "amplitude" else "scaled"
+    draws = Spec("etude_studies.thesis.arm_motions:draws", own, seed)
+    return Spec("etude_studies.thesis.arm:run", settings, seed, [draws])
+
+
+def baseline_spec(controller: str, seed: int) -> Spec:
+    """A line that learns nothing."""
+    settings = {"robot": "arm4", "rounds": LONG, "controller": controller}
+    return Spec("etude_studies.thesis.arm:baseline", settings, seed)

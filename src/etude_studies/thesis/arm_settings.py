@@ -1,0 +1,81 @@
+"""ArmSettings: everything that makes one run of chapter 6 differ from another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+from etude.campaign.config import CampaignConfig
+from etude.contracts import Family
+from etude.models.config import ModelConfig
+from etude_studies.thesis.own_omega0 import JointByJointFamily
+from etude_studies.world import World
+
+Motions = Literal["scaled", "amplitude", "designed"]
+
+
+@dataclass(frozen=True)
+class ArmSettings:
+    """One arm of the comparison; its seed apart. Keys of tables are laid over the preset's.
+
+    Attributes:
+        robot: a built-in simulated arm. preset: of its kind.
+        motions: random ones enlarged to the limits, random ones of random amplitude, or designed after the
+            first, which is random and enlarged.
+        rounds: trajectories, K.
+        data, model, design: keys other than the preset's.
+        draw: which draw of the random motions; tests do not depend on it.
+        own_omega0: a base frequency for every joint.
+        steps_grow: round k trains k times as many steps.
+        beside: also linear regression and identified rigid bodies on the same logs.
+        again: round at which members of the dictionary are kept and trained from the start values too.
+    """
+
+    robot: str = "arm4"
+    preset: str = "thesis"
+    motions: Motions = "scaled"
+    rounds: int = 6
+    data: Mapping[str, Any] = field(default_factory=dict)
+    model: Mapping[str, Any] = field(default_factory=dict)
+    design: Mapping[str, Any] = field(default_factory=dict)
+    draw: int = 0
+    own_omega0: bool = False
+    steps_grow: bool = False
+    beside: bool = False
+    again: int = 0
+
+    @property
+    def config(self) -> CampaignConfig:
+        """The preset with these keys. UsageError for a value that is not possible."""
+        base = world_of(self.robot, self.preset).config
+        return replace(
+            base,
+            data=replace(base.data, **self.data),
+            model=replace(base.model, **self.model),
+            design=replace(base.design, **self.design),
+        )
+
+    @property
+    def world(self) -> World:
+        """The robot as such a campaign treats it."""
+        return replace(world_of(self.robot, self.preset), config=self.config)
+
+    def model_of(self, number: int) -> ModelConfig:
+        """How the model of round `number` is trained."""
+        config = self.config.model
+        return replace(config, steps=number * config.steps) if self.steps_grow else config
+
+    @property
+    def family(self) -> Family:
+        """The motions that may be drawn or designed."""
+        world = self.world
+        found = world.kind.family(world.spec, world.config)
+        return JointByJointFamily.of(found) if self.own_omega0 else found  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=8)
+def world_of(robot: str, preset: str) -> World:
+    """A robot of a preset, read once a process."""
+    return World.of(robot, preset)

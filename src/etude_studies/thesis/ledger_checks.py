@@ -1,0 +1,176 @@
+"""What must be true of the ledger's two files taken together; each refusal names the file and the id."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
+
+from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
+
+Item = TypeVar("Item")
+
+CLAIMS, TABLES = "claims.toml", "tables.toml"
+SOURCE = re.compile(r"[A-Z]{1,2}\d+[a-z]?(:[a-z][a-z0-9_]*)?")
+"""A run, or one and a model beside its own."""
+FIGURES = ("2.3", *(f"5.{i}" for i in range(1, 9)), *(f"6.{i}" for i in range(1, 19)))
+TABLES_PRINTED = tuple(f"6.{i}" for i in range(1, 13))
+ENTRIES = (*(f"figure-{i}" for i in FIGURES), *(f"table-{i}" for i in TABLES_PRINTED))
+"""All figures with something computed in them, and all tables, of the thesis."""
+MEASURES = frozenset(
+    """error error_rms variance variance_noisy z2 coverage68 coverage95 spearman nmse nlpd nlpd_train nlml
+    feedback_share feedback_median feedback_p95 jerk reversal_share undershoot undershoot_max undershoot_min
+    spike stuck_share mae deviation signal_sd noise_sd length length_change nearest ahead_variance ahead_mae
+    cpu_train cpu_predict cpu_design kernel_rms kernel predict_s train_s swap_s slope_mean slope_variance
+    slope_train position angle command""".split()
+)
+"""Columns of results that a part or an entry may name; `length` stands for those of all inputs."""
+NEEDS: dict[str, tuple[str, ...]] = {
+    "ratio": ("a", "b", "at"),
+    "ratio_each": ("a", "b", "at"),
+    "rises": ("a", "at",),
+    "slope": ("a", "at",),
+    "value": ("a", "at", "bound"),
+    "gap": ("a", "b", "at"),
+    "shrinks": ("a", "b", "at"),
+    "rank": ("a", "among", "at", "bound"),
+    "reach": ("a", "b", "at"),
+    "spread": ("among", "at", "bound"),
+    "largest": ("a", "at",),
+    "smallest": ("a", "at",),
+}
+"""Keys without which a statistic has no meaning."""
+
+
+def found(items: Mapping[str, Item], id: str, what: str) -> Item:
+    """The item of that id. UsageError with the nearest ids, or all of them, if there is none."""
+    if id in items:
+        return items[id]
+    near = difflib.get_close_matches(id, items, 3)
+    step = f"Did you mean {' or '.join(near)}?" if near else f"There are {', '.join(items)}."
+    raise UsageError(f"there is no {what} {id}", next_step=step)
+
+
+def check(ledger: Ledger) -> None:
+    """Raises UsageError for the first thing that is wrong in it."""
+    _unique([claim.id for claim in ledger.claims], CLAIMS)
+    _unique([one.id for one in ledger.ambiguities], TABLES)
+    _complete([entry.id for entry in ledger.entries])
+    kinds = {claim.id: claim.kind for claim in ledger.claims}
+    known = [one.id for one in ledger.ambiguities]
+    for claim in ledger.claims:
+        _check_claim(claim, kinds)
+    for entry in ledger.entries:
+        _check_entry(entry, known)
+
+
+def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:
+    where = f"{CLAIMS}, {claim.id}"
+    _known(claim.rests_on, ENTRIES, "figure or table", where)
+    if not claim.quote or not all(piece.strip() for piece in claim.quote):
+        _refuse("has no quotation", where, "Quote the sentence of the thesis.")
+    if (claim.kind == "own") != bool(claim.family):
+        fact = f"is of kind {claim.kind} and of the family {claim.family!r}"
+        _refuse(fact, where, "Own claims are of one family, others of none.")
+    if (claim.kind == "alias") != bool(claim.alias_of):
+        _refuse("is an alias of nothing, or names others and is none", where, "Give both kind and alias_of.")
+    _known(claim.alias_of, kinds, "claim", where)
+    for other in claim.alias_of:
+        if kinds[other] == "alias":
+            _refuse(f"is an alias of {other}, itself an alias", where, "Name the claim that is tested.")
+    answers = [bool(claim.alias_of), bool(claim.parts), bool(claim.untestable)]
+    if sum(answers) != 1:
+        _refuse("needs one of parts, alias_of and untestable", where, "Keep the one that answers it.")
+    for number, part in enumerate(claim.parts, start=1):
+        _check_part(part, f"{where}, part {number}")
+
+
+def _check_part(part: Part, where: str) -> None:
+    for key in NEEDS[part.statistic]:
+        if getattr(part, key) in ("", (), None):
+            _refuse(f"has no {key}, which {part.statistic} needs", where, "Add it.")
+    for key in ("a", "b", "c", "among", "bound", "against"):
+        if not _may(part.statistic, key) and getattr(part, key) not in ("", (), None):
+            _refuse(f"has {key}, which {part.statistic} does not use", where, "Take it out.")
+    _sources(part.sources, where)
+    _measure(part.measure, where)
+    if bool(part.c) != bool(part.d) or (part.statistic == "gap" and bool(part.c) == (part.bound is not None)):
+        _refuse("needs both c and d, or a bound instead of them", where, "Add what is missing.")
+    if part.statistic == "rank" and part.a not in part.among:
+        _refuse(f"ranks {part.a} among sources that it is not one of", where, "Add it to among.")
+    _check_rounds(part, where)
+    if part.margin <= 1.0:
+        _refuse(f"has a margin of {part.margin}", where, "A margin is a ratio above 1.")
+
+
+def _may(statistic: str, key: str) -> bool:
+    """Whether the statistic uses that key, needed or not."""
+    optional = {"rises": ("b",), "slope": ("b", "against"), "gap": ("c", "bound")}
+    return key in NEEDS[statistic] or key in optional.get(statistic, ())
+
+
+def _check_rounds(part: Part, where: str) -> None:
+    pairs = {"slope": 2, "shrinks": 2, "rises": 2, "reach": 2}
+    if list(part.at) != sorted(set(part.at)) or len(part.at) < pairs.get(part.statistic, 1):
+        _refuse(f"has at = {list(part.at)}", where, f"Give the k of {part.statistic} in rising order.")
+    if part.statistic == "slope" and (len(part.at) != 2 or len(part.against) not in (0, 2)):
+        _refuse("needs two k in at, and two or none in against", where, "Give the ends of the decrease.")
+
+
+def _check_entry(entry: Entry, known: Sequence[str]) -> None:
+    where = f"{TABLES}, {entry.id}"
+    _known(entry.ambiguous, known, "ambiguity", where)
+    _sources(entry.sources, where)
+    _measure(entry.measure, where)
+    if not entry.rows or not entry.columns:
+        _refuse("has no row or no column", where, "Add what the thesis shows.")
+    printed = [column for column in entry.columns if column != "mean"]
+    for row in entry.rows:
+        if row.printed and len(row.printed) != len(printed):
+            fact = f"prints {len(row.printed)} numbers for {len(printed)} columns in {row.label!r}"
+            _refuse(fact, where, "Copy the row from the thesis; the mean is not printed there.")
+
+
+def _complete(ids: Sequence[str]) -> None:
+    _known(ids, ENTRIES, "figure or table", TABLES)
+    _unique(ids, TABLES)
+    missing = [id for id in ENTRIES if id not in ids]
+    if missing:
+        raise UsageError(f"no entry for {', '.join(missing)}", where=TABLES, next_step="Add an [[entry]] each.")
+
+
+def _unique(ids: Iterable[str], where: str) -> None:
+    for id, count in Counter(ids).items():
+        if count > 1:
+            raise UsageError(f"{id} stands there {count} times", where=where, next_step="Keep one.")
+
+
+def _known(ids: Iterable[str], valid: Iterable[str], what: str, where: str) -> None:
+    names = list(valid)
+    for id in ids:
+        if id not in names:
+            near = difflib.get_close_matches(id, names, 1)
+            step = f"Did you mean {near[0]}?" if near else "Correct it."
+            raise UsageError(f"there is no {what} {id}", where=where, next_step=step)
+
+
+def _sources(sources: Iterable[str], where: str) -> None:
+    for source in sources:
+        if not SOURCE.fullmatch(source):
+            _refuse(f"names {source!r}, which is no run", where, 'Write "A1", or "A1:linear" for a model beside.')
+
+
+def _measure(name: str, where: str) -> None:
+    if name not in MEASURES:
+        near = difflib.get_close_matches(name, MEASURES, 1)
+        step = f"Did you mean {near[0]}?" if near else f"There are {', '.join(sorted(MEASURES))}."
+        _refuse(f"names the measure {name!r}, which is not recorded", where, step)
+
+
+def _refuse(fact: str, where: str, step: str) -> None:
+    raise UsageError(fact, where=where, next_step=step)

@@ -1,0 +1,247 @@
+"""What the seeds say to one part of a claim: its numbers, and one word by a rule that was fixed before them.
+
+A decision needs two tests, the paired t and sign flips; where they disagree, the weaker counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from etude_studies.thesis import statistics
+from etude_studies.thesis.contrasts import Contrast
+from etude_studies.thesis.parts import Part, in_logs, margin_of
+from etude_studies.thesis.settling import seeds_for_difference, seeds_for_equivalence
+
+HOLDS, REVERSED, TIE = "holds", "reversed", "tie"
+UNDECIDED, UNTESTED = "not decided", "cannot be tested here"
+WORDS = (UNTESTED, REVERSED, UNDECIDED, TIE, HOLDS)
+"""From the worst."""
+FAILED = 0.1
+"""Share of seeds without a number above which there is no verdict."""
+EQUALLY = 0.05
+"""Level of two one-sided tests, and of a mean beyond the margin: the 90 % and the 95 % interval."""
+DIGITS = 6
+"""That a verdict keeps, so that another machine's rounding leaves it as it is."""
+
+
+class PartVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Word and numbers of one part, or of one count of trajectories of it.
+
+    Attributes:
+        part: its number in the claim, from 0. k: the count of trajectories where each is judged by itself.
+        word: one of WORDS. reason: of a part that cannot be tested.
+        log: whether estimate, intervals and margin are factors, exp of those of x; else in own units.
+        estimate, low, high: mean and plain 95 % interval. narrow_low, narrow_high: 90 %.
+        bca_low, bca_high: 95 % by the bootstrap. single_low, single_high: 95 % of a single run.
+        sd: over seeds, of x (in logs where `log`).
+        wins: seeds on the claimed side, with the 95 % interval of their share. seeds: with a number.
+        failed: without. planned: both.
+        p, p_permutation: two-sided t and sign flips; adjusted in the family. Of "equal" those
+            of the two one-sided tests, which are not adjusted.
+        agree: whether both tests say the same.
+        needed: seeds that would settle a part not decided, None if no number would.
+        margin: what still counts as equal, [1/margin, margin] or +-margin.
+        printed: the thesis's own number. ordinary: whether it is inside the interval of a single run.
+    """
+
+    part: int
+    word: str
+    k: int | None = None
+    reason: str = ""
+    log: bool = True
+    estimate: float | None = None
+    low: float | None = None
+    high: float | None = None
+    narrow_low: float | None = None
+    narrow_high: float | None = None
+    bca_low: float | None = None
+    bca_high: float | None = None
+    single_low: float | None = None
+    single_high: float | None = None
+    sd: float | None = None
+    wins: int = 0
+    wins_low: float | None = None
+    wins_high: float | None = None
+    seeds: int = 0
+    failed: int = 0
+    planned: int = 0
+    p: float | None = None
+    p_adjusted: float | None = None
+    p_permutation: float | None = None
+    p_permutation_adjusted: float | None = None
+    agree: bool = True
+    needed: int | None = None
+    margin: float | None = None
+    printed: float | None = None
+    ordinary: bool | None = None
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """One part with its own p values, and after `corrected` with those of its family.
+
+    Attributes:
+        index: number of the part in the claim. contrast: its x. reason: why there is no test, else "".
+        p, p_permutation: unadjusted; 1 where there is no test.
+        level: of the family. at_place: what p is compared with at its place in the family.
+    """
+
+    index: int
+    part: Part
+    contrast: Contrast
+    printed: float | None
+    reason: str
+    p: float = 1.0
+    p_permutation: float = 1.0
+    p_adjusted: float = 1.0
+    p_permutation_adjusted: float = 1.0
+    level: float = EQUALLY
+    at_place: float = EQUALLY
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """(n,) in the order of seeds."""
+        return np.array([self.contrast.x[seed] for seed in sorted(self.contrast.x)], dtype=np.float64)
+
+    @property
+    def directed(self) -> bool:
+        """Whether its word rests on the p of its family: "equal" rests on an interval."""
+        return self.part.claim != "equal"
+
+
+def weigh(index: int, part: Part, contrast: Contrast, printed: float | None) -> Weighed:
+    """The p values of one part, or the reason why there are none."""
+    own = Weighed(index, part, contrast, printed, untested(contrast))
+    if own.reason:
+        return own
+    x, margin = own.x, margin_of(part)
+    if own.directed:
+        return replace(own, p=statistics.paired_t(x), p_permutation=statistics.sign_flip(x))
+    p, flips = statistics.equivalence(x, margin), statistics.equivalence_flip(x, margin)
+    return replace(own, p=p, p_permutation=flips, p_adjusted=p, p_permutation_adjusted=flips)
+
+
+def untested(contrast: Contrast) -> str:
+    """Why seeds give no verdict: runs not there, too many seeds failed, a single one; "" if they do."""
+    fewest = (1.0 - FAILED) * contrast.planned
+    short = {name: n for name, n in contrast.stored.items() if n == 0 or n < fewest - 1e-9}
+    if short:
+        words = (f"{name} ({n} of {contrast.planned} seeds)" if n else name for name, n in short.items())
+        return f"not run yet: runs {', '.join(words)}"
+    if len(contrast.x) < fewest - 1e-9:
+        return f"{contrast.failed} of {contrast.planned} seeds have no number"
+    if len(contrast.x) < 2:
+        return "fewer than two seeds have a number"
+    return ""
+
+
+def part_verdict(own: Weighed) -> PartVerdict:
+    """Word and numbers of a part whose p values have been adjusted."""
+    base = PartVerdict(
+        part=own.index,
+        word=UNTESTED,
+        k=own.contrast.k,
+        reason=own.reason,
+        log=in_logs(own.part),
+        seeds=len(own.contrast.x),
+        failed=own.contrast.failed,
+        planned=own.contrast.planned,
+        printed=own.printed,
+    )
+    if own.reason:
+        return base
+    word, agree = _directed(own) if own.directed else _equal(own)
+    return msgspec.structs.replace(
+        base,
+        word=word,
+        agree=agree,
+        needed=_needed(own) if word == UNDECIDED else None,
+        **_numbers(own),
+        **_wins(own),
+        **_single(own),
+    )
+
+
+def _directed(own: Weighed) -> tuple[str, bool]:
+    found = own.p_adjusted < own.level, own.p_permutation_adjusted < own.level
+    if all(found):
+        claimed = (own.x.mean() < 0.0) == (own.part.claim == "less")
+        return HOLDS if claimed else REVERSED, True
+    alike, agree = _alike(own)
+    return (TIE if alike else UNDECIDED), not any(found) and agree
+
+
+def _equal(own: Weighed) -> tuple[str, bool]:
+    alike, agree = _alike(own)
+    if alike:
+        return HOLDS, True
+    x, margin = own.x, margin_of(own.part)
+    beyond = statistics.outside(x, margin) < EQUALLY, statistics.outside_flip(x, margin) < EQUALLY
+    return (REVERSED if all(beyond) else UNDECIDED), agree and beyond[0] == beyond[1]
+
+
+def _alike(own: Weighed) -> tuple[bool, bool]:
+    """Whether the mean is within the margin by both tests; whether both say the same."""
+    x, margin = own.x, margin_of(own.part)
+    within = statistics.equivalence(x, margin) < EQUALLY, statistics.equivalence_flip(x, margin) < EQUALLY
+    return all(within), within[0] == within[1]
+
+
+def _needed(own: Weighed) -> int | None:
+    n, mean, sd = statistics.moments(own.x)
+    margin = margin_of(own.part)
+    ways = [seeds_for_equivalence(mean, sd, margin, EQUALLY)]
+    if own.directed:
+        ways.append(seeds_for_difference(mean, sd, own.at_place))
+    elif abs(mean) > margin:
+        ways.append(seeds_for_difference(abs(mean) - margin, sd, EQUALLY))
+    found = [seeds for seeds in ways if seeds is not None]
+    return max(min(found), n + 1) if found else None
+
+
+def _numbers(own: Weighed) -> dict[str, float]:
+    x, unit = own.x, _unit(own.part)
+    low, high = statistics.interval(x)
+    narrow_low, narrow_high = statistics.interval(x, 0.9)
+    bca_low, bca_high = statistics.bca(x)
+    single_low, single_high = statistics.prediction_interval(x)
+    found = {
+        "estimate": unit(float(x.mean())), "low": unit(low), "high": unit(high),
+        "narrow_low": unit(narrow_low), "narrow_high": unit(narrow_high),
+        "bca_low": unit(bca_low), "bca_high": unit(bca_high),
+        "single_low": unit(single_low), "single_high": unit(single_high),
+        "sd": statistics.moments(x)[2], "margin": unit(margin_of(own.part)),
+        "p": own.p, "p_adjusted": own.p_adjusted,
+        "p_permutation": own.p_permutation, "p_permutation_adjusted": own.p_permutation_adjusted,
+    }  # fmt: skip
+    return {name: rounded(value) for name, value in found.items()}
+
+
+def _wins(own: Weighed) -> dict[str, float | int]:
+    x, margin = own.x, margin_of(own.part)
+    won = {"less": x < 0.0, "more": x > 0.0, "equal": np.abs(x) <= margin}[own.part.claim]
+    wins = int(np.count_nonzero(won))
+    low, high = statistics.wilson(wins, len(x))
+    return {"wins": wins, "wins_low": rounded(low), "wins_high": rounded(high)}
+
+
+def _single(own: Weighed) -> dict[str, bool]:
+    if own.printed is None:
+        return {}
+    unit, (low, high) = _unit(own.part), statistics.prediction_interval(own.x)
+    return {"ordinary": unit(low) <= own.printed <= unit(high)}
+
+
+def _unit(part: Part) -> Callable[[float], float]:
+    return math.exp if in_logs(part) else float
+
+
+def rounded(value: float) -> float:
+    """To DIGITS significant digits."""
+    return float(f"{value:.{DIGITS}g}")

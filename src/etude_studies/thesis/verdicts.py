@@ -1,0 +1,222 @@
+"""The verdict on every claim: its parts' words combined, after the correction for how many are asked at once.
+
+Own claims are one family by chapter (Holm, 5 %); what the thesis observed, explained or cited is one family
+more (Benjamini and Hochberg, 10 %), marked exploratory. Only parts that claim a direction are in a family. A
+part without a test stays in it with p = 1: a family is as large as planned, whatever has been run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace as changed_copy
+from typing import Protocol, cast
+
+from etude.errors import UsageError
+from etude_studies.thesis import statistics
+from etude_studies.thesis.contrasts import Values, contrasts
+from etude_studies.thesis.part_verdicts import (
+    UNDECIDED,
+    UNTESTED,
+    WORDS,
+    PartVerdict,
+    Weighed,
+    part_verdict,
+    weigh,
+)
+from etude_studies.thesis.parts import Part, exchanged, sources
+from etude_studies.thesis.verdict_file import Verdict, changed, from_json, to_json
+
+__all__ = ["Claim", "Ledger", "Verdict", "changed", "from_json", "judge", "to_json", "touches"]
+
+EXPLORATORY = "exploratory"
+OWN_LEVEL, EXPLORATORY_LEVEL = 0.05, 0.10
+
+
+class Claim(Protocol):
+    """One sentence of the thesis, with parts, or with the claims that it says again, or untestable."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def family(self) -> str: ...
+    @property
+    def combine(self) -> str: ...
+    @property
+    def parts(self) -> Sequence[Part]: ...
+    @property
+    def alias_of(self) -> Sequence[str]: ...
+    @property
+    def untestable(self) -> str: ...
+    @property
+    def simulated(self) -> bool: ...
+    @property
+    def seeds(self) -> int: ...
+
+
+class Ledger(Protocol):
+    """All claims."""
+
+    @property
+    def claims(self) -> Sequence[Claim]: ...
+
+
+def judge(
+    ledger: Ledger,
+    results: Values,
+    *,
+    replace: Mapping[str, str] | None = None,
+    planned: Mapping[str, int] | None = None,
+) -> dict[str, Verdict]:
+    """A verdict on every claim, by id, in the ledger's order.
+
+    Args:
+        ledger: the claims.
+        results: what was measured.
+        replace: runs (or sources) by those that take their place, to see what a verdict depends on.
+        planned: seeds by run, where that is not the claim's own number.
+
+    Raises:
+        UsageError: a part that its statistic can do nothing with, an alias of no claim or of itself, or a
+            claim with neither parts nor alias nor reason.
+    """
+    found = {
+        claim.id: [
+            weigh(index, part, contrast, _printed(part, contrast.k))
+            for index, part in enumerate(() if claim.untestable else claim.parts)
+            for contrast in contrasts(part, results, replace=replace, planned=planned, seeds=claim.seeds)
+        ]
+        for claim in ledger.claims
+    }
+    corrected = _corrected(ledger.claims, found)
+    by_id = {claim.id: claim for claim in ledger.claims}
+    verdicts: dict[str, Verdict] = {}
+    for claim in ledger.claims:
+        _settle(claim.id, by_id, corrected, verdicts, ())
+    return {claim.id: verdicts[claim.id] for claim in ledger.claims}
+
+
+def touches(claim: Claim, replace: Mapping[str, str]) -> bool:
+    """Whether the exchange of runs changes what a claim with parts reads."""
+    return any(exchanged(name, replace) != name for part in claim.parts for name in sources(part))
+
+
+def _corrected(claims: Sequence[Claim], found: Mapping[str, list[Weighed]]) -> dict[str, list[Weighed]]:
+    """The same with adjusted p; parts of one family are adjusted together."""
+    families: dict[str, list[tuple[str, int]]] = {}
+    for claim in claims:
+        own = [(claim.id, place) for place, one in enumerate(found[claim.id]) if one.directed]
+        families.setdefault(_family(claim), []).extend(own)
+    out = {id: list(parts) for id, parts in found.items()}
+    for family, members in families.items():
+        for (id, place), one in zip(members, _adjusted(family, [out[i][j] for i, j in members]), strict=True):
+            out[id][place] = one
+    return out
+
+
+def _family(claim: Claim) -> str:
+    return claim.family if claim.kind == "own" else EXPLORATORY
+
+
+def _adjusted(family: str, parts: Sequence[Weighed]) -> list[Weighed]:
+    level, adjust, levels = _correction(family)
+    p, flips = [one.p for one in parts], [one.p_permutation for one in parts]
+    columns = zip(parts, adjust(p), adjust(flips), levels(p, level), strict=True)
+    return [
+        changed_copy(
+            one, p_adjusted=float(p), p_permutation_adjusted=float(flips), level=level, at_place=float(at)
+        )
+        for one, p, flips, at in columns
+    ]
+
+
+def _correction(
+    family: str,
+) -> tuple[
+    float,
+    Callable[[Sequence[float]], statistics.Array],
+    Callable[[Sequence[float], float], statistics.Array],
+]:
+    if family == EXPLORATORY:
+        return EXPLORATORY_LEVEL, statistics.benjamini_hochberg, statistics.benjamini_hochberg_levels
+    return OWN_LEVEL, statistics.holm, statistics.holm_levels
+
+
+def _settle(
+    id: str,
+    claims: Mapping[str, Claim],
+    found: Mapping[str, list[Weighed]],
+    verdicts: dict[str, Verdict],
+    asked: tuple[str, ...],
+) -> Verdict:
+    """The verdict on `id`, those that it says again first."""
+    if id in verdicts:
+        return verdicts[id]
+    if id not in claims or id in asked:
+        fact = f"{id!r} is no claim" if id not in claims else f"{id!r} says again itself"
+        raise UsageError(fact, where=" -> ".join((*asked, id)), next_step="Correct alias_of in the claims.")
+    claim = claims[id]
+    if claim.alias_of:
+        others = [_settle(other, claims, found, verdicts, (*asked, id)) for other in claim.alias_of]
+        verdicts[id] = _again(claim, others)
+    else:
+        verdicts[id] = _verdict(claim, found[id])
+    return verdicts[id]
+
+
+def _verdict(claim: Claim, found: Sequence[Weighed]) -> Verdict:
+    exploratory = claim.kind != "own"
+    if claim.untestable:
+        return Verdict(claim.id, UNTESTED, (), exploratory, claim.simulated, claim.untestable)
+    if not found:
+        fact = "a claim without parts says neither what it repeats nor why it cannot be tested"
+        raise UsageError(fact, where=claim.id, next_step="Give parts, alias_of or untestable.")
+    parts = tuple(part_verdict(one) for one in found)
+    word = _combined(claim.combine, parts)
+    return Verdict(claim.id, word, parts, exploratory, claim.simulated, _reason(word, parts))
+
+
+def _combined(combine: str, parts: Sequence[PartVerdict]) -> str:
+    """The worst word, or of "any" the best part's, where a part with several k has the worst of them."""
+    by_part = [
+        worst([one.word for one in parts if one.part == index]) for index in sorted({p.part for p in parts})
+    ]
+    if UNTESTED in by_part or combine == "all":
+        return worst(by_part)
+    return max(by_part, key=WORDS.index)
+
+
+def worst(words: Sequence[str]) -> str:
+    """The word furthest from "holds"."""
+    return min(words, key=WORDS.index)
+
+
+def _reason(word: str, parts: Sequence[PartVerdict]) -> str:
+    if word == UNTESTED:
+        return "; ".join(dict.fromkeys(part.reason for part in parts if part.reason))
+    if word != UNDECIDED:
+        return ""
+    needed = [part.needed for part in parts if part.word == UNDECIDED]
+    if None in needed:
+        return "no number of seeds would decide at this spread"
+    return f"{max(cast(list[int], needed))} seeds would decide at this spread"
+
+
+def _again(claim: Claim, others: Sequence[Verdict]) -> Verdict:
+    word = worst([other.word for other in others])
+    reasons = dict.fromkeys(other.reason for other in others if other.word == word and other.reason)
+    return Verdict(
+        claim.id,
+        word,
+        tuple(part for other in others for part in other.parts),
+        any(other.exploratory for other in others),
+        claim.simulated or any(other.simulated for other in others),
+        "; ".join(reasons),
+        tuple(claim.alias_of),
+    )
+
+
+def _printed(part: Part, k: int | None) -> float | None:
+    """The thesis's own number; of "ratio_each" it stands at the last count, as its tables do."""
+    return part.printed if k is None or k == part.at[-1] else None
