@@ -16,10 +16,11 @@ import polars as pl
 
 from etude.contracts import Array, Controller, Log, Samples, Trajectory
 from etude.models.model import LearnedModel
-from etude.robots.arm.controller import ModelController, PerfectController
+from etude.models.trust import trusted
+from etude.robots.arm.controller import PerfectController
 from etude.threads import threads_for
 from etude_studies.measured import Measured
-from etude_studies.thesis.arm_lines import lines
+from etude_studies.thesis.arm_lines import Given, lines
 from etude_studies.thesis.arm_measures import (
     Figure,
     density_loss,
@@ -116,19 +117,25 @@ def _ahead(
 def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured]:
     """Every test, the lines beside it, and what the model is by itself."""
     world, k, model = settings.world, stage.number, stage.model
+    limit = world.kind.limit(world.spec)
     tests = test_motions(settings.robot, seed)
     began = time.process_time()
+    plan = plan_of(world, model, tests[PRIMARY])
+    mean, latent, noisy = _predicted(model, plan)
+    spent = {**stage.spent, "cpu_predict": time.process_time() - began}
     for name, motion in tests.items():
-        log = tested(settings, motion, ModelController(model, world.spec, fade=False), seed, name)
+        command = mean if name == PRIMARY else model.mean(plan_of(world, model, motion))
+        log = tested(settings, motion, Given(command, world.spec.rate, limit), seed, name)
         yield from _rows(k, name, "", world, tracking(log, world.spec.rate))
-        plan = model.inputs.states(world.robot.planned(motion))  # type: ignore[attr-defined]
-        yield from _rows(k, name, "", world, honesty(log["command"][log.t >= 0.0], *_predicted(model, plan)))
-    spent = {**stage.spent, "cpu_predict": (time.process_time() - began) / len(tests)}
+        if name == PRIMARY:
+            told = honesty(log["command"][log.t >= 0.0], mean, latent, noisy)
+            yield from _rows(k, name, "", world, told)
     yield from _rows(k, "", "", world, [("nlpd_train", _density_of(model, stage.samples))])
     yield from parameter_figures(model, stage.before, k)
     if k == settings.again and stage.before is not None:
         yield from trained_again(model, stage.before, settings.model_of(k), k)
-    beside: dict[str, Controller] = {"faded": ModelController(model, world.spec, fade=True)}
+    faded = trusted(mean, noisy, model.prior_deviation, model.safe(plan))
+    beside: dict[str, Controller] = {"faded": Given(faded, world.spec.rate, limit)}
     if settings.beside:
         beside |= lines(world, stage.logs)
     for name, controller in beside.items():
@@ -143,6 +150,12 @@ def tested(
     """The log of a test, to its end; every controller meets the same noise."""
     place = tuple(test_motions(settings.robot, seed)).index(test)
     return settings.world.robot.run(motion, controller, np.random.default_rng([seed, NOISE, place]))
+
+
+def plan_of(world: World, model: LearnedModel, motion: Trajectory) -> Log:
+    """What a perfect run of a motion leaves, as the model looks at it, at the control ticks."""
+    robot: Any = world.robot
+    return model.inputs.states(robot.planned(motion))
 
 
 def _predicted(model: LearnedModel, plan: Log) -> tuple[Array, Array, Array]:

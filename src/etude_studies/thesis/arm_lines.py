@@ -70,6 +70,31 @@ class Applied:
         """Nothing is learned on the way."""
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A command that is known ahead, clipped (implements `contracts.Controller`).
+
+    Attributes:
+        commands: (T, J) at the control ticks. rate: of these, Hz. limit: (J,).
+    """
+
+    commands: Array
+    rate: float
+    limit: Array
+
+    def planned(self, motion: Motion) -> Array | None:  # noqa: ARG002
+        """(T, J)."""
+        return np.clip(self.commands, -self.limit, self.limit)
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:  # noqa: ARG002
+        """Of the nearest tick."""
+        place = min(max(round(t * self.rate), 0), len(self.commands) - 1)
+        return np.clip(self.commands[place], -self.limit, self.limit), np.zeros_like(self.limit)
+
+    def observe(self, t: float, row: Row) -> None:
+        """Nothing is learned on the way."""
+
+
 def lines(world: World, logs: Sequence[Log]) -> Mapping[str, Controller]:
     """Controllers that these logs teach, by name.
 

@@ -1,8 +1,8 @@
 """One number a seed from one part of a claim: x_s, whose sign or size is what the part claims.
 
 All logarithms are natural, and an average over several counts of trajectories is taken after them. A number
-that is missing, not finite, or not above 0 where a logarithm is taken leaves its seed without x_s: the seed has
-failed.
+that is missing, not finite, or not above 0 where a logarithm is taken leaves its seed without x_s: that seed
+has failed.
 """
 
 from __future__ import annotations

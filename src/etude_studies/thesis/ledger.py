@@ -9,185 +9,19 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from etude.errors import UsageError
 from etude_studies.thesis import ledger_checks as checks
+from etude_studies.thesis.ledger_checks import CLAIMS, TABLES
+from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Part, Row
 
 HERE = Path(__file__).parent
-CLAIMS, TABLES = "claims.toml", "tables.toml"
+__all__ = ["Ambiguity", "Claim", "Entry", "Ledger", "Part", "Row", "load_ledger"]
 
-Kind = Literal["own", "mech", "obs", "cited", "alias"]
-Family = Literal["", "chapter5", "chapter6"]
-Statistic = Literal[
-    "ratio",
-    "ratio_each",
-    "rises",
-    "slope",
-    "value",
-    "gap",
-    "shrinks",
-    "rank",
-    "reach",
-    "spread",
-    "largest",
-    "smallest",
-]
-Direction = Literal["less", "more", "equal"]
 Item = TypeVar("Item")
-
-
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Frozen; a key that is no field is refused."""
-
-
-class Part(_Strict, frozen=True):
-    """One number x a seed, and what is claimed of its mean.
-
-    Attributes:
-        statistic: how x is made of the measure M; logs are natural.
-            ratio: mean over `at` of log(M_a / M_b). ratio_each: the same at each k alone, and all must hold.
-            rises: share of steps k -> k + 1 within `at` at which M_a rises by > 2 %, minus that of b if given.
-            slope: mean decrease of log M_a per trajectory between at[0] and at[1], minus that of b (a, if not
-            given) between against[0] and against[1]; without `against` and b the decrease itself.
-            value: mean over `at` of M_a, minus `bound` (log: of the logs of both).
-            gap: |log(M_a / M_b)| - |log(M_c / M_d)|, or minus log(bound) without c.
-            shrinks: |log(M_a / M_b)| at at[0] minus that at at[-1].
-            rank: rank of M_a among `among` (1 = least), minus `bound`.
-            reach: log of the trajectories that a needs to reach b's value at at[-1], minus log at[-1].
-            spread: log(largest / smallest M over `among`) - log(bound).
-            largest, smallest: log of M_a of `part` over the largest (smallest) of the other parts.
-        claim: x is "less" or "more" than 0, or "equal": |x| within log `margin`.
-        measure, test, part: columns of the results; `part` a joint, a command or "mean".
-        a, b, c, d, among: sources, "RUN" or "RUN:model".
-        at, against: numbers of trajectories learned, k; of timings the numbers of points.
-        printed: M_a / M_b by the numbers that the thesis printed, where it did.
-    """
-
-    statistic: Statistic
-    claim: Direction
-    measure: str
-    a: str = ""
-    b: str = ""
-    c: str = ""
-    d: str = ""
-    among: tuple[str, ...] = ()
-    at: tuple[int, ...] = ()
-    against: tuple[int, ...] = ()
-    test: str = ""
-    part: str = "mean"
-    bound: float | None = None
-    log: bool = False
-    margin: float = 1.15
-    printed: float | None = None
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        """All that this part reads, each once, in the order a, b, c, d, among."""
-        return tuple(dict.fromkeys(filter(None, (self.a, self.b, self.c, self.d, *self.among))))
-
-
-class Claim(_Strict, frozen=True):
-    """One sentence of the thesis that something can be asked about.
-
-    Attributes:
-        id: "C<section>-<number>"; "CA-<number>" in the abstract.
-        quote: the sentence, or pieces of it, word for word.
-        kind: own (the thesis's result), mech (its explanation), obs (one run described), cited (others'
-            result), alias (says again what the claims of `alias_of` say).
-        family: within which several tests are corrected for; "" for kinds other than own.
-        rests_on: ids of entries.
-        seeds: planned, per run.
-        combine: whether all parts must hold, or any.
-        thesis: its own numbers, in words. note: how it is tested, and what that leaves out.
-        contradicts: what else in the thesis says otherwise. untestable: why no part can answer it.
-        simulated: a claim about hardware, answered in simulation.
-    """
-
-    id: str
-    section: str
-    quote: tuple[str, ...]
-    kind: Kind
-    family: Family = ""
-    rests_on: tuple[str, ...] = ()
-    alias_of: tuple[str, ...] = ()
-    seeds: int = 20
-    combine: Literal["all", "any"] = "all"
-    thesis: str = ""
-    note: str = ""
-    contradicts: str = ""
-    untestable: str = ""
-    simulated: bool = False
-    parts: tuple[Part, ...] = msgspec.field(default=(), name="part")
-
-
-class Row(_Strict, frozen=True):
-    """One row of a table, or curve of a figure.
-
-    Attributes:
-        run: its source. at: its k, where they are not the entry's. seeds: where fewer than the entry's.
-        printed: the thesis's numbers, one a column other than "mean"; empty where it printed none.
-    """
-
-    label: str
-    run: str
-    at: tuple[int, ...] = ()
-    seeds: int = 0
-    printed: tuple[float, ...] = ()
-
-
-class Entry(_Strict, frozen=True):
-    """One figure or table.
-
-    Attributes:
-        id: "table-6.9", "figure-6.10". title: its caption.
-        kind: table, curve (over k), trace (over time) or bars.
-        measure, test, part: columns of the results; `part` only where all columns are of one joint.
-        at: numbers of trajectories learned, k.
-        lines: sources that every table carries beside its rows. beside: the default protocol's runs.
-        sensitivity: runs that show what another reading changes. ambiguous: ids of ambiguities.
-        printed_words: what the thesis says of a picture whose numbers it does not print.
-    """
-
-    id: str
-    title: str
-    section: str
-    kind: Literal["table", "curve", "trace", "bars"]
-    measure: str
-    unit: str
-    at: tuple[int, ...]
-    columns: tuple[str, ...]
-    test: str
-    seeds: int
-    part: str = ""
-    lines: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
-    sensitivity: tuple[str, ...] = ()
-    ambiguous: tuple[str, ...] = ()
-    printed_words: str = ""
-    note: str = ""
-    rows: tuple[Row, ...] = msgspec.field(default=(), name="row")
-
-    @property
-    def command(self) -> str:
-        """What makes it again."""
-        return f"etude study run {self.id}"
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        """All that this entry shows, each once."""
-        rows = (row.run for row in self.rows)
-        return tuple(dict.fromkeys((*rows, *self.lines, *self.beside, *self.sensitivity)))
-
-
-class Ambiguity(_Strict, frozen=True):
-    """What the thesis leaves open, and how it is read here."""
-
-    id: str
-    what: str
-    resolution: str
 
 
 class Ledger(msgspec.Struct, frozen=True, dict=True):
@@ -273,6 +107,6 @@ def _made(kind: type[Item], tables: dict[str, Any], key: str, file: str) -> tupl
         try:
             made.append(msgspec.convert(table, kind))
         except msgspec.ValidationError as problem:
-            step = f"Keys and values are described in {kind.__name__} of ledger.py."
+            step = f"Keys and values are described in {kind.__name__} of ledger_items.py."
             raise UsageError(str(problem), where=f"{file}, {id}", next_step=step) from None
     return tuple(made)

@@ -9,9 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 from etude.errors import UsageError
+from etude_studies.thesis import parts
 
 if TYPE_CHECKING:
-    from etude_studies.thesis.ledger import Claim, Entry, Ledger, Part
+    from etude_studies.thesis.ledger import Ledger
+    from etude_studies.thesis.ledger_items import Claim, Entry, Part
 
 Item = TypeVar("Item")
 
@@ -22,29 +24,46 @@ FIGURES = ("2.3", *(f"5.{i}" for i in range(1, 9)), *(f"6.{i}" for i in range(1,
 TABLES_PRINTED = tuple(f"6.{i}" for i in range(1, 13))
 ENTRIES = (*(f"figure-{i}" for i in FIGURES), *(f"table-{i}" for i in TABLES_PRINTED))
 """All figures with something computed in them, and all tables, of the thesis."""
-MEASURES = frozenset(
-    """error error_rms variance variance_noisy z2 coverage68 coverage95 spearman nmse nlpd nlpd_train nlml
-    feedback_share feedback_median feedback_p95 jerk reversal_share undershoot undershoot_max undershoot_min
-    spike stuck_share mae deviation signal_sd noise_sd length length_change nearest ahead_variance ahead_mae
-    cpu_train cpu_predict cpu_design kernel_rms kernel predict_s train_s swap_s slope_mean slope_variance
-    slope_train position angle command""".split()
+MEASURES = (
+    *("error", "error_rms", "angle"),
+    *(
+        "variance",
+        "variance_noisy",
+        "deviation",
+        "z2",
+        "coverage68",
+        "coverage95",
+        "spearman",
+        "nmse",
+        "nlpd",
+        "nlpd_train",
+        "nlml",
+    ),
+    *("command", "feedback_share", "feedback_median", "feedback_p95"),
+    *("jerk", "reversal_share", "undershoot", "undershoot_max", "undershoot_min", "spike", "stuck_share"),
+    *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
+    *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
+    *(
+        "cpu_train",
+        "cpu_predict",
+        "cpu_design",
+        "predict_s",
+        "train_s",
+        "swap_s",
+        "slope_mean",
+        "slope_variance",
+        "slope_train",
+    ),
 )
 """Columns of results that a part or an entry may name; `length` stands for those of all inputs."""
-NEEDS: dict[str, tuple[str, ...]] = {
-    "ratio": ("a", "b", "at"),
-    "ratio_each": ("a", "b", "at"),
-    "rises": ("a", "at",),
-    "slope": ("a", "at",),
-    "value": ("a", "at", "bound"),
-    "gap": ("a", "b", "at"),
-    "shrinks": ("a", "b", "at"),
-    "rank": ("a", "among", "at", "bound"),
-    "reach": ("a", "b", "at"),
-    "spread": ("among", "at", "bound"),
-    "largest": ("a", "at",),
-    "smallest": ("a", "at",),
+OPTIONAL: Mapping[str, tuple[str, ...]] = {
+    "rises": ("b",),
+    "slope": ("b", "against"),
+    "value": ("bound",),
+    "gap": ("c", "bound"),
+    "spread": ("bound",),
 }
-"""Keys without which a statistic has no meaning."""
+"""By statistic, what it may have beside what it needs. Anything else would be read by nobody."""
 
 
 def found(items: Mapping[str, Item], id: str, what: str) -> Item:
@@ -91,35 +110,18 @@ def _check_claim(claim: Claim, kinds: Mapping[str, str]) -> None:
 
 
 def _check_part(part: Part, where: str) -> None:
-    for key in NEEDS[part.statistic]:
-        if getattr(part, key) in ("", (), None):
-            _refuse(f"has no {key}, which {part.statistic} needs", where, "Add it.")
+    try:
+        parts.check(part)
+    except UsageError as error:
+        _refuse(error.fact, where, error.next_step)
+    used = {*parts.NEEDS[part.statistic], *OPTIONAL.get(part.statistic, ())}
     for key in ("a", "b", "c", "among", "bound", "against"):
-        if not _may(part.statistic, key) and getattr(part, key) not in ("", (), None):
+        if key not in used and getattr(part, key) not in ("", (), None):
             _refuse(f"has {key}, which {part.statistic} does not use", where, "Take it out.")
+    if part.c and part.bound is not None:
+        _refuse("has both c and a bound", where, "A gap is over another gap, or over a bound.")
     _sources(part.sources, where)
     _measure(part.measure, where)
-    if bool(part.c) != bool(part.d) or (part.statistic == "gap" and bool(part.c) == (part.bound is not None)):
-        _refuse("needs both c and d, or a bound instead of them", where, "Add what is missing.")
-    if part.statistic == "rank" and part.a not in part.among:
-        _refuse(f"ranks {part.a} among sources that it is not one of", where, "Add it to among.")
-    _check_rounds(part, where)
-    if part.margin <= 1.0:
-        _refuse(f"has a margin of {part.margin}", where, "A margin is a ratio above 1.")
-
-
-def _may(statistic: str, key: str) -> bool:
-    """Whether the statistic uses that key, needed or not."""
-    optional = {"rises": ("b",), "slope": ("b", "against"), "gap": ("c", "bound")}
-    return key in NEEDS[statistic] or key in optional.get(statistic, ())
-
-
-def _check_rounds(part: Part, where: str) -> None:
-    pairs = {"slope": 2, "shrinks": 2, "rises": 2, "reach": 2}
-    if list(part.at) != sorted(set(part.at)) or len(part.at) < pairs.get(part.statistic, 1):
-        _refuse(f"has at = {list(part.at)}", where, f"Give the k of {part.statistic} in rising order.")
-    if part.statistic == "slope" and (len(part.at) != 2 or len(part.against) not in (0, 2)):
-        _refuse("needs two k in at, and two or none in against", where, "Give the ends of the decrease.")
 
 
 def _check_entry(entry: Entry, known: Sequence[str]) -> None:
@@ -141,7 +143,9 @@ def _complete(ids: Sequence[str]) -> None:
     _unique(ids, TABLES)
     missing = [id for id in ENTRIES if id not in ids]
     if missing:
-        raise UsageError(f"no entry for {', '.join(missing)}", where=TABLES, next_step="Add an [[entry]] each.")
+        raise UsageError(
+            f"no entry for {', '.join(missing)}", where=TABLES, next_step="Add an [[entry]] each."
+        )
 
 
 def _unique(ids: Iterable[str], where: str) -> None:
@@ -162,13 +166,15 @@ def _known(ids: Iterable[str], valid: Iterable[str], what: str, where: str) -> N
 def _sources(sources: Iterable[str], where: str) -> None:
     for source in sources:
         if not SOURCE.fullmatch(source):
-            _refuse(f"names {source!r}, which is no run", where, 'Write "A1", or "A1:linear" for a model beside.')
+            _refuse(
+                f"names {source!r}, which is no run", where, 'Write "A1", or "A1:linear" for a model beside.'
+            )
 
 
 def _measure(name: str, where: str) -> None:
     if name not in MEASURES:
         near = difflib.get_close_matches(name, MEASURES, 1)
-        step = f"Did you mean {near[0]}?" if near else f"There are {', '.join(sorted(MEASURES))}."
+        step = f"Did you mean {near[0]}?" if near else f"There are {', '.join(MEASURES)}."
         _refuse(f"names the measure {name!r}, which is not recorded", where, step)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,8 +63,7 @@ def sign_flip(x: ArrayLike, *, two_sided: bool = True) -> float:
     The observed signs count as one of the draws, so that p is never 0 (Phipson & Smyth 2010).
     """
     own = _checked(x)
-    signs = 2.0 * np.random.default_rng(GENERATOR).integers(0, 2, (FLIPS, len(own))) - 1.0
-    sums, observed = signs @ own, float(own.sum())
+    sums, observed = _signs(len(own), FLIPS) @ own, float(own.sum())
     if two_sided:
         sums, observed = np.abs(sums), abs(observed)
     # flips that only reorder the sum are as far out as the observed one
@@ -102,8 +102,7 @@ def bca(x: ArrayLike, level: float = 0.95) -> tuple[float, float]:
     n, mean, sd = moments(own)
     if sd == 0.0:
         return mean, mean
-    draws = np.random.default_rng(GENERATOR).integers(0, n, (RESAMPLES, n))
-    means = own[draws].mean(axis=1)
+    means = own[_resamples(n, RESAMPLES)].mean(axis=1)
     below = 0.5 * (np.mean(means < mean) + np.mean(means <= mean))
     bias, turn = float(ndtri(below)), _acceleration(own)
     z = bias + ndtri(np.array([0.5 - 0.5 * level, 0.5 + 0.5 * level]))
@@ -150,6 +149,18 @@ def benjamini_hochberg_levels(p: Sequence[float], level: float) -> Array:
     """The same for Benjamini and Hochberg."""
     own, order = _probabilities(p)
     return _back(level * np.arange(1, len(own) + 1) / max(len(own), 1), order)
+
+
+@lru_cache(maxsize=8)
+def _signs(n: int, flips: int) -> Array:
+    """(flips, n) of +-1."""
+    return 2.0 * np.random.default_rng(GENERATOR).integers(0, 2, (flips, n)) - 1.0
+
+
+@lru_cache(maxsize=8)
+def _resamples(n: int, draws: int) -> NDArray[np.int64]:
+    """(draws, n) places in a sample."""
+    return np.random.default_rng(GENERATOR).integers(0, n, (draws, n))
 
 
 def _checked(x: ArrayLike) -> Array:
