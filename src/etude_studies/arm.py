@@ -6,11 +6,9 @@ figures come from the product's own loop. A finished cell is skipped, a killed o
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +21,7 @@ from etude.errors import UsageError
 from etude.models.config import Rung
 from etude.storage import write_atomic
 from etude_studies.arm_rows import arm_rows
+from etude_studies.engines.each import each
 from etude_studies.rows import rows_json, table
 
 ROUNDS = 6
@@ -80,8 +79,7 @@ def _say(text: str) -> None:
 
 
 def _run_all(cells: list[Cell], folder: Path) -> Iterator[Cell]:
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        yield from pool.map(run_one, cells, [folder] * len(cells))
+    return each(partial(run_one, folder=folder), cells)
 
 
 def run_one(cell: Cell, folder: Path) -> Cell:

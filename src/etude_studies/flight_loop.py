@@ -8,12 +8,9 @@ after the first 5 s.
 from __future__ import annotations
 
 import json as json_module
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +24,7 @@ from etude.robots.quadrotor.plant.disturbance import Disturbance
 from etude.robots.quadrotor.plant.simulated import Start
 from etude.robots.quadrotor.voltages import GatedVoltages
 from etude.storage import write_atomic
+from etude_studies.engines.each import each
 from etude_studies.flight_world import Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table
 
@@ -156,8 +154,7 @@ def _controllers(
 
 
 def _run_all(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, dict[str, float]]]:
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        yield from pool.map(partial(run_one, folder=folder), cells)
+    return each(partial(run_one, folder=folder), cells)
 
 
 def _say(text: str) -> None:

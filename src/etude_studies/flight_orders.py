@@ -8,13 +8,10 @@ interrupted study goes on. Extreme tests are designed flights of seeds that are 
 from __future__ import annotations
 
 import json as json_module
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +23,7 @@ from etude.errors import UsageError
 from etude.robots.quadrotor.kind import KIND
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude_studies.engines.each import each
 from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures, first_round, rounds
 from etude_studies.flight_orders_rows import order_rows
 from etude_studies.flight_orders_verdicts import verdict_rows
@@ -95,20 +93,20 @@ def study_cells(
     sources = [Cell(preset, own) for preset in PRESETS for own in EXTREME_SEEDS]
     extremes: dict[str, dict[str, list[Array]]] = {p: {name: [] for name in EXTREME} for p in PRESETS}
     found: dict[str, list[dict[str, Any]]] = {preset: [] for preset in PRESETS}
-    with ProcessPoolExecutor(workers or os.cpu_count(), get_context("spawn")) as pool:
-        for cell, figures in _each(pool, sources, partial(extreme_cell, folder=folder, effort=effort)):
-            for criterion, flights in figures["flights"].items():
-                extremes[cell.preset][criterion] += [np.array(own) for own in flights]
-        work = partial(ordinary_cell, folder=folder, effort=effort, extremes=extremes)
-        for cell, figures in _each(pool, cells, work):
-            found[cell.preset].append(figures)
+    designed = partial(extreme_cell, folder=folder, effort=effort)
+    for cell, figures in _each(designed, sources, workers):
+        for criterion, flights in figures["flights"].items():
+            extremes[cell.preset][criterion] += [np.array(own) for own in flights]
+    work = partial(ordinary_cell, folder=folder, effort=effort, extremes=extremes)
+    for cell, figures in _each(work, cells, workers):
+        found[cell.preset].append(figures)
     return found
 
 
 def _each(
-    pool: ProcessPoolExecutor, cells: list[Cell], work: Callable[[Cell], dict[str, Any]]
+    work: Callable[[Cell], dict[str, Any]], cells: list[Cell], workers: int | None
 ) -> Iterator[tuple[Cell, dict[str, Any]]]:
-    for done, (cell, figures) in enumerate(zip(cells, pool.map(work, cells), strict=True), start=1):
+    for done, (cell, figures) in enumerate(zip(cells, each(work, cells, workers), strict=True), start=1):
         _say(f"{done} of {len(cells)}: {cell.name}, {figures['cpu_s']:.0f} s of CPU")
         yield cell, figures
 

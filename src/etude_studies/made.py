@@ -12,12 +12,13 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, NamedTuple
 
+from etude import __version__
 from etude_studies.rows import commit
 
 if TYPE_CHECKING:
     import polars as pl
 
-LIBRARIES = ("etude", "numpy", "scipy", "numba", "polars")
+LIBRARIES = ("numpy", "scipy", "numba", "polars")
 
 
 class Made(NamedTuple):
@@ -51,7 +52,11 @@ def _commit() -> str:
 
 
 def _versions() -> dict[str, str]:
-    return {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
+    return {
+        "etude": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+    }
 
 
 @cache

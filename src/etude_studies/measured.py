@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from etude.errors import DataError
@@ -65,7 +66,7 @@ def _checked(own: Any, source: str) -> tuple[Any, ...]:
     try:
         k, *texts, value = own
         if len(texts) == 4 and all(isinstance(text, str) for text in texts):
-            return int(k), *texts, float(value)
+            return index(k), *texts, float(value)
     except (TypeError, ValueError):
         pass
     raise _refused(f"it returned {own!r}, which is no measurement", source)

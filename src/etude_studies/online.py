@@ -7,11 +7,9 @@ file in the folder and is not run again.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import OnlineModel
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude_studies.engines.each import each
 from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude_studies.world import World, one_period
@@ -117,8 +116,7 @@ def _say(text: str) -> None:
 
 
 def _run_all(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, dict[str, Outcome]]]:
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        yield from zip(cells, pool.map(run_cell, cells, [folder] * len(cells)), strict=True)
+    return zip(cells, each(partial(run_cell, folder=folder), cells), strict=True)
 
 
 def run_cell(cell: Cell, folder: Path) -> dict[str, Outcome]:

@@ -1,27 +1,17 @@
-"""What runs measured: one small Parquet file a run, and the committed collections of all seeds."""
+"""What runs measured: the figures, the file of one run, and the committed collections of all seeds."""
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from etude.errors import DataError
-from etude.logs.frames import parquet_frame, parquet_metadata
-from etude.storage import write_atomic
+from etude_studies.collected import Results, collect
 from etude_studies.made import Made, made_by
 from etude_studies.measured import Measured, comparable, measured_table
-
-if TYPE_CHECKING:
-    import polars as pl
-
-    from etude_studies.spec import Spec
+from etude_studies.run_file import read_made, read_result, result_path, write_result
 
 __all__ = [
     "Made",
     "Measured",
+    "Results",
+    "collect",
     "comparable",
     "made_by",
     "measured_table",
@@ -30,58 +20,3 @@ __all__ = [
     "result_path",
     "write_result",
 ]
-
-FORMAT = "1"
-"""Of the files; a result of another format is computed again."""
-
-
-def result_path(folder: Path, spec: Spec) -> Path:
-    """Where a run's result is kept in a store."""
-    return Path(folder) / f"{spec.hash}.parquet"
-
-
-def write_result(path: Path, table: pl.DataFrame, spec: Spec, made: Made) -> None:
-    """Writes a result, whole or not at all. EtudeError: the disk is full or refuses."""
-    metadata = {
-        "format": FORMAT,
-        "hash": spec.hash,
-        "spec": spec.canonical(),
-        "made": json.dumps(made._asdict(), sort_keys=True),
-    }
-    write_atomic(path, parquet_bytes(table, metadata))
-
-
-def parquet_bytes(table: pl.DataFrame, metadata: dict[str, str]) -> bytes:
-    """The table as a Parquet file with its own metadata."""
-    data = io.BytesIO()
-    table.write_parquet(data, compression="zstd", compression_level=12, metadata=metadata)
-    return data.getvalue()
-
-
-def read_result(path: Path, spec: Spec) -> pl.DataFrame:
-    """The table of a run's result.
-
-    Raises:
-        DataError: it is missing, truncated, of another run, or of another format.
-    """
-    _check_format(path, "hash", spec.hash)
-    return parquet_frame(path)
-
-
-def read_made(path: Path) -> Made:
-    """Where a result comes from. DataError as `read_result`."""
-    found = _check_format(path)
-    return Made(**json.loads(found["made"]))
-
-
-def _check_format(path: Path, key: str = "", wanted: str = "") -> Mapping[str, str]:
-    found = parquet_metadata(path)
-    if found.get("format") != FORMAT:
-        raise _unfit(f"it is a result of format {found.get('format', 'unknown')}, not {FORMAT}", path)
-    if key and found.get(key) != wanted:
-        raise _unfit(f"it is of another run: {found.get(key)}, not {wanted}", path)
-    return found
-
-
-def _unfit(fact: str, path: Path) -> DataError:
-    return DataError(fact, where=str(path), next_step="Delete it; the run is then computed again.")

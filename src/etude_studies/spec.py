@@ -143,7 +143,9 @@ def _plain(value: Any, where: str) -> Any:
     if isinstance(value, Mapping):
         strange = [key for key in value if not isinstance(key, str)]
         if strange:
-            raise UsageError(f"the key {strange[0]!r} is no text", where=where, next_step="Name it by a text.")
+            raise UsageError(
+                f"the key {strange[0]!r} is no text", where=where, next_step="Name it by a text."
+            )
         return {key: _plain(own, f"{where}.{key}") for key, own in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(own, f"{where}[{i}]") for i, own in enumerate(value)]

@@ -40,7 +40,7 @@ def carry_out(spec: Spec, needs: Mapping[str, pl.DataFrame]) -> Done | Failed:
         place = f" [{error.where}]" if error.where else ""
         return Failed(f"{error.fact}{place}")
     except (Exception, SystemExit) as error:
-        return Failed(_sentence(error))
+        return Failed(in_words(error))
     return Done(table, made, not_finite(table))
 
 
@@ -58,7 +58,7 @@ def not_finite(table: pl.DataFrame) -> str:
     return f"{len(odd)} of {len(table)} values are not finite, the first is {named} at {k}"
 
 
-def _sentence(error: BaseException) -> str:
+def in_words(error: BaseException) -> str:
     """The exception, and the place in the innermost function that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" [{frames[-1].filename}, line {frames[-1].lineno}]" if frames else ""

@@ -68,14 +68,15 @@ def connect(address: str, tell: Callable[[str], None]) -> Cluster:
 
     async def answers() -> None:
         # a Client that finds nobody says so only on standard error, and long after
-        await (await knock(address, timeout=ANSWER_S)).close()
+        comm = await asyncio.wait_for(knock(address, timeout=ANSWER_S), ANSWER_S)
+        comm.abort()
 
     try:
         asyncio.run(answers())
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
-            f"no Dask scheduler answers: {error}",
+            f"no Dask scheduler answers: {str(error) or 'only silence'}",
             where=f"--cluster {address}",
             next_step="Start one with `dask scheduler`, and give the address that it prints.",
         ) from error

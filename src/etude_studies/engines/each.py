@@ -21,5 +21,9 @@ def each(work: Callable[[C], R], cells: Iterable[C], workers: int | None = None)
     """
     with Workers(workers) as pool:
         found: deque[Future[R]] = deque(pool.submit(work, cell) for cell in cells)
-        while found:
-            yield found.popleft().result()
+        try:
+            while found:
+                yield found.popleft().result()
+        except Exception:
+            pool.shutdown(cancel_futures=True)  # what the others have begun is finished, and kept in their files
+            raise

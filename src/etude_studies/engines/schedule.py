@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from etude.errors import DataError, EtudeError
 from etude.storage import TEMPORARY_PREFIX
-from etude_studies.engines.carrying import Done, Failed, carry_out
+from etude_studies.engines.carrying import Done, Failed, carry_out, in_words
 from etude_studies.engines.workers import WorkerDied
 from etude_studies.results import read_result, result_path, write_result
 from etude_studies.spec import Spec
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 LEFTOVER_S = 3600.0
-"""A temporary file of this age was left by a writer that was killed; another shard may be at a younger one."""
+"""Temporary files of this age were left by a writer that was killed; younger ones may be another shard's."""
 
 
 class Engine(Protocol):
@@ -145,6 +145,8 @@ class _Schedule:
         return True
 
     def run(self) -> Report:
+        there = f", {len(self._kept)} are there already" if self._kept else ""
+        self._tell(Event(f"{self._total} runs to do{there}", 0, self._total))
         try:
             while self._waiting or self._flying:
                 self._submit()
@@ -185,6 +187,10 @@ class _Schedule:
             found = Failed(f"{error.fact}, {self._deaths[spec]} times")
         except EtudeError as error:
             found = Failed(error.fact)
+        except (
+            Exception
+        ) as error:  # an engine's own: a module that its workers lack, an answer it cannot carry
+            found = Failed(in_words(error))
         if isinstance(found, Done):
             self._keep(spec, found)
         else:

@@ -16,6 +16,7 @@ from typing import Any
 
 from etude.errors import EtudeError
 
+BEGINS = b"begins"
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 ONE_THREAD = ("NUMBA_NUM_THREADS", "POLARS_MAX_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -32,20 +33,23 @@ def serve(pipe: connection.Connection) -> None:
         except (EOFError, OSError):
             return
         with suppress(BrokenPipeError):
-            pipe.send_bytes(_answer(work))
+            pipe.send_bytes(_answer(work, pipe))
 
 
-def _answer(work: bytes) -> bytes:
-    """(True, result) or (False, exception), packed."""
+def _answer(work: bytes, pipe: connection.Connection) -> bytes:
+    """(True, result) or (False, exception), packed; before, that the work was understood and begins."""
     try:
-        function, args, kwargs = pickle.loads(work)
+        try:
+            function, args, kwargs = pickle.loads(work)
+        finally:
+            pipe.send_bytes(BEGINS)
         return pickle.dumps((True, function(*args, **kwargs)))
     except BaseException as error:  # a call that ends its process, as sys.exit does, has failed as any other
         return _failure(error)
 
 
 def _failure(error: BaseException) -> bytes:
-    """The exception with its traceback as a note; in words where it cannot be packed or made from its pack."""
+    """The exception with its traceback as a note; in words where it cannot be packed and unpacked."""
     text = "".join(traceback.format_exception(error))
     try:
         error.add_note(f"In the worker:\n{text}")

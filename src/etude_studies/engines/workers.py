@@ -19,7 +19,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from etude.errors import EtudeError
-from etude_studies.engines.worker import serve
+from etude_studies.engines.worker import BEGINS, serve
 
 ENOUGH_S = 5.0
 """A process that was told to end and has not by then is killed."""
@@ -41,7 +41,7 @@ class Workers(Executor):
 
     Args:
         workers: how many; None for one a core.
-        limit_s: wall time that one call may take; None for any.
+        limit_s: wall time that one call may take once its process has begun it; None for any.
     """
 
     def __init__(self, workers: int | None = None, limit_s: float | None = None) -> None:
@@ -53,7 +53,7 @@ class Workers(Executor):
         self._closed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As `Executor.submit`; a call whose process dies fails with WorkerDied, an endless one TookTooLong."""
+        """As `Executor.submit`; fails with WorkerDied if its process died, TookTooLong if it was ended."""
         if self._closed:
             raise RuntimeError("the pool is closed")
         future: Future[Any] = Future()
@@ -142,6 +142,7 @@ class _Mind:
         process, pipe = self._started()
         try:
             pipe.send_bytes(work)
+            assert pipe.recv_bytes() == BEGINS  # to start and to import is not the call's own time
             ready = connection.wait([pipe, process.sentinel], self._limit_s)
             if not ready:
                 raise TookTooLong(f"it was not done after {self._limit_s:g} s and was ended")

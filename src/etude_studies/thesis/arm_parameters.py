@@ -18,8 +18,20 @@ from etude_studies.measured import Measured
 
 def parameter_figures(model: LearnedModel, before: LearnedModel | None, k: int) -> Iterator[Measured]:
     """Of every command's process: lengths by input, deviations of signal and noise in the command's unit, the
-    negative log likelihood, and how far the lengths moved from those of the model `before`.
+    negative log likelihood, and how far the lengths moved from those of the model `before`; and the means.
     """
+    yield from with_means(list(_own_figures(model, before, k)))
+
+
+def with_means(rows: list[Measured]) -> Iterator[Measured]:
+    """The rows, and of each measure the mean over commands."""
+    yield from rows
+    for name, line, k in dict.fromkeys((row.measure, row.model, row.k) for row in rows):
+        values = [row.value for row in rows if (row.measure, row.model) == (name, line)]
+        yield Measured(k, "", line, "mean", name, float(np.mean(values)))
+
+
+def _own_figures(model: LearnedModel, before: LearnedModel | None, k: int) -> Iterator[Measured]:
     known = {} if before is None else {name: lengths_of(own) for name, own, _ in _processes(before)}
     for name, posterior, factor in _processes(model):
         yield Measured(k, "", "", name, "noise_sd", factor * math.sqrt(posterior.noise_variance))
@@ -33,6 +45,10 @@ def trained_again(
     model: LearnedModel, before: LearnedModel, config: ModelConfig, k: int
 ) -> Iterator[Measured]:
     """The members kept and the hyperparameters trained from the start values: the last row of table 6.2."""
+    yield from with_means(list(_anew(model, before, config, k)))
+
+
+def _anew(model: LearnedModel, before: LearnedModel, config: ModelConfig, k: int) -> Iterator[Measured]:
     known = {name: lengths_of(own) for name, own, _ in _processes(before)}
     for name, kept, _ in _processes(model):
         assert isinstance(kept, ExactPosterior)
@@ -66,7 +82,7 @@ def _length_rows(
     for column, length in zip(model.inputs.columns, lengths, strict=False):
         yield Measured(k, "", line, name, f"length_{column[0]}_{column[1]}", float(length))
     if len(lengths) and len(known.get(name, ())) == len(lengths):
-        yield Measured(k, "", line, name, "lengths_moved", log_distance(lengths, known[name]))
+        yield Measured(k, "", line, name, "length_change", log_distance(lengths, known[name]))
 
 
 def _processes(model: LearnedModel) -> Iterator[tuple[str, Posterior, float]]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial import cKDTree
 
-from etude.contracts import Array, Index, Log
+from etude.contracts import Array, Mean
 from etude.models.model import LearnedModel
 from etude_studies.results import Measured
 from etude_studies.thesis.arm_lines import Linear
@@ -22,7 +22,15 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "pelican": ("roll", "pitch", "yaw", "thrust"),
 }
 """Of the commands, in the order of the vehicle's file; the yaw command is a rate."""
-POWERS = {"mae": 1, "mae_late": 1, "deviation": 1, "ahead_mae": 1, "variance": 2, "variance_noisy": 2, "ahead_variance": 2}
+POWERS = {
+    "mae": 1,
+    "mae_late": 1,
+    "deviation": 1,
+    "ahead_mae": 1,
+    "variance": 2,
+    "variance_noisy": 2,
+    "ahead_variance": 2,
+}
 """By which power of a command's unit these change with it; z², coverage and rank do not."""
 MOST_ROWS = 2000
 """Predicted at once, to bound memory."""
@@ -46,7 +54,9 @@ def variances_at(model: LearnedModel, X: Array) -> tuple[Array, Array]:
     latent, noise = [], []
     for candidate, posterior in zip(model.candidates, processes(model), strict=True):
         factor = candidate.units[1, 0]
-        seen = solve_triangular(posterior.L, posterior.kernel.value(posterior.theta, posterior.X, X), lower=True)
+        seen = solve_triangular(
+            posterior.L, posterior.kernel.value(posterior.theta, posterior.X, X), lower=True
+        )
         prior = posterior.kernel.diagonal(posterior.theta, X)
         latent.append(factor**2 * np.maximum(prior - np.einsum("nt,nt->t", seen, seen), 0.0))
         noise.append(factor**2 * posterior.noise_variance)
@@ -64,7 +74,7 @@ def own_figures(model: LearnedModel, test: Test) -> Iterator[Figure]:
     yield from honesty(test.command[test.judged], mean[test.judged], latent, noisy)
 
 
-def lines(settings: FlightSettings, last: Round) -> dict[str, Linear]:
+def lines(settings: FlightSettings, last: Round) -> dict[str, Mean | Linear]:
     """What else the same flights teach: linear regression, and physics as far as the vehicle is described.
 
     "identified" has the vehicle's coefficients (of set-points, weights of features), "nominal" knows mass,
@@ -72,12 +82,12 @@ def lines(settings: FlightSettings, last: Round) -> dict[str, Linear]:
     """
     world = flights_of(settings.place).world
     physics = world.kind.physics(world.spec, settings.learning.config)
-    found = {name: own(last.samples) for name, own in physics.items()}
+    found: dict[str, Mean | Linear] = {name: own(last.samples) for name, own in physics.items()}
     found["linear"] = Linear.of(last.model.inputs, last.samples.log, last.samples.command)
     return found
 
 
-def line_figures(mean: Linear, test: Test) -> Iterator[Figure]:
+def line_figures(mean: Mean | Linear, test: Test) -> Iterator[Figure]:
     """Of a line on a set of tests, each (4,)."""
     yield from _errors(test, mean.predict(test.samples.log))
 
@@ -137,8 +147,3 @@ def half_range(X: Array) -> Array:
     """(D,) of the columns of X (n, D); 1 of one that never changes."""
     found = 0.5 * np.ptp(X, axis=0)
     return np.where(found > 0.0, found, 1.0)
-
-
-def flight_rows(log: Log, group: Index, number: int) -> Log:
-    """The samples of one flight."""
-    return log.take(group == number)

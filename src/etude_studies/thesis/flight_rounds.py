@@ -1,7 +1,7 @@
 """Flight after flight of one arm of chapter 5: the first one common to all, then random or designed ones.
 
-Streams of random numbers are named by the seed and what they are for, so that no arm's luck depends on another
-arm: the noise of flight k is the same in all of them.
+Streams of random numbers are named by the seed and what they are for, so that no arm's luck depends on
+another arm: the noise of flight k is the same in all of them.
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ def undragged(inputs: Inputs) -> Inputs:
 def taught(model: LearnedModel, samples: Samples) -> LearnedModel:
     """The model on all samples, those it has first: hyperparameters and units stay (thesis 5.2).
 
-    What a campaign's schedule "first" makes of the same samples, without what only a choice among models needs.
+    What a campaign's schedule "first" makes of the same samples, without what only a choice among models
+    needs.
     """
     X = model.inputs.of_log(samples.log)
     candidates = []
@@ -138,7 +139,7 @@ def processes(model: LearnedModel) -> list[ExactPosterior]:
 
 
 def extended(known: ExactPosterior, X: Array, y: Array) -> ExactPosterior:
-    """The posterior with more points X (m, D), y (m,): its factor grows by a block, at n^2 m instead of n^3/3."""
+    """The posterior with more points X (m, D), y (m,): its factor grows by a block, at the price of n^2 m."""
     kernel, theta, n, m = known.kernel, known.theta, len(known.X), len(X)
     everything = np.concatenate([known.X, X]), np.concatenate([known.y, y])
     across = solve_triangular(known.L, kernel.value(theta, known.X, X), lower=True)

@@ -13,7 +13,7 @@ from etude.design.config import DesignConfig
 from etude_studies.flight_world import THESIS_ROOM, Flights
 
 PELICAN_ROOM = {"margin": 0.0, "vertical_margin": 0.3}
-"""The whole cylinder for the plan (thesis 5.3), less what the ground needs; its file keeps room for tracking."""
+"""The whole cylinder for the plan (thesis 5.3), less what the ground needs; its file keeps more."""
 ROOMS: Mapping[str, Mapping[str, Any]] = {"quadrotor": THESIS_ROOM, "pelican": PELICAN_ROOM}
 DIFFERENCED = {"pelican": ("angular_acceleration",)}
 """Channels of the simulated log that the real one lacks: found from the gyroscope by differences (5.3)."""

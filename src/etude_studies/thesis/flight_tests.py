@@ -1,4 +1,4 @@
-"""The flights that the models of chapter 5 are tested on: the same for all arms of a seed, and never trained on."""
+"""The flights that the models of chapter 5 are tested on: those of all arms of a seed, never trained on."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ EXTREME_CRITERIA = ("mean_variance", "info_gain")
 EXTREME_FLIGHTS = 3
 INTENDED, REFERENCE_STATES = 20, 300
 """Flights that a model is for, and states along all of them."""
-JUDGED_S = 1.0
-"""Apart are the samples of a set of tests at which variances are judged: neighbours say the same."""
+JUDGED_S, ALONE_S = 2.0, 0.1
+"""Apart are the samples at which variances are judged, of a set of flights and of a single one: neighbours
+say the same, and a variance costs as much as a thousand means."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Tests:
     @cached_property
     def deviation(self) -> Array:
         """(4,) of the commands over all sets."""
-        return np.concatenate([own.command for own in self.sets.values()]).std(axis=0)
+        return np.asarray(np.concatenate([own.command for own in self.sets.values()]).std(axis=0))
 
 
 def tests_of(settings: FlightSettings, seed: int) -> Tests:
@@ -112,10 +113,10 @@ def _tests(place: Place, counts: tuple[int, int, int], fresh: int, seed: int) ->
         for name, own in chosen.items()
     }
     alone = sets["uniform"].samples
-    sets["single"] = Test(alone.take(alone.group == 0), 0.0)
+    sets["single"] = Test(alone.take(alone.group == 0), ALONE_S)
     others = flights.drawn(np.random.default_rng([seed, FRESH]), fresh)
     logs = (_flown(place, [own], [seed, FRESH, NOISE, i]) for i, own in enumerate(others))
-    return Tests(sets, tuple(Test(own, 0.0) for own in logs))
+    return Tests(sets, tuple(Test(own, ALONE_S) for own in logs))
 
 
 def _flown(place: Place, flights: Sequence[Trajectory], stream: list[int]) -> Samples:
@@ -125,7 +126,9 @@ def _flown(place: Place, flights: Sequence[Trajectory], stream: list[int]) -> Sa
 @lru_cache(maxsize=8)
 def extreme_flights(place: Place) -> dict[str, list[Array]]:
     """Parameters of flights designed for the seeds that are used for nothing else, by criterion."""
-    settings = FlightSettings(place.vehicle, place.preset, "designed", speed=place.speed, harmonics=place.harmonics)
+    settings = FlightSettings(
+        place.vehicle, place.preset, "designed", speed=place.speed, harmonics=place.harmonics
+    )
     found: dict[str, list[Array]] = {criterion: [] for criterion in EXTREME_CRITERIA}
     for seed in EXTREME_SEEDS:
         for number, criterion in enumerate(EXTREME_CRITERIA):

@@ -26,34 +26,14 @@ ENTRIES = (*(f"figure-{i}" for i in FIGURES), *(f"table-{i}" for i in TABLES_PRI
 """All figures with something computed in them, and all tables, of the thesis."""
 MEASURES = (
     *("error", "error_rms", "angle"),
-    *(
-        "variance",
-        "variance_noisy",
-        "deviation",
-        "z2",
-        "coverage68",
-        "coverage95",
-        "spearman",
-        "nmse",
-        "nlpd",
-        "nlpd_train",
-        "nlml",
-    ),
+    *("variance", "variance_noisy", "deviation", "z2", "coverage68", "coverage95", "spearman"),
+    *("nmse", "nlpd", "nlpd_train", "nlml"),
     *("command", "feedback_share", "feedback_median", "feedback_p95"),
     *("jerk", "reversal_share", "undershoot", "undershoot_max", "undershoot_min", "spike", "stuck_share"),
     *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
     *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
-    *(
-        "cpu_train",
-        "cpu_predict",
-        "cpu_design",
-        "predict_s",
-        "train_s",
-        "swap_s",
-        "slope_mean",
-        "slope_variance",
-        "slope_train",
-    ),
+    *("cpu_train", "cpu_predict", "cpu_design", "predict_s", "train_s", "swap_s"),
+    *("slope_mean", "slope_variance", "slope_train"),
 )
 """Columns of results that a part or an entry may name; `length` stands for those of all inputs."""
 OPTIONAL: Mapping[str, tuple[str, ...]] = {

@@ -85,7 +85,7 @@ class Claim(_Strict, frozen=True):
             result), alias (says again what the claims of `alias_of` say).
         family: within which several tests are corrected for; "" for kinds other than own.
         rests_on: ids of entries.
-        seeds: planned, per run.
+        seeds: planned of the run with the fewest among those it reads.
         combine: whether all parts must hold, or any.
         thesis: its own numbers, in words. note: how it is tested, and what that leaves out.
         contradicts: what else in the thesis says otherwise. untestable: why no part can answer it.

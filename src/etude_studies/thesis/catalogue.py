@@ -1,0 +1,76 @@
+"""Every run of the thesis by name: what it is, how many seeds it is planned with, and its spec."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, partial
+from typing import Any
+
+from etude.errors import UsageError
+from etude_studies.spec import Spec
+from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, arm_spec, baseline_spec
+
+ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS = 20, 10, 60
+FEWER = {"A6": FULL_SEEDS, "X11": 3}
+"""Seeds of runs that would take days: full regression on 3,000 points; a spectrum on 36,000."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One row of the catalogue.
+
+    Attributes:
+        name: as claims and tables call it. what: a sentence.
+        seeds: planned. spec: of a seed.
+    """
+
+    name: str
+    what: str
+    seeds: int
+    spec: Callable[[int], Spec]
+
+    def specs(self, seeds: Sequence[int]) -> list[Spec]:
+        """One for each seed."""
+        return [self.spec(seed) for seed in seeds]
+
+
+@cache
+def catalogue() -> Mapping[str, Run]:
+    """All runs by name."""
+    from etude_studies.thesis.flights import FLIGHT_RUNS
+    from etude_studies.thesis.small_runs import SMALL_RUNS
+
+    runs = [
+        *(Run(name, what, ARM_SEEDS, partial(baseline_spec, own)) for name, (what, own) in CONTROLLERS.items()),
+        *(
+            Run(name, what, FEWER.get(name, ARM_SEEDS), partial(arm_spec, settings))
+            for name, (what, settings) in ARM_RUNS.items()
+        ),
+        *(
+            Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(settings)))
+            for name, (what, settings) in FLIGHT_RUNS.items()
+        ),
+        *(Run(name, what, seeds, partial(_spec, function, own)) for name, what, seeds, function, own in SMALL_RUNS),
+    ]
+    return {run.name: run for run in runs}
+
+
+def flight_spec(settings: Mapping[str, Any], seed: int) -> Spec:
+    """A run of chapter 5."""
+    return Spec("etude_studies.thesis.flights:run_flights", settings, seed)
+
+
+def _spec(function: str, settings: Mapping[str, Any], seed: int) -> Spec:
+    return Spec(function, settings, seed)
+
+
+def run_named(name: str) -> Run:
+    """The run of that name. UsageError with the nearest if there is none."""
+    known = catalogue()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise UsageError(f"there is no run {name!r}", next_step=f"{hint}Known: {', '.join(known)}.")
+    return known[name]

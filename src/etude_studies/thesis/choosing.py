@@ -1,0 +1,95 @@
+"""What an id stands for: a run, a figure or table, a claim, or a group of runs."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+from etude.errors import UsageError
+from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.ledger import Claim, Entry, Ledger, load_ledger
+
+PROTOCOL = "ABSQPKTYL"
+"""First letters of the runs that the thesis's own tables, figures and claims rest on."""
+GROUPS: Mapping[str, str] = {
+    "thesis": "every table, figure and claim of the thesis, in its own protocol",
+    "sensitivity": "what the thesis leaves open, read otherwise",
+    "default": "the same questions in Étude's default protocol",
+    "beyond": "criteria, unmodelled physics and ablations in Étude's default protocol",
+    "all": "all of these",
+}
+SENSITIVITY = ("Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d", "P5u", "P5d")
+
+
+@cache
+def ledger() -> Ledger:
+    """Claims and tables, read once."""
+    return load_ledger()
+
+
+def ids() -> tuple[str, ...]:
+    """Everything that can be run or shown."""
+    own = ledger()
+    return (*GROUPS, *(e.id for e in own.entries), *(c.id for c in own.claims), *catalogue())
+
+
+def runs_of(id: str) -> tuple[str, ...]:
+    """Names of the runs behind an id, those in front that its own rows show.
+
+    Raises:
+        UsageError: there is no such id (with the nearest), or a claim that no run answers (with the reason).
+    """
+    own = ledger()
+    if id in catalogue():
+        return (id,)
+    if id in GROUPS:
+        return tuple(name for name in catalogue() if id == "all" or group_of(name) == id)
+    entry = next((one for one in own.entries if one.id == id), None)
+    if entry is not None:
+        return _there((*(row.run for row in entry.rows), *entry.lines))
+    claim = next((one for one in own.claims if one.id == id), None)
+    if claim is None:
+        raise unknown(id)
+    return _of_claim(own, claim)
+
+
+def group_of(name: str) -> str:
+    """The group that a run belongs to."""
+    if name.startswith("DP"):
+        return "default"
+    if name.startswith("D"):
+        return "beyond"
+    return "thesis" if name[0] in PROTOCOL and name not in SENSITIVITY else "sensitivity"
+
+
+def entries_of(id: str) -> tuple[Entry, ...]:
+    """The figures and tables that an id shows: itself, or what a claim rests on."""
+    own = ledger()
+    if any(entry.id == id for entry in own.entries):
+        return (own.entry(id),)
+    if any(claim.id == id for claim in own.claims):
+        return tuple(own.entry(name) for name in own.claim(id).rests_on)
+    return own.entries if id in ("thesis", "all") else ()
+
+
+def unknown(id: str) -> UsageError:
+    """What to say of an id that is none."""
+    near = difflib.get_close_matches(id, ids(), 1, cutoff=0.4)
+    hint = f"Did you mean {near[0]}? " if near else ""
+    return UsageError(
+        f"there is no {id!r} in the thesis's study", next_step=f"{hint}etude study list shows all ids."
+    )
+
+
+def _of_claim(own: Ledger, claim: Claim) -> tuple[str, ...]:
+    if claim.untestable:
+        raise UsageError(f"{claim.id} cannot be tested here: {claim.untestable}")
+    parts = [part for one in claim.alias_of or (claim.id,) for part in own.claim(one).parts]
+    return _there([source for part in parts for source in part.sources])
+
+
+def _there(sources: Sequence[str]) -> tuple[str, ...]:
+    """Runs of the sources, each once, that are studies of their own left out."""
+    names = dict.fromkeys(source.partition(":")[0] for source in sources)
+    return tuple(name for name in names if name in catalogue())
