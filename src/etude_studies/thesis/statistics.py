@@ -154,7 +154,8 @@ def benjamini_hochberg_levels(p: Sequence[float], level: float) -> Array:
 @lru_cache(maxsize=8)
 def _signs(n: int, flips: int) -> Array:
     """(flips, n) of +-1."""
-    return 2.0 * np.random.default_rng(GENERATOR).integers(0, 2, (flips, n)) - 1.0
+    heads = np.random.default_rng(GENERATOR).integers(0, 2, (flips, n))
+    return np.where(heads == 1, 1.0, -1.0)
 
 
 @lru_cache(maxsize=8)
