@@ -37,7 +37,7 @@ def collect(store: Path, runs: Mapping[str, Sequence[Spec]], target: Path) -> di
     missing = {}
     for run, specs in runs.items():
         found = {}
-        for spec in specs:
+        for spec in sorted(specs, key=lambda own: own.seed):
             try:
                 found[spec] = read_result(result_path(store, spec), spec)
             except DataError:
@@ -67,7 +67,7 @@ def _collected(run: str, found: Mapping[Spec, pl.DataFrame], made: Mapping[Spec,
 def _summary(specs: Sequence[Spec], made: Sequence[Made]) -> dict[str, Any]:
     """What all seeds have in common once, what differs by seed."""
     batches: dict[str, dict[str, Any]] = {}
-    for spec, own in sorted(zip(specs, made, strict=True), key=lambda pair: pair[0].seed):
+    for spec, own in zip(specs, made, strict=True):
         common = {"commit": own.commit, "versions": own.versions, "machine": own.machine}
         batch = batches.setdefault(json.dumps(common, sort_keys=True), {**common, "seeds": []})
         batch["seeds"].append(spec.seed)

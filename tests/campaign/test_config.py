@@ -14,8 +14,8 @@ from etude.campaign.config_file import ConfigFile, config_text, load_config, par
 from etude.errors import UsageError
 from etude.trajectories.family import FourierConfig
 
-NAMES = ("default", "thesis")
 KINDS = {name: plugins.load("etude.robots", name) for name in ("arm", "quadrotor")}
+NAMES = [(kind, name) for kind, found in KINDS.items() for name in found.presets]
 
 
 def read(text: str) -> ConfigFile:
@@ -30,8 +30,7 @@ def preset(name: str, kind: str = "arm") -> CampaignConfig:
     return preset_config(KINDS[kind], name)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("kind", "name"), NAMES)
 def test_what_init_writes_reads_back(name: str, kind: str) -> None:
     config = replace(preset(name, kind), seed=11)
     found = read(config_text(config, KINDS[kind]))

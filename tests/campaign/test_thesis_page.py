@@ -1,4 +1,4 @@
-"""The configurations of docs/thesis.md are configurations, and its first one is the preset."""
+"""The configurations of docs/thesis_settings.md are configurations, and its first one is the preset."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from etude import plugins
 from etude.campaign.config import CampaignConfig, preset_config
 from etude.campaign.config_file import parse_config
 
-PAGE = (Path(__file__).parents[2] / "docs" / "thesis.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "thesis_settings.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 
 
 def parsed(text: str) -> CampaignConfig:
-    return parse_config(text.encode(), "docs/thesis.md").config
+    return parse_config(text.encode(), "docs/thesis_settings.md").config
 
 
 def preset(name: str) -> CampaignConfig:

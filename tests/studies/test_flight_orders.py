@@ -161,18 +161,6 @@ def test_a_finished_cell_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert ordinary_cell(Cell(PRESET, 4), tmp_path, SMALL, extremes)["cpu_s"] == 4.0
 
 
-class Serial:
-    """A pool of this process alone."""
-
-    def __init__(self, *_: Any) -> None: ...
-    def __enter__(self) -> Serial:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-    def map(self, function: Any, items: Any) -> Iterator[Any]:
-        return map(function, items)
-
-
 def test_extremes_are_of_other_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given, designed = {}, []
 
@@ -184,7 +172,7 @@ def test_extremes_are_of_other_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyP
         given[preset, seed] = [float(own[0]) for name in EXTREME for own in extremes[name]]
         return {"cpu_s": 0.0}
 
-    monkeypatch.setattr(flight_orders, "ProcessPoolExecutor", Serial)
+    monkeypatch.setattr(flight_orders, "each", lambda work, cells, _: map(work, cells))
     monkeypatch.setattr(flight_orders, "designed_flights", flights)
     monkeypatch.setattr(flight_orders, "cell_measures", figures)
     found = flight_orders.study_cells(range(5, 7), tmp_path, SMALL)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
 
 from etude import plugins
 from etude.errors import UsageError
@@ -12,6 +13,34 @@ from etude.errors import UsageError
 GROUP, BENCH = "etude.studies", "bench_"
 FLAGS = {"pythons": "--python", "logs": "--logs"}
 """Options that must not be given in vain."""
+
+
+class Listed(Protocol):
+    """One row of `etude study list`: what it is asked for by, a line, committed seeds, a verdict's word."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def what(self) -> str: ...
+    @property
+    def seeds(self) -> int: ...
+    @property
+    def verdict(self) -> str: ...
+    @property
+    def command(self) -> str: ...
+
+
+class Room(Protocol):
+    """A study of many ids: an object in the place of a function. Text is for people, data for machines."""
+
+    def rows(self) -> Sequence[Listed]: ...
+    def knows(self, id: str) -> bool: ...
+    def refuse(self, id: str) -> UsageError: ...
+    def run(
+        self, id: str, options: Mapping[str, Any], say: Callable[[str], None]
+    ) -> tuple[str, dict[str, Any]]: ...
+    def show(self, id: str) -> tuple[str, dict[str, Any]]: ...
+    def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]: ...
 
 
 def run_study(
@@ -39,6 +68,36 @@ def run_study(
         if optional.get(option) and option not in taken:
             raise UsageError(f"{what} {name!r} has no use for {flag}", where=flag, next_step="Leave it out.")
     function(**options, **more, **{key: value for key, value in optional.items() if key in taken})
+
+
+def functions() -> dict[str, str]:
+    """Studies that are a function each: name -> what the first line of its module says."""
+    found = {}
+    for name in _known("study"):
+        own = plugins.load(GROUP, name)
+        if not hasattr(own, "rows"):
+            told = inspect.getdoc(inspect.getmodule(own)) or ""
+            found[name] = told.partition("\n")[0].partition(": ")[2]
+    return found
+
+
+def rooms() -> list[Room]:
+    """Studies of many ids."""
+    loaded = [plugins.load(GROUP, name) for name in _known("study")]
+    return [own for own in loaded if hasattr(own, "rows")]
+
+
+def room_of(id: str) -> Room | None:
+    """The study that knows this id."""
+    return next((room for room in rooms() if room.knows(id)), None)
+
+
+def no_study(id: str) -> UsageError:
+    """What to say of an id that no study knows."""
+    return next(
+        (room.refuse(id) for room in rooms()),
+        UsageError(f"there is no study {id!r}", next_step=f"Known: {', '.join(functions())}."),
+    )
 
 
 def _known(what: str) -> dict[str, str]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from typing import TypeVar
 
+from etude_studies.engines.waiting import first_done
 from etude_studies.engines.workers import Workers
 
 C = TypeVar("C")
@@ -23,6 +24,7 @@ def each(work: Callable[[C], R], cells: Iterable[C], workers: int | None = None)
         found: deque[Future[R]] = deque(pool.submit(work, cell) for cell in cells)
         try:
             while found:
+                first_done([found[0]])
                 yield found.popleft().result()
         except Exception:
             pool.shutdown(cancel_futures=True)  # what the others have begun is finished, and kept in their files

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from etude.errors import DataError, EtudeError
 from etude.storage import TEMPORARY_PREFIX
 from etude_studies.engines.carrying import Done, Failed, carry_out, in_words
+from etude_studies.engines.waiting import first_done
 from etude_studies.engines.workers import WorkerDied
 from etude_studies.results import read_result, result_path, write_result
 from etude_studies.spec import Spec
@@ -150,8 +151,7 @@ class _Schedule:
         try:
             while self._waiting or self._flying:
                 self._submit()
-                done, _ = wait(self._flying, return_when=FIRST_COMPLETED)
-                for future in done:
+                for future in first_done(self._flying):
                     self._finish(self._flying.pop(future), future)
         finally:
             for future in self._flying:

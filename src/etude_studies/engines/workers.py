@@ -19,7 +19,8 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from etude.errors import EtudeError
-from etude_studies.engines.worker import BEGINS, serve
+from etude_studies.engines.waiting import ended
+from etude_studies.engines.worker import serve
 
 ENOUGH_S = 5.0
 """A process that was told to end and has not by then is killed."""
@@ -71,7 +72,7 @@ class Workers(Executor):
             for _ in self._minds:
                 self._calls.put(None)
         for mind in self._minds if wait else ():
-            mind.thread.join()
+            ended(mind.thread)
 
     def end(self) -> None:
         """Kills the processes at once, whatever they do."""
@@ -142,7 +143,7 @@ class _Mind:
         process, pipe = self._started()
         try:
             pipe.send_bytes(work)
-            assert pipe.recv_bytes() == BEGINS  # to start and to import is not the call's own time
+            pipe.recv_bytes()  # it begins: to start and to import is not the time of the call
             ready = connection.wait([pipe, process.sentinel], self._limit_s)
             if not ready:
                 raise TookTooLong(f"it was not done after {self._limit_s:g} s and was ended")

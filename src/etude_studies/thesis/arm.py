@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import polars as pl
@@ -31,7 +31,7 @@ from etude_studies.thesis.arm_measures import (
 )
 from etude_studies.thesis.arm_motions import LEARN, NOISE, designed, recorded, test_motions, training_motions
 from etude_studies.thesis.arm_parameters import parameter_figures, trained_again
-from etude_studies.thesis.arm_settings import ArmSettings
+from etude_studies.thesis.arm_settings import ArmSettings, world_of
 from etude_studies.world import World
 
 PRIMARY = "fourier"
@@ -187,8 +187,8 @@ def baseline(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
     """A controller that learns nothing: the same figures at every k, so that tables can draw them as lines.
 
     Args:
-        settings: `robot`, `rounds`, and `controller`: "pd", "exact", or "frictionless", the exact inverse of
-            the same arm without friction.
+        settings: `robot`, `rounds`, and `controller`: "pd", "exact", "frictionless", the exact inverse of the
+            same arm without friction, or "nominal", that of arm4.
     """
     own = ArmSettings(settings["robot"], rounds=settings["rounds"])
     robot: Any = own.world.robot
@@ -196,6 +196,7 @@ def baseline(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
     controllers: dict[str, Controller | None] = {
         "pd": None,
         "exact": PerfectController(robot),
+        "nominal": PerfectController(cast("Any", world_of("arm4", "thesis").robot)),
         "frictionless": PerfectController(robot.changed(friction=1e-9)),
     }
     for name, motion in test_motions(own.robot, seed).items():

@@ -113,6 +113,17 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
     "DP3": ("default protocol, ladder, random", _default("auto")),
     "DP4": ("default protocol, ladder, designed by log_ivr", _default("auto", "log_ivr")),
 }
+_SMALL: Settings = {"points": 40, "fit_points": 40, "steps": 2}
+MINIATURE: Mapping[str, tuple[str, Settings]] = {
+    "mA1": ("A1 in miniature", _dictionary(rounds=2, model=_SMALL, beside=True, again=2)),
+    "mA5": ("A5 in miniature", _dictionary(rule="variance", rounds=2, model=_SMALL)),
+    "mA6": ("A6 in miniature", {"rounds": 2, "data": DOWNSAMPLED, "model": {"process": "exact", **_SMALL}}),
+    "mA7": ("A7 in miniature", _dictionary(motions="designed", rounds=2, model=_SMALL)),
+    "mS1": ("S1 in miniature", _spectrum(1, rounds=2, model={"basis": 10, "fit_points": 60})),
+    "mS5": ("S5 in miniature", _spectrum(1, learned=False, rounds=2, model={"basis": 10, "fit_points": 60})),
+    "mDP1": ("DP1 in miniature", _default("gp", rounds=2, model={"points": 60, "steps": 5})),
+}
+"""A run of each family that takes seconds: does all of it work here?"""
 CONTROLLERS = {
     "B0": ("feedback alone", "pd"),
     "B1": ("exact inverse", "exact"),
@@ -129,7 +140,7 @@ def arm_spec(settings: Mapping[str, Any], seed: int) -> Spec:
     return Spec("etude_studies.thesis.arm:run", settings, seed, [draws])
 
 
-def baseline_spec(controller: str, seed: int) -> Spec:
+def baseline_spec(controller: str, seed: int, robot: str = "arm4") -> Spec:
     """A line that learns nothing."""
-    settings = {"robot": "arm4", "rounds": LONG, "controller": controller}
+    settings = {"robot": robot, "rounds": LONG, "controller": controller}
     return Spec("etude_studies.thesis.arm:baseline", settings, seed)

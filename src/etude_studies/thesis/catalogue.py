@@ -10,9 +10,11 @@ from typing import Any
 
 from etude.errors import UsageError
 from etude_studies.spec import Spec
-from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, arm_spec, baseline_spec
+from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, MINIATURE, arm_spec, baseline_spec
+from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
 
-ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS = 20, 10, 60
+ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 10, 60, 20
+SMALL_SEEDS = 2
 FEWER = {"A6": FULL_SEEDS, "X11": 3}
 """Seeds of runs that would take days: full regression on 3,000 points; a spectrum on 36,000."""
 
@@ -42,18 +44,21 @@ def catalogue() -> Mapping[str, Run]:
     from etude_studies.thesis.flights import FLIGHT_RUNS
     from etude_studies.thesis.small_runs import SMALL_RUNS
 
-    runs = [
-        *(Run(name, what, ARM_SEEDS, partial(baseline_spec, own)) for name, (what, own) in CONTROLLERS.items()),
-        *(
-            Run(name, what, FEWER.get(name, ARM_SEEDS), partial(arm_spec, settings))
-            for name, (what, settings) in ARM_RUNS.items()
-        ),
-        *(
-            Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(settings)))
-            for name, (what, settings) in FLIGHT_RUNS.items()
-        ),
-        *(Run(name, what, seeds, partial(_spec, function, own)) for name, what, seeds, function, own in SMALL_RUNS),
-    ]
+    runs = []
+    for name, (what, controller) in CONTROLLERS.items():
+        runs.append(Run(name, what, ARM_SEEDS, partial(baseline_spec, controller)))
+    for name, (what, settings) in ARM_RUNS.items():
+        runs.append(Run(name, what, FEWER.get(name, ARM_SEEDS), partial(arm_spec, settings)))
+    for name, (what, settings) in BEYOND_RUNS.items():
+        runs.append(Run(name, what, BEYOND_SEEDS, partial(arm_spec, settings)))
+    for name, (what, controller) in BEYOND_LINES.items():
+        runs.append(Run(name, what, BEYOND_SEEDS, partial(baseline_spec, controller, robot=ROUGH)))
+    for name, (what, settings) in MINIATURE.items():
+        runs.append(Run(name, what, SMALL_SEEDS, partial(arm_spec, settings)))
+    for name, (what, flight) in FLIGHT_RUNS.items():
+        runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(flight))))
+    for name, what, seeds, function, own in SMALL_RUNS:
+        runs.append(Run(name, what, seeds, partial(_spec, function, own)))
     return {run.name: run for run in runs}
 
 

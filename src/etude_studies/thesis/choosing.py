@@ -17,7 +17,8 @@ GROUPS: Mapping[str, str] = {
     "sensitivity": "what the thesis leaves open, read otherwise",
     "default": "the same questions in Étude's default protocol",
     "beyond": "criteria, unmodelled physics and ablations in Étude's default protocol",
-    "all": "all of these",
+    "miniature": "a run of each family that takes seconds",
+    "all": "all but the miniature",
 }
 SENSITIVITY = ("Q6u", "Q6d", "Q7u", "Q7d", "Q8u", "Q8d", "P5u", "P5d")
 
@@ -44,7 +45,9 @@ def runs_of(id: str) -> tuple[str, ...]:
     if id in catalogue():
         return (id,)
     if id in GROUPS:
-        return tuple(name for name in catalogue() if id == "all" or group_of(name) == id)
+        whole = [own for own in GROUPS if own not in ("miniature", "all")]
+        wanted = whole if id == "all" else [id]
+        return tuple(name for name in catalogue() if group_of(name) in wanted)
     entry = next((one for one in own.entries if one.id == id), None)
     if entry is not None:
         return _there((*(row.run for row in entry.rows), *entry.lines))
@@ -56,6 +59,8 @@ def runs_of(id: str) -> tuple[str, ...]:
 
 def group_of(name: str) -> str:
     """The group that a run belongs to."""
+    if name.startswith("m"):
+        return "miniature"
     if name.startswith("DP"):
         return "default"
     if name.startswith("D"):

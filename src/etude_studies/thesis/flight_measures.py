@@ -10,12 +10,12 @@ from scipy.spatial import cKDTree
 
 from etude.contracts import Array, Mean
 from etude.models.model import LearnedModel
-from etude_studies.results import Measured
+from etude_studies.measured import Measured
 from etude_studies.thesis.arm_lines import Linear
 from etude_studies.thesis.arm_measures import Figure, honesty
 from etude_studies.thesis.flight_rounds import Round, processes
 from etude_studies.thesis.flight_settings import FlightSettings, flights_of
-from etude_studies.thesis.flight_tests import Test
+from etude_studies.thesis.flight_tests import FlightSet
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "quadrotor": ("motor1", "motor2", "motor3", "motor4"),
@@ -64,14 +64,16 @@ def variances_at(model: LearnedModel, X: Array) -> tuple[Array, Array]:
     return found, found + np.array(noise)
 
 
-def own_figures(model: LearnedModel, test: Test) -> Iterator[Figure]:
+def own_figures(model: LearnedModel, test: FlightSet) -> Iterator[Figure]:
     """Of the processes on a set of tests, each (4,)."""
     X = model.inputs.of_log(test.samples.log)
     mean = means_at(model, X)
     yield from _errors(test, mean)
     latent, noisy = variances_at(model, X[test.judged])
     yield "deviation", np.sqrt(latent).mean(axis=0)
-    yield from honesty(test.command[test.judged], mean[test.judged], latent, noisy)
+    for name, values in honesty(test.command[test.judged], mean[test.judged], latent, noisy):
+        # a deviation that is the same everywhere, as far from all data, ranks nothing
+        yield name, np.nan_to_num(values) if name == "spearman" else values
 
 
 def lines(settings: FlightSettings, last: Round) -> dict[str, Mean | Linear]:
@@ -87,18 +89,18 @@ def lines(settings: FlightSettings, last: Round) -> dict[str, Mean | Linear]:
     return found
 
 
-def line_figures(mean: Mean | Linear, test: Test) -> Iterator[Figure]:
+def line_figures(mean: Mean | Linear, test: FlightSet) -> Iterator[Figure]:
     """Of a line on a set of tests, each (4,)."""
     yield from _errors(test, mean.predict(test.samples.log))
 
 
-def _errors(test: Test, predicted: Array) -> Iterator[Figure]:
+def _errors(test: FlightSet, predicted: Array) -> Iterator[Figure]:
     error = np.abs(test.command - predicted)
     yield "mae", test.flight_mean(error)
     yield "mae_late", test.flight_mean(error, test.late)
 
 
-def ahead_figures(model: LearnedModel, test: Test) -> Iterator[Figure]:
+def ahead_figures(model: LearnedModel, test: FlightSet) -> Iterator[Figure]:
     """Of a flight that the model is about to learn, each (4,)."""
     X = model.inputs.of_log(test.samples.log)
     yield "ahead_mae", test.flight_mean(np.abs(test.command - means_at(model, X)))

@@ -38,7 +38,7 @@ say the same, and a variance costs as much as a thousand means."""
 
 
 @dataclass(frozen=True, eq=False)
-class Test:
+class FlightSet:
     """Flights of one set, as samples.
 
     Attributes:
@@ -75,7 +75,7 @@ class Test:
 
 
 @dataclass(frozen=True, eq=False)
-class Tests:
+class FlightTests:
     """Everything that the models of a seed are tested on.
 
     Attributes:
@@ -83,8 +83,8 @@ class Tests:
             over all sets.
     """
 
-    sets: dict[str, Test]
-    fresh: tuple[Test, ...]
+    sets: dict[str, FlightSet]
+    fresh: tuple[FlightSet, ...]
 
     @cached_property
     def deviation(self) -> Array:
@@ -92,13 +92,13 @@ class Tests:
         return np.asarray(np.concatenate([own.command for own in self.sets.values()]).std(axis=0))
 
 
-def tests_of(settings: FlightSettings, seed: int) -> Tests:
+def flown_tests(settings: FlightSettings, seed: int) -> FlightTests:
     """The tests of an arm; arms of one place share them."""
-    return _tests(settings.place, settings.tests, settings.flights, seed)
+    return _flown_tests(settings.place, settings.tests, settings.flights, seed)
 
 
 @lru_cache(maxsize=4)
-def _tests(place: Place, counts: tuple[int, int, int], fresh: int, seed: int) -> Tests:
+def _flown_tests(place: Place, counts: tuple[int, int, int], fresh: int, seed: int) -> FlightTests:
     flights = flights_of(place)
     chosen: dict[str, Sequence[Trajectory]] = {}
     for number, (name, count) in enumerate(zip(SETS, counts, strict=True)):
@@ -109,14 +109,14 @@ def _tests(place: Place, counts: tuple[int, int, int], fresh: int, seed: int) ->
         elif count:
             chosen[name] = flights.drawn(rng, count, name)
     sets = {
-        name: Test(_flown(place, own, [seed, TEST, SETS.index(name), NOISE]), JUDGED_S)
+        name: FlightSet(_flown(place, own, [seed, TEST, SETS.index(name), NOISE]), JUDGED_S)
         for name, own in chosen.items()
     }
     alone = sets["uniform"].samples
-    sets["single"] = Test(alone.take(alone.group == 0), ALONE_S)
+    sets["single"] = FlightSet(alone.take(alone.group == 0), ALONE_S)
     others = flights.drawn(np.random.default_rng([seed, FRESH]), fresh)
     logs = (_flown(place, [own], [seed, FRESH, NOISE, i]) for i, own in enumerate(others))
-    return Tests(sets, tuple(Test(own, ALONE_S) for own in logs))
+    return FlightTests(sets, tuple(FlightSet(own, ALONE_S) for own in logs))
 
 
 def _flown(place: Place, flights: Sequence[Trajectory], stream: list[int]) -> Samples:

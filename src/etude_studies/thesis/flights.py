@@ -22,7 +22,7 @@ import polars as pl
 
 from etude.contracts import Array
 from etude.threads import threads_for
-from etude_studies.results import Measured
+from etude_studies.measured import Measured
 from etude_studies.thesis.flight_measures import (
     PARTS,
     ahead_figures,
@@ -39,7 +39,7 @@ from etude_studies.thesis.flight_measures import (
 )
 from etude_studies.thesis.flight_rounds import Round, first_round, rounds
 from etude_studies.thesis.flight_settings import FlightSettings, flights_of
-from etude_studies.thesis.flight_tests import Test, Tests, reference, tests_of
+from etude_studies.thesis.flight_tests import FlightSet, FlightTests, flown_tests, reference
 
 AHEAD_S = 0.5
 """Between samples of a flight at which variances are taken before it is learned."""
@@ -87,7 +87,7 @@ def run_flights(
     """
     own = settings if isinstance(settings, FlightSettings) else FlightSettings(**settings)
     with threads_for(0):
-        tests, found = tests_of(own, seed), list[Measured]()
+        tests, found = flown_tests(own, seed), list[Measured]()
         unit = tests.deviation if own.vehicle == "pelican" else np.ones(4)
         last: Round | None = None
         for now in rounds(own, seed):
@@ -109,7 +109,7 @@ def _learned(vehicle: str, first: Round) -> Iterator[Measured]:
 
 def _ahead(vehicle: str, unit: Array, last: Round, now: Round) -> Iterator[Measured]:
     """Of a flight before it is learned."""
-    new = Test(now.samples.take(now.samples.group == last.number), AHEAD_S)
+    new = FlightSet(now.samples.take(now.samples.group == last.number), AHEAD_S)
     yield from by_command(vehicle, unit, now.number, "", "", ahead_figures(last.model, new))
     X, known = (last.model.inputs.of_log(own.log) for own in (new.samples, last.samples))
     scale = half_range(known[last.samples.group == 0])
@@ -130,7 +130,7 @@ def _of_flights(settings: FlightSettings, seed: int, now: Round) -> Iterator[Mea
         yield Measured(k, "", "", "mean", "cpu_design", now.cpu_design)
 
 
-def _tested(settings: FlightSettings, unit: Array, tests: Tests, now: Round) -> Iterator[Measured]:
+def _tested(settings: FlightSettings, unit: Array, tests: FlightTests, now: Round) -> Iterator[Measured]:
     """The processes and the lines beside them on every set of tests."""
     k, vehicle, beside = now.number, settings.vehicle, lines(settings, now)
     sets, spent = {**tests.sets, "fresh": tests.fresh[k - 1]}, 0.0
@@ -169,7 +169,7 @@ def flight_traces(
         *_, last = rounds(own, seed)
         path = last.logs[1].take(np.arange(len(last.logs[1])) % 2 == 0)
         test, place = (
-            tests_of(settings or FLIGHT_RUNS["P2"][1], seed).sets["single"],
+            flown_tests(settings or FLIGHT_RUNS["P2"][1], seed).sets["single"],
             PARTS[own.vehicle].index(part),
         )
         X = last.model.inputs.of_log(test.samples.log)

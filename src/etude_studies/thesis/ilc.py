@@ -1,9 +1,8 @@
 """Iterative learning control: the command for one trajectory, from run to run of that trajectory.
 
 The next feedforward is the last run's total command without its fast part: what feedback had to add is
-learned, its noise is not. A low-pass that looks both ways in time has no lag, without which the part of the
-command that the feedback gives late would never be learned. No model is assumed and none is found: the command
-is a function of time, so it says nothing of another motion (thesis 2.2).
+learned, its noise is not. The low-pass looks both ways in time and has no lag. No model is assumed and none
+is found: the command is a function of time, so it says nothing of another motion (thesis 2.2).
 """
 
 from __future__ import annotations

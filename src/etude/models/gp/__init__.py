@@ -10,10 +10,12 @@ PUBLIC = (
     "kernel_algebra",
     "kernels",
     "local",
+    "minimize",
     "single_point",
     "sogp",
     "sparse_spectrum",
     "sparse_spectrum_training",
+    "spectral_features",
     "training",
 )
 """Modules that may be used from outside."""

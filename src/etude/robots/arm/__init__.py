@@ -1,4 +1,4 @@
 """Robots of joints: arms, gantries, legs with a fixed base."""
 
-PUBLIC = ("controller", "recipe", "spec")
+PUBLIC = ("adaptive", "controller", "recipe", "spec")
 """Modules that may be used from outside."""

@@ -1,0 +1,76 @@
+"""build_site: the study's claims, verdicts and results in, a folder of static pages out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from etude.storage import write_atomic
+from etude_studies.results import Results
+from etude_studies.site import downloads
+from etude_studies.site.about import about_page
+from etude_studies.site.claim_page import claim_page
+from etude_studies.site.context import Reading, Study
+from etude_studies.site.entry_page import entry_page
+from etude_studies.site.numbers import Numbers
+from etude_studies.site.overview import overview
+from etude_studies.site.page import ABOUT, INDEX, PROTOCOLS, file_of, script, style_sheet
+from etude_studies.site.protocols import protocols_page
+from etude_studies.site.run_page import run_page
+from etude_studies.thesis.ledger import Ledger
+from etude_studies.thesis.verdicts import Verdict, judge
+
+
+def build_site(
+    ledger: Ledger,
+    verdicts: Mapping[str, Verdict],
+    results: Results,
+    folder: Path,
+    *,
+    sensitivity: Sequence[Reading] | None = None,
+    what: Mapping[str, str] | None = None,
+) -> Path:
+    """Writes the pages, and returns the first of them.
+
+    They need no network and no server, and are complete without their script. The same inputs give the same
+    bytes: what they say of dates and machines comes from the results.
+
+    Args:
+        ledger: claims and entries.
+        verdicts: by claim; one that is missing is judged from the results.
+        results: all that was measured.
+        folder: made if need be; files of the same names are replaced.
+        sensitivity: verdicts under other readings, as `readings.readings` gives them; none if None.
+        what: a sentence on each run.
+
+    Raises:
+        EtudeError: a page could not be written.
+    """
+    if not {claim.id for claim in ledger.claims} <= {*verdicts}:
+        verdicts = {**judge(ledger, results), **verdicts}
+    study = Study(ledger, verdicts, Numbers(results), sensitivity or (), what or {})
+    folder = Path(folder)
+    for name, text in pages(study):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, text.encode("utf-8"))
+    return folder / INDEX
+
+
+def pages(study: Study) -> Iterator[tuple[str, str]]:
+    """Every file by its name in the folder."""
+    yield "style.css", style_sheet()
+    yield "site.js", script()
+    yield INDEX, overview(study)
+    yield PROTOCOLS, protocols_page(study)
+    yield ABOUT, about_page(study)
+    for entry in study.ledger.entries:
+        yield file_of(entry.id), entry_page(study, entry)
+        yield f"{downloads.FOLDER}/{entry.id}.csv", downloads.entry_csv(study, entry)
+        yield f"{downloads.FOLDER}/{entry.id}.json", downloads.entry_json(study, entry)
+    for claim in study.ledger.claims:
+        yield file_of(claim.id), claim_page(study, claim)
+        yield f"{downloads.FOLDER}/{claim.id}.csv", downloads.claim_csv(study, claim)
+        yield f"{downloads.FOLDER}/{claim.id}.json", downloads.claim_json(study, claim)
+    for run in study.runs:
+        yield file_of(f"run-{run}"), run_page(study, run)

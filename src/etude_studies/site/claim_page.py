@@ -1,0 +1,224 @@
+"""The page of one claim: the quotation, what is compared, the numbers, and the verdict in a sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from etude.report.markup import Html, element, join, number, paragraph, table
+from etude_studies.site.claim_words import claimed, compared, estimate, printed_words, sentence
+from etude_studies.site.context import Study
+from etude_studies.site.dot_plot import Dot, dot_plot
+from etude_studies.site.downloads import data_links
+from etude_studies.site.entry_more import reading_name
+from etude_studies.site.marks import Style, figure
+from etude_studies.site.numbers import Summary
+from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
+from etude_studies.site.seed_plot import Strip, seed_plot
+from etude_studies.site.words import entry_name, plural
+from etude_studies.thesis.contrasts import EACH, contrasts
+from etude_studies.thesis.ledger import Claim, Part
+from etude_studies.thesis.part_verdicts import UNTESTED, PartVerdict
+from etude_studies.thesis.parts import in_logs
+from etude_studies.thesis.verdicts import Verdict
+
+KINDS = {
+    "own": "a result of the thesis",
+    "mech": "an explanation that the thesis gives",
+    "obs": "an observation of one run",
+    "cited": "what the thesis takes from others",
+    "alias": "said before in other words",
+}
+DOT = Style("c1", "circle", "")
+FACTOR, DIFFERENCE = "factor; 1 is no difference", "difference; 0 is none"
+
+
+def claim_page(study: Study, claim: Claim) -> Html:
+    """The whole page."""
+    verdict = study.verdicts[claim.id]
+    own = _parts(study, claim)
+    return page(
+        f"Claim {claim.id}",
+        element("h1", f"Claim {claim.id}"),
+        paragraph(_about(claim, verdict), class_="soft"),
+        element("blockquote", " … ".join(claim.quote)),
+        element("p", chip(verdict), " ", sentence(verdict), class_="lead verdict"),
+        _again(verdict),
+        _picture(own, verdict),
+        _table(study, own, verdict),
+        _told(claim),
+        _command(claim),
+        _readings(study, claim, verdict),
+        _seeds(study, claim),
+        _tests(own, verdict),
+    )
+
+
+def _about(claim: Claim, verdict: Verdict) -> Html:
+    kind = KINDS[claim.kind]
+    words = [f"Section {claim.section}" if claim.section[0].isdigit() else claim.section.capitalize(), kind]
+    words += ["judged in simulation in place of hardware"] if verdict.simulated else []
+    words += ["exploratory: not among the thesis's own results"] if verdict.exploratory else []
+    rests = [link(file_of(id), entry_name(id)) for id in claim.rests_on]
+    return join([" · ".join(words), *([Html(" · rests on "), join(rests, ", ")] if rests else [])], "")
+
+
+def _parts(study: Study, claim: Claim) -> list[tuple[str, Part]]:
+    """The parts that the verdict's numbers are of, with the id of their claim."""
+    claims = [study.ledger.claim(id) for id in claim.alias_of] or [claim]
+    return [(one.id, part) for one in claims for part in one.parts]
+
+
+def _again(verdict: Verdict) -> Html:
+    if not verdict.same_as:
+        return Html("")
+    links = [link(file_of(id), id) for id in verdict.same_as]
+    return paragraph("It says again ", join(links, ", "), ", and has the verdict of that.")
+
+
+def _matched(own: Sequence[tuple[str, Part]], verdict: Verdict) -> list[tuple[Part, PartVerdict]]:
+    """Each judged part with what was asked: "ratio_each" is judged once for every count."""
+    asked = [part for _, part in own for _ in (part.at if part.statistic == EACH else (0,))]
+    return list(zip(asked, verdict.parts, strict=False))
+
+
+def _picture(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+    """Estimates with intervals, the margin shaded, and what a single run would give in faint lines."""
+    drawn = [_dots(own, verdict, log=log) for log in (True, False)]
+    shown = [figure(f"estimates {place}", one) for place, one in enumerate(drawn) if one]
+    if not shown:
+        return Html("")
+    told = "Bars: 95 % interval of the mean; faint: where a single run lies; shaded: counts as equal."
+    diamond = " Hollow diamond: the thesis's own number." if any(p.printed for p in verdict.parts) else ""
+    return join([*shown, paragraph(told + diamond, class_="soft")])
+
+
+def _dots(own: Sequence[tuple[str, Part]], verdict: Verdict, *, log: bool) -> Html:
+    pairs = [(part, found) for part, found in _matched(own, verdict) if found.log is log]
+    judged = [(part, found) for part, found in pairs if found.estimate is not None]
+    if not judged:
+        return Html("")
+    dots = [_dot(found) for _, found in judged]
+    margin = judged[0][1].margin if len({found.margin for _, found in judged}) == 1 else None
+    band = None if margin is None else (1.0 / margin, margin) if log else (-margin, margin)
+    title, axis = "Estimates", FACTOR if log else DIFFERENCE
+    return dot_plot(title, dots, axis=axis, log=log, band=band, centre=1.0 if log else 0.0)
+
+
+def _dot(found: PartVerdict) -> Dot:
+    mean, low, high = (math.nan if v is None else v for v in (found.estimate, found.low, found.high))
+    own = Summary(mean, low, high, found.seeds)
+    single = None
+    if found.single_low is not None and found.single_high is not None:
+        single = found.single_low, found.single_high
+    name = f"{_number(found)} {found.word}"
+    return Dot(name, own, found.printed, DOT, single=single)
+
+
+def _number(found: PartVerdict) -> str:
+    return f"({found.part + 1})" + (f" at {found.k}" if found.k is not None else "")
+
+
+def _table(study: Study, own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+    """What is compared, part by part."""
+    items = [element("li", *_item(study, part, found)) for part, found in _matched(own, verdict)]
+    return (
+        join([element("h2", "What is compared"), element("ol", *items, class_="parts")])
+        if items
+        else Html("")
+    )
+
+
+def _item(study: Study, part: Part, found: PartVerdict) -> list[object]:
+    said = compared(part, study.what, found.k)
+    first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
+    if found.estimate is None:
+        return [*first, paragraph(word_chip(found.word), f" {found.reason}.")]
+    facts = [estimate(found), f"{found.wins} of {plural(found.seeds, 'seed')} on the claimed side"]
+    facts += [f"{plural(found.failed, 'seed')} without a number"] if found.failed else []
+    facts += [printed_words(found)] if found.printed is not None else []
+    facts += [f"{found.needed} seeds would decide it"] if found.needed else []
+    facts += [] if found.agree else ["the two tests disagree, and the weaker counts"]
+    return [*first, paragraph(word_chip(found.word), " ", "; ".join(facts), ".")]
+
+
+def _told(claim: Claim) -> Html:
+    """The thesis's own numbers, notes, and what it says otherwise elsewhere."""
+    rows = [("The thesis's own number", claim.thesis), ("How it is read", claim.note)]
+    rows += [("The thesis says otherwise", claim.contradicts)]
+    parts = [element("dt", title) + element("dd", words) for title, words in rows if words]
+    return element("dl", *map(Html, parts)) if parts else Html("")
+
+
+def _command(claim: Claim) -> Html:
+    if claim.untestable:
+        return Html("")
+    words = f"etude study run {claim.id} --seeds {claim.seeds}"
+    told = paragraph("The command that computes these numbers again, with as many seeds as planned:")
+    return join([told, command(words), command(f"etude study show {claim.id}"), data_links(claim.id)])
+
+
+def _readings(study: Study, claim: Claim, verdict: Verdict) -> Html:
+    found = study.readings_of(claim)
+    if not found:
+        return Html("")
+    rows: list[list[object]] = [["as above", chip(verdict), ""]]
+    for own, other in found:
+        estimates = [estimate(part) for part in other.parts[:1]]
+        rows.append([reading_name(own), chip(other), *estimates])
+    on = study.depends(claim)
+    note = f"depends on: {'; '.join(on)}" if on else "none of them turns the verdict round"
+    return folded(
+        "The verdict under other readings", table(["read so", "verdict", "first comparison"], rows), note=note
+    )
+
+
+def _seeds(study: Study, claim: Claim) -> Html:
+    """x of each seed, as a factor where it is a logarithm."""
+    drawn = []
+    for index, part in enumerate(claim.parts):
+        log = in_logs(part)
+        strips: list[Strip] = []
+        for found in contrasts(part, study.numbers, seeds=claim.seeds):
+            values = {seed: math.exp(x) if log else x for seed, x in found.x.items()}
+            name = f"({index + 1})" + (f" at {found.k}" if found.k is not None else "")
+            if values:
+                strips.append((name, values, DOT, {}))
+        if strips:
+            axis, centre = (FACTOR, 1.0) if log else (DIFFERENCE, 0.0)
+            drawn.append(
+                figure(
+                    f"seeds {index}", seed_plot(f"Seeds of ({index + 1})", strips, axis=axis, centre=centre)
+                )
+            )
+    return folded("Every seed", join(drawn)) if drawn else Html("")
+
+
+def _tests(own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+    """All numbers of the tests, for who wants to check the rule."""
+    rows = [
+        [
+            _number(found),
+            _interval(found.low, found.high),
+            _interval(found.narrow_low, found.narrow_high),
+            _interval(found.bca_low, found.bca_high),
+            number(found.sd),
+            f"{number(found.p, 2)} / {number(found.p_permutation, 2)}",
+            f"{number(found.p_adjusted, 2)} / {number(found.p_permutation_adjusted, 2)}",
+            f"{found.seeds} of {found.planned}",
+        ]
+        for _, found in _matched(own, verdict)
+        if found.word != UNTESTED
+    ]
+    if not rows:
+        return Html("")
+    header = ["", "95 %", "90 %", "bootstrap 95 %", "sd", "p (t / sign flips)", "adjusted", "seeds"]
+    return folded(
+        "The tests in full",
+        table(header, rows),
+        paragraph(link("about.html#rule", "The rule."), class_="soft"),
+    )
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return f"[{number(low)}, {number(high)}]"

@@ -1,0 +1,61 @@
+"""Everything that the pages are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from etude_studies.site.numbers import Numbers
+from etude_studies.thesis.ledger import Claim, Entry, Ledger
+from etude_studies.thesis.verdicts import Verdict
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The verdicts where the thesis is read otherwise, or another protocol takes its place.
+
+    Attributes:
+        name: a few words. ambiguity: id of what is read otherwise; "" if nothing of the thesis is.
+        replace: runs by those that take their place. verdicts: of the claims that this touches.
+    """
+
+    name: str
+    ambiguity: str
+    replace: Mapping[str, str]
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the site shows.
+
+    Attributes:
+        ledger: claims and entries. verdicts: by claim. numbers: the results.
+        readings: verdicts under other readings. what: a sentence on each run.
+    """
+
+    ledger: Ledger
+    verdicts: Mapping[str, Verdict]
+    numbers: Numbers
+    readings: Sequence[Reading]
+    what: Mapping[str, str]
+
+    @cached_property
+    def runs(self) -> tuple[str, ...]:
+        """Runs that have a page: those that the ledger names, and all that have results."""
+        return tuple(sorted({*self.ledger.runs(), *self.numbers.results.runs}))
+
+    def readings_of(self, claim: Claim) -> list[tuple[Reading, Verdict]]:
+        """Those that touch a claim."""
+        return [(own, own.verdicts[claim.id]) for own in self.readings if claim.id in own.verdicts]
+
+    def depends(self, claim: Claim) -> tuple[str, ...]:
+        """Names of the readings under which another of the three words of a decision stands."""
+        decided = ("holds", "reversed", "tie")
+        word = self.verdicts[claim.id].word
+        others = ((own, verdict.word) for own, verdict in self.readings_of(claim))
+        return tuple(own.name for own, other in others if {word, other} <= set(decided) and word != other)
+
+    def claims_of(self, entry: Entry) -> tuple[Claim, ...]:
+        return self.ledger.claims_of(entry.id)

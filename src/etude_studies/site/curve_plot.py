@@ -1,0 +1,145 @@
+"""Curves over the number of trajectories, with bands, printed numbers, and other lines in grey."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.report.markup import Html, text
+from etude.report.scales import Axis, Scale
+from etude.report.svg import Mark, panel, polyline
+from etude_studies.site.dot_plot import FAR, WIDE, interval_text
+from etude_studies.site.marks import Style, label, printed_sign, sign
+from etude_studies.site.numbers import Summary
+
+Array = NDArray[np.float64]
+SIZE = (400, 300)
+APART = 12.0
+"""Between names of lines, px."""
+ALIKE = 1e-6
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One series: means with a band of their intervals.
+
+    Attributes:
+        at: counts. found: summaries at them. printed: the thesis's numbers by count.
+    """
+
+    name: str
+    found: Mapping[int, Summary]
+    look: Style
+    printed: Mapping[int, float]
+    label: str = ""
+    style: str = ""
+
+    def extent(self) -> tuple[Array, Array]:
+        means = [own.mean for own in self.found.values()]
+        bounds = [v for own in self.found.values() for v in (own.low, own.high)]
+        values = [*means, *bounds, *self.printed.values()]
+        at = [*self.found, *self.found, *self.found, *self.printed]
+        return np.array(at, dtype=float), np.array(values)
+
+    def draw(self, x: Scale, y: Scale) -> str:
+        at = np.array(sorted(self.found), dtype=float)
+        own = [self.found[int(k)] for k in at]
+        low, mean, high = (np.array([getattr(s, n) for s in own]) for n in ("low", "mean", "high"))
+        around = polyline(np.concatenate([x(at), x(at[::-1])]), np.concatenate([y(low), y(high[::-1])]))
+        band = f'<path class="ci {self.look.colour}" d="{around}Z"/>' if len(at) > 1 else ""
+        line = f'<path class="line mark {self.look.colour} {self.look.dash}" d="{polyline(x(at), y(mean))}"/>'
+        return band + (line if len(at) > 1 else "") + self._signs(x, y) + self._printed(x, y)
+
+    def _signs(self, x: Scale, y: Scale) -> str:
+        places = ((float(x(k)), float(y(own.mean)), k, own) for k, own in self.found.items())
+        return "".join(
+            sign(self.look, px, py, f"{self.name} after {k}: {interval_text(own)}, {own.n} seeds", 3.8)
+            for px, py, k, own in places
+        )
+
+    def _printed(self, x: Scale, y: Scale) -> str:
+        tip = f"{self.name}, the thesis: "
+        return "".join(
+            printed_sign(float(x(k)), float(y(v)), f"{tip}{v:.4g}") for k, v in self.printed.items()
+        )
+
+    def swatch(self, x: float, y: float) -> str:  # noqa: ARG002
+        return ""  # named under the drawing
+
+
+@dataclass(frozen=True)
+class Others:
+    """Lines to compare with, a letter at the right of each; those out of sight have an arrow at the edge."""
+
+    lines: Sequence[tuple[str, Mapping[int, Summary]]]
+    label: str = ""
+    style: str = "base"
+
+    def extent(self) -> tuple[Array, Array]:
+        return np.empty(0), np.empty(0)
+
+    def draw(self, x: Scale, y: Scale) -> str:
+        parts, names = [], []
+        for place, (name, found) in enumerate(self.lines):
+            at = np.array(sorted(found), dtype=float)
+            mean = np.array([found[int(k)].mean for k in at])
+            ends = np.array([x.start, x.end]) if len(at) == 1 else x(at)
+            py = y(np.repeat(mean, 2) if len(at) == 1 else mean)
+            inside = np.where((py >= y.end - 0.5) & (py <= y.start + 0.5), py, np.nan)
+            tip = f"<title>{text(name)}: {mean[-1]:.3g}</title>"
+            parts.append(f'<path class="line base mark" d="{polyline(ends, inside)}">{tip}</path>')
+            names.append((float(py[-1]), letter(place)))
+        return "".join(parts) + _names(names, x, y)
+
+    def swatch(self, x: float, y: float) -> str:  # noqa: ARG002
+        return ""
+
+
+def curve_plot(
+    title: str,
+    curves: Sequence[Curve],
+    others: Sequence[tuple[str, Mapping[int, Summary]]],
+    *,
+    x: str,
+    y: str,
+    log_x: bool = False,
+) -> Html:
+    """The drawing. Lines far above everything else do not stretch the axis."""
+    values = np.concatenate([curve.extent()[1] for curve in curves])
+    usable = values[np.isfinite(values)]
+    low, high = float(usable.min()), float(usable.max())
+    log = low > 0.0 and high > WIDE * low
+    near = [own.mean for _, found in others for own in found.values() if own.mean <= FAR * high]
+    limits = _limits([low, high, *near], log=log)
+    marks: list[Mark] = [Others(others)]
+    marks.extend(curves)
+    axis = Axis(x, log=log_x, whole=not log_x)
+    return panel(title, axis, Axis(y, log=log, limits=limits), marks, size=SIZE)
+
+
+def _limits(values: Sequence[float], *, log: bool) -> tuple[float, float]:
+    low, high = min(values), max(values)
+    if log:
+        return low / 1.25, high * 1.25
+    air = 0.06 * (high - min(low, 0.0)) or 1.0
+    return (0.0 if low >= 0.0 else low - air), high + air
+
+
+def letter(place: int) -> str:
+    """By which a line to compare with is named on the drawing and under it."""
+    return "abcdefghijklmnopqrstuvwxyz"[place % 26]
+
+
+def _names(names: Sequence[tuple[float, str]], x: Scale, y: Scale) -> str:
+    """At the right, moved apart where they would overlap, and held beside the panel."""
+    placed, below = [], math.inf
+    for py, words in sorted(names, reverse=True):
+        arrow = "▾" if py > y.start + ALIKE else "▴" if py < y.end - ALIKE else ""
+        below = min(min(max(py, y.end), y.start) + 4.0, below - APART)
+        placed.append((below, words + arrow))
+    lift = max(0.0, y.end + 4.0 - below)
+    return "".join(label(x.end + 3.0, py + lift, words, "rule") for py, words in placed)

@@ -1,0 +1,175 @@
+"""One line for every row: its mean with an interval, the printed number above it, other lines across all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.report.markup import Html, number
+from etude.report.scales import Axis, Scale, fitted_scale, tick_text
+from etude_studies.site.marks import WIDTH, Style, drawing, label, printed_sign, sign, whisker
+from etude_studies.site.numbers import Summary
+
+LEFT, RIGHT = 14.0, WIDTH - 14.0
+ROW = 44.0
+LINE = 15.0
+"""Height of one row of names of lines, px."""
+CHARACTER = 6.4
+"""Width to keep for a character of the lines' 12 px type."""
+FAR = 1.6
+"""A line beyond this multiple of everything else is named at the edge, so that rows keep their room."""
+WIDE = 15.0
+"""Ratio of largest to smallest from which the axis is logarithmic."""
+
+
+@dataclass(frozen=True)
+class Dot:
+    """One row. `found` or `printed` may be None; `range_` is the interval of a single run, if drawn."""
+
+    name: str
+    found: Summary | None
+    printed: float | None
+    style: Style
+    note: str = ""
+    single: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A labelled line across the rows."""
+
+    name: str
+    value: float
+
+
+def dot_plot(
+    title: str,
+    dots: Sequence[Dot],
+    rules: Sequence[Rule] = (),
+    *,
+    axis: str,
+    log: bool | None = None,
+    band: tuple[float, float] | None = None,
+    centre: float | None = None,
+) -> Html:
+    """The drawing; `log` by the numbers themselves if None.
+
+    Args:
+        rules: lines to compare with; those far away are named at the edge.
+        band: values that count as equal, shaded. centre: where "no difference" is.
+    """
+    values = list(_values(dots)) + list(band or ()) + [v for v in (centre,) if v is not None]
+    scale = _scale(values, rules, axis, log, keep=centre is not None)
+    near = [rule for rule in rules if scale.low <= rule.value <= scale.high]
+    far = [rule for rule in rules if rule not in near]
+    levels, rows = _levels(near, scale)
+    top = 8.0 + LINE * (rows + len(far))
+    bottom = top + ROW * len(dots)
+    drawn = [_ground(scale, top, bottom, axis, band, centre), *_far(far, rows, scale)]
+    drawn += [_rule(rule, level, scale, bottom) for rule, level in zip(near, levels, strict=True)]
+    drawn += [_rule_name(rule, level, scale) for rule, level in zip(near, levels, strict=True)]
+    drawn += [_row(dot, top + ROW * place, scale) for place, dot in enumerate(dots)]
+    return drawing(title, bottom + 44.0, "".join(drawn))
+
+
+def _values(dots: Iterable[Dot]) -> Iterable[float]:
+    for dot in dots:
+        found = (dot.found.mean, dot.found.low, dot.found.high) if dot.found else ()
+        yield from (v for v in (*found, dot.printed, *(dot.single or ())) if v is not None)
+
+
+def _scale(values: list[float], rules: Sequence[Rule], axis: str, log: bool | None, *, keep: bool) -> Scale:
+    finite = [v for v in values if math.isfinite(v)] or [1.0]
+    low, high = min(finite), max(finite)
+    wide = low > 0.0 and high > WIDE * low if log is None else log
+    fits = [r.value for r in rules if r.value <= FAR * high and (not wide or r.value >= low / FAR)]
+    floor = None if wide or keep or low < 0.0 else 0.0
+    return fitted_scale(Axis(axis, log=wide, floor=floor), np.array([*finite, *fits]), LEFT, RIGHT)
+
+
+def _ground(
+    scale: Scale, top: float, bottom: float, axis: str, band: tuple[float, float] | None, centre: float | None
+) -> str:
+    parts = []
+    if band is not None:
+        x0, x1 = (float(v) for v in scale(list(band)))
+        size = f'width="{x1 - x0:.1f}" height="{bottom - top:.1f}"'
+        parts.append(f'<rect class="equal" x="{x0:.1f}" y="{top:.1f}" {size}/>')
+    for value in scale.ticks():
+        px = float(scale(value))
+        parts.append(f'<path class="grid-line" d="M{px:.1f},{top:.1f}V{bottom + 4:.1f}"/>')
+        parts.append(label(px, bottom + 18, tick_text(value), "tick", "middle"))
+    if centre is not None:
+        parts.append(f'<path class="axis-line" d="M{float(scale(centre)):.1f},{top:.1f}V{bottom:.1f}"/>')
+    parts.append(f'<path class="axis-line" d="M{scale.start:.1f},{bottom:.1f}H{scale.end:.1f}"/>')
+    return "".join(parts) + label((scale.start + scale.end) / 2, bottom + 36, axis, "axis", "middle")
+
+
+def _levels(rules: Sequence[Rule], scale: Scale) -> tuple[list[int], int]:
+    """The row of each name above the drawing, so that none overlaps another; and how many rows there are."""
+    ends: list[float] = []
+    placed = {}
+    for rule in sorted(rules, key=lambda own: own.value):
+        start, end = _span(rule, scale)
+        level = next((i for i, taken in enumerate(ends) if taken + 6.0 < start), len(ends))
+        ends[level : level + 1] = [end]
+        placed[rule] = level
+    return [placed[rule] for rule in rules], len(ends)
+
+
+def _span(rule: Rule, scale: Scale) -> tuple[float, float]:
+    width = CHARACTER * len(_words(rule))
+    middle = float(scale(rule.value))
+    start = min(max(middle - width / 2, 2.0), WIDTH - 2.0 - width)
+    return start, start + width
+
+
+def _words(rule: Rule) -> str:
+    return f"{rule.name} {number(rule.value)}"
+
+
+def _rule(rule: Rule, level: int, scale: Scale, bottom: float) -> str:
+    x = float(scale(rule.value))
+    return f'<path class="line base mark" d="M{x:.1f},{16.0 + LINE * level:.1f}V{bottom:.1f}"/>'
+
+
+def _rule_name(rule: Rule, level: int, scale: Scale) -> str:
+    start, end = _span(rule, scale)
+    return label((start + end) / 2, 12.0 + LINE * level, _words(rule), "rule halo", "middle")
+
+
+def _far(rules: Sequence[Rule], rows: int, scale: Scale) -> list[str]:
+    """Names of lines outside the drawing, with an arrow to where they are."""
+    out = []
+    for place, rule in enumerate(rules):
+        y, beyond = 12.0 + LINE * (rows + place), rule.value > scale.high
+        words = f"{_words(rule)} ▸" if beyond else f"◂ {_words(rule)}"
+        out.append(label(RIGHT if beyond else LEFT, y, words, "rule", "end" if beyond else "start"))
+    return out
+
+
+def _row(dot: Dot, top: float, scale: Scale) -> str:
+    y, found = top + 32.0, dot.found
+    parts = [label(LEFT, top + 15, dot.name, "name halo")]
+    if dot.single is not None:
+        x0, x1 = (float(v) for v in scale(list(dot.single)))
+        parts.append(f'<path class="single mark" d="M{x0:.1f},{y:.1f}H{x1:.1f}"/>')
+    if found is not None:
+        x, x0, x1 = (float(v) for v in scale([found.mean, found.low, found.high]))
+        words = interval_text(found)
+        tip = f"{dot.name}: {words}, {found.n} seeds{dot.note}"
+        parts += [whisker(dot.style, x0, x1, y), sign(dot.style, x, y, tip)]
+        parts.append(label(RIGHT, top + 15, words, "value halo", "end"))
+    if dot.printed is not None:
+        parts.append(printed_sign(float(scale(dot.printed)), y, f"the thesis: {number(dot.printed, 4)}"))
+    return "".join(parts)
+
+
+def interval_text(found: Summary) -> str:
+    """ "1.02 [0.95, 1.10]"; the number alone for a single seed."""
+    if found.n < 2:
+        return number(found.mean)
+    return f"{number(found.mean)} [{number(found.low)}, {number(found.high)}]"

@@ -1,0 +1,180 @@
+"""The pictures of a figure or table: a dot for every row, curves, motions over time; each joint by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from etude.report.markup import Html, element, grid, join, missing
+from etude_studies.site.claim_words import COUNTED
+from etude_studies.site.context import Study
+from etude_studies.site.curve_plot import Curve, curve_plot, letter
+from etude_studies.site.dot_plot import Dot, Rule, dot_plot
+from etude_studies.site.marks import Style, figure, legend, style_of
+from etude_studies.site.numbers import Summary, counts, printed, summary
+from etude_studies.site.page import folded
+from etude_studies.site.traces import kernel_names, kernel_plot, names, trace_plot, traces
+from etude_studies.site.words import axis_label, column_name, entry_name, line_name
+from etude_studies.thesis.ledger import Entry
+
+KERNEL = "figure-2.3"
+DRAWN_POINTS = {"m10": "(a) 10 spectral points", "m50": "(b) 50 spectral points"}
+INCOMPARABLE = ("PWM2",)
+"""Units in which the thesis's numbers are of another scale: printed in tables, and not drawn."""
+
+
+def pictures(study: Study, entry: Entry) -> Html:
+    """What is seen first."""
+    if entry.kind == "trace":
+        return _traces(study, entry)
+    drawn = [_kernel(study)] if entry.id == KERNEL else []
+    column = _main(entry)
+    if entry.kind != "curve":
+        drawn.append(_dots(study, entry, column))
+    drawn += [_curves(study, entry, own) for own in ([column] if "mean" in entry.columns else _first(entry))]
+    found = [own for own in drawn if own]
+    if not found:
+        return missing("There is nothing to draw yet.")
+    return join([grid(found), _legend(study, entry)])
+
+
+def joints(study: Study, entry: Entry) -> Html:
+    """The same for each joint or command, folded."""
+    if entry.kind == "trace" or "mean" not in entry.columns or len(entry.columns) == 1:
+        return Html("")
+    draw = _dots if entry.kind != "curve" else _curves
+    found = [draw(study, entry, column) for column in entry.columns if column != "mean"]
+    shown = [own for own in found if own]
+    return folded("Each joint", grid(shown), _legend(study, entry)) if shown else Html("")
+
+
+def _main(entry: Entry) -> str:
+    return "mean" if "mean" in entry.columns else ""
+
+
+def _first(entry: Entry) -> Sequence[str]:
+    """Columns drawn by themselves where there is no mean: inputs of a kernel are too many."""
+    return entry.columns if len(entry.columns) <= 4 else ()
+
+
+def _dots(study: Study, entry: Entry, column: str) -> Html:
+    """Rows of one column; of all columns where `column` is empty."""
+    columns = [column] if column else list(entry.columns)
+    dots = [
+        Dot(
+            f"{column_name(own)}: {row.label}" if not column else row.label,
+            summary(study.numbers.cell(entry, row.run, own, counts(entry, row)[-1])),
+            printed(entry, row).get(own) if entry.unit not in INCOMPARABLE else None,
+            style_of(place),
+        )
+        for own in columns
+        for place, row in enumerate(entry.rows)
+    ]
+    if all(dot.found is None and dot.printed is None for dot in dots):
+        return Html("")
+    title = f"{entry_name(entry.id)}, {column_name(column) if column else 'all columns'}"
+    rules = _rules(study, entry, column) if column else []
+    drawn = dot_plot(title, dots, rules, axis=axis_label(entry.measure, entry.unit))
+    return figure(f"dots {column or 'all'}", drawn, _caption(entry, column))
+
+
+def _caption(entry: Entry, column: str) -> str:
+    k = entry.at[-1]
+    counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
+    where = {"mean": "mean of the joints", "": "all columns"}.get(column, column_name(column))
+    return f"After {k} {counted}, {where}; bars are 95 % intervals of the mean over seeds."
+
+
+def _rules(study: Study, entry: Entry, column: str) -> list[Rule]:
+    found = [(own, summary(study.numbers.cell(entry, own, column, entry.at[-1]))) for own in entry.lines]
+    return [Rule(line_name(own, study.what), value.mean) for own, value in found if value]
+
+
+def _curves(study: Study, entry: Entry, column: str) -> Html:
+    """Rows over k; those of a table over all counts that are there."""
+    curves = [
+        Curve(row.label, found, style_of(place), told)
+        for place, row in enumerate(entry.rows)
+        if (found := _found(study, entry, row.run, column, counts(entry, row)))
+        for told in [_told(study, entry, row.run, column)]
+    ]
+    if not curves:
+        return Html("")
+    last = max(k for curve in curves for k in curve.found)
+    others = _others(study, entry, column, last)
+    counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
+    title = "" if column == "mean" else column_name(column)
+    wide = last > 30
+    drawn = curve_plot(
+        title or f"{entry_name(entry.id)}, mean",
+        curves,
+        others,
+        x=f"{counted} learned" if not wide else counted,
+        y=axis_label(entry.measure, entry.unit),
+        log_x=wide,
+    )
+    return figure(f"curves {column}", drawn, "Bands are 95 % intervals of the mean over seeds.")
+
+
+def _others(study: Study, entry: Entry, column: str, last: int) -> list[tuple[str, Mapping[int, Summary]]]:
+    """Lines to compare with, up to the last count of the rows."""
+    found = ((line_name(s, study.what), _found(study, entry, s, column, entry.at)) for s in entry.lines)
+    return [(name, {k: own for k, own in by.items() if k <= last}) for name, by in found if by]
+
+
+def _found(
+    study: Study, entry: Entry, source: str, column: str, at: tuple[int, ...]
+) -> Mapping[int, Summary]:
+    if entry.kind == "table":
+        at = tuple(range(1, max(at) + 1))
+    return study.numbers.curve(entry, source, column, at)
+
+
+def _told(study: Study, entry: Entry, run: str, column: str) -> dict[int, float]:
+    """Printed numbers of the same run in tables of the same section and measure, by k."""
+    alike = [e for e in study.ledger.entries if (e.section, e.measure) == (entry.section, entry.measure)]
+    if entry.unit in INCOMPARABLE or (entry.kind == "curve" and entry.measure == "length"):
+        return {}
+    return {
+        counts(other, row)[-1]: told[column]
+        for other in alike
+        for row in other.rows
+        if row.run == run and column in (told := printed(other, row))
+    }
+
+
+def _legend(study: Study, entry: Entry) -> Html:
+    series = [(row.label, style_of(place)) for place, row in enumerate(entry.rows)]
+    told = entry.unit not in INCOMPARABLE and any(
+        _told(study, entry, row.run, column) for row in entry.rows for column in entry.columns
+    )
+    column = "mean" if "mean" in entry.columns else entry.columns[0]
+    lines = [
+        (letter(place), name) for place, (name, _) in enumerate(_others(study, entry, column, entry.at[-1]))
+    ]
+    return legend(series, printed=told, lines=lines)
+
+
+def _traces(study: Study, entry: Entry) -> Html:
+    """Every row of every joint or command, as far as motions were kept."""
+    drawn: list[Html] = []
+    shown: dict[str, Style] = {}
+    for row in entry.rows:
+        for column in entry.columns:
+            found = traces(study.numbers, entry, row, column)
+            if found:
+                shown |= dict(names(found))
+                title = f"{row.label}: {column_name(column)}"
+                own = trace_plot(title, found, axis_label(entry.measure, entry.unit))
+                drawn.append(figure(f"trace {row.run} {column}", own))
+    if not drawn:
+        runs = ", ".join(f"{row.run}t" for row in entry.rows)
+        return missing(f"No motions over time are kept yet; they come from {runs}.")
+    return join([grid(drawn), legend(list(shown.items()))])
+
+
+def _kernel(study: Study) -> Html:
+    found = [(title, kernel_plot(title, study.numbers, model)) for model, title in DRAWN_POINTS.items()]
+    drawn = [figure(f"kernel {title}", own) for title, own in found if own is not None]
+    if not drawn:
+        return Html("")
+    return element("div", join(drawn), legend(list(kernel_names())))

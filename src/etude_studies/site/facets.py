@@ -1,0 +1,91 @@
+"""By what claims and entries can be filtered: robot, model, motions, chapter, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from etude_studies.thesis.ledger import Claim, Entry, Ledger
+
+ROBOTS: Mapping[str, str] = {"Q": "quadrotor", "L": "quadrotor", "P": "Pelican", "K": "none", "T": "none"}
+"""By the first letter of a run; others are of the arm."""
+MODELS: Mapping[str, str] = {
+    "A": "dictionary",
+    "X": "dictionary",
+    "S": "SSGP",
+    "Q": "full GPR",
+    "P": "full GPR",
+    "DP": "default protocol",
+    "K": "SSGP",
+    "Y2": "others",
+    "Y3": "others",
+    "Y4": "others",
+    "A6": "full GPR",
+    "X14": "full GPR",
+    "X6a": "SSGP",
+    "X6b": "SSGP",
+    "X11": "SSGP",
+}
+"""By run, or by its first letters; lines beside a run and controllers that learn no process have none."""
+DESIGNED = ("A7", "S9", "X4", "X8", "X10b", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
+WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y")
+LATE = {"DP2": "log_ivr", "DP4": "log_ivr", "X13": "best of 24 random"}
+Facets = Mapping[str, tuple[str, ...]]
+NAMES: Mapping[str, str] = {
+    "verdict": "Verdict",
+    "robot": "Robot",
+    "model": "Model",
+    "motions": "Motions",
+    "chapter": "Chapter",
+}
+"""Of the facets, in the order of the page."""
+ORDER: Mapping[str, tuple[str, ...]] = {
+    "robot": ("arm", "quadrotor", "Pelican"),
+    "model": ("dictionary", "SSGP", "full GPR", "physics or linear", "default protocol", "others"),
+    "motions": ("random", "maximum variance", "best of 24 random", "log_ivr"),
+    "chapter": ("abstract", "1", "2", "3", "4", "5", "6", "7"),
+}
+
+
+def of_claim(ledger: Ledger, claim: Claim) -> Facets:
+    """Facets of a claim: of its parts' sources, or of what it says again, or of the entries it rests on."""
+    said = [ledger.claim(id) for id in claim.alias_of] or [claim]
+    sources = [source for one in said for part in one.parts for source in part.sources]
+    if not sources:
+        sources = [row.run for id in claim.rests_on for row in ledger.entry(id).rows]
+    return of_sources(sources) | {"chapter": (chapter(claim.section),)}
+
+
+def of_entry(entry: Entry) -> Facets:
+    """Facets of a figure or table, by its rows."""
+    return of_sources(row.run for row in entry.rows) | {"chapter": (chapter(entry.section),)}
+
+
+def of_sources(sources: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Robot, model and motions, each in its order."""
+    found: dict[str, set[str]] = {"robot": set(), "model": set(), "motions": set()}
+    for source in sources:
+        run, _, line = source.partition(":")
+        found["robot"].add(ROBOTS.get(run[0], "arm"))
+        found["model"].add("physics or linear" if line and line not in ("faded", "again") else _model(run))
+        found["motions"].add(_motions(run))
+    return {name: tuple(v for v in ORDER[name] if v in values) for name, values in found.items()}
+
+
+def chapter(section: str) -> str:
+    """ "6" of "6.2"; the abstract is its own."""
+    return section.partition(".")[0]
+
+
+def _model(run: str) -> str:
+    for name in (run, run[:2], run[0]):
+        if name in MODELS:
+            return MODELS[name]
+    return "physics or linear" if run[0] == "B" else ""
+
+
+def _motions(run: str) -> str:
+    if run in LATE:
+        return LATE[run]
+    if run.startswith(WITHOUT_MOTIONS):
+        return ""
+    return "maximum variance" if run in DESIGNED else "random"

@@ -1,0 +1,164 @@
+"""The first page: how many claims hold, every claim with its verdict, every figure and table."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from etude.report.markup import Html, element, join, paragraph
+from etude_studies.site import facets
+from etude_studies.site.claim_words import deciding, estimate
+from etude_studies.site.context import Study
+from etude_studies.site.page import ABOUT, INDEX, SOURCE, chip, file_of, link, page
+from etude_studies.site.words import NOT_RUN, WORDS, entry_name, plural, shown
+from etude_studies.thesis.ledger import Claim, Entry
+from etude_studies.thesis.part_verdicts import UNTESTED
+
+TITLE = "Does the thesis hold?"
+NUMBERS = (
+    "The number at the right is the first comparison that decides, with its 95 % interval: mostly a ratio, "
+    "claimed to be below 1. The claim's page says what of what."
+)
+SECTIONS: Mapping[str, str] = {
+    "abstract": "Abstract",
+    "1": "1 Introduction",
+    "2": "2 Learning control",
+    "3": "3 Optimised trajectories",
+    "4": "4 Systems",
+    "5": "5 Quadrotor",
+    "6": "6 Manipulator",
+    "7": "7 Conclusions",
+}
+
+
+def overview(study: Study) -> Html:
+    """The whole page."""
+    words = Counter(shown(study.verdicts[claim.id]) for claim in study.ledger.claims)
+    return page(
+        TITLE,
+        element("h1", TITLE),
+        paragraph(f"{SOURCE}; every claim, table and figure, run again with seeds.", class_="soft"),
+        _counts(words),
+        _told(study, words),
+        _filters(study, words),
+        element("h2", "Claims", id="claims"),
+        element("p", f"{len(study.ledger.claims)} claims", class_="soft", id="count", role="status"),
+        paragraph(NUMBERS, class_="soft"),
+        *_claims(study),
+        element("h2", "Tables and figures", id="tables"),
+        element("ul", *(_entry(study, entry) for entry in study.ledger.entries), class_="entries"),
+        here=INDEX,
+    )
+
+
+def _counts(words: Counter[str]) -> Html:
+    """A card for each word; what cannot be tested and what has not been run are told apart."""
+    cards = []
+    for word, own in WORDS.items():
+        mark = element("i", own.mark, **{"aria-hidden": "true"})
+        inside = element("b", str(words[word])), element("span", mark, f" {word}")
+        where = f"#verdict={own.name}"
+        cards.append(element("a", *inside, class_=f"count {own.name}", href=where, title=own.meaning))
+    return element("div", *cards, class_="counts", role="list")
+
+
+def _told(study: Study, words: Counter[str]) -> Html:
+    judged = sum(n for word, n in words.items() if word not in (NOT_RUN, UNTESTED))
+    runs = study.numbers.results.runs
+    seeds = sum(len(study.numbers.made(run).get("hashes", {})) for run in runs)
+    said = (
+        f"Of {len(study.ledger.claims)} claims {judged} are answered, from {plural(len(runs), 'run')} "
+        f"with {plural(seeds, 'result')} in all. Claims that are said twice are counted twice. "
+        f"“{NOT_RUN.capitalize()}”: their runs are missing or not complete, so they cannot be tested yet. "
+    )
+    return paragraph(said, link(ABOUT, "What the words mean, and how they are decided."))
+
+
+def _filters(study: Study, words: Counter[str]) -> Html:
+    """Rows of buttons, which the script brings to life, and a search; hidden where there is no script."""
+    rows = [
+        _group("verdict", [(own.name, f"{own.mark} {word}") for word, own in WORDS.items() if words[word]])
+    ]
+    seen = [facets.of_claim(study.ledger, claim) for claim in study.ledger.claims]
+    for name in list(facets.NAMES)[1:]:
+        found = {value for own in seen for value in own[name]}
+        rows.append(_group(name, [(value, value) for value in facets.ORDER[name] if value in found]))
+    label = element("label", "Search ", Html('<input type="search" id="search" autocomplete="off">'))
+    clear = element("button", "Show all", type="button", id="clear")
+    return element(
+        "form", element("div", label, clear, class_="search"), *rows, class_="filters", hidden="hidden"
+    )
+
+
+def _group(name: str, values: Iterable[tuple[str, str]]) -> Html:
+    shown_as = {"1": "chapter 1"}
+    buttons = [
+        element(
+            "button",
+            shown_as.get(words, words),
+            type="button",
+            **{"aria-pressed": "false", "data-facet": name, "data-value": value},
+        )
+        for value, words in values
+    ]
+    return element("fieldset", element("legend", facets.NAMES[name]), *buttons)
+
+
+def _claims(study: Study) -> Iterable[Html]:
+    """Claims by chapter, in the order of the thesis."""
+    chapters: dict[str, list[Claim]] = {}
+    for claim in study.ledger.claims:
+        chapters.setdefault(facets.chapter(claim.section), []).append(claim)
+    for name in sorted(chapters, key=list(SECTIONS).index):
+        items = [_claim(study, claim) for claim in chapters[name]]
+        yield element(
+            "section", element("h3", SECTIONS[name]), element("ul", *items, class_="claims"), class_="chapter"
+        )
+
+
+def _claim(study: Study, claim: Claim) -> Html:
+    """One line: id, verdict, quotation, the first number, and on which reading the verdict depends."""
+    verdict = study.verdicts[claim.id]
+    part = deciding(verdict)
+    number = estimate(part) if part is not None else ""
+    on = study.depends(claim)
+    depends = element("span", f"depends on: {'; '.join(on)}", class_="depends") if on else ""
+    marks = [
+        word for word, yes in (("simulated", verdict.simulated), ("said again", bool(claim.alias_of))) if yes
+    ]
+    inside = [
+        element("span", link(file_of(claim.id), claim.id), class_="id"),
+        element("span", chip(verdict), class_="word"),
+        element(
+            "span",
+            element("q", " … ".join(claim.quote)),
+            " ",
+            element("small", ", ".join(marks)),
+            " ",
+            depends,
+        ),
+        element("span", number, class_="found"),
+    ]
+    return element("li", *inside, **_data(facets.of_claim(study.ledger, claim), WORDS[shown(verdict)].name))
+
+
+def _entry(study: Study, entry: Entry) -> Html:
+    """A figure or table with the chips of its claims."""
+    claims = study.claims_of(entry)
+    chips = [
+        element("a", chip(study.verdicts[claim.id]), href=file_of(claim.id), title=claim.id)
+        for claim in claims
+    ]
+    words = " ".join(dict.fromkeys(WORDS[shown(study.verdicts[claim.id])].name for claim in claims))
+    inside = [
+        element("span", link(file_of(entry.id), entry_name(entry.id)), class_="id"),
+        element("span", entry.title),
+        element("span", join(chips, " "), class_="word"),
+    ]
+    return element("li", *inside, **_data(facets.of_entry(entry), words))
+
+
+def _data(found: facets.Facets, verdict: str) -> dict[str, str]:
+    """Attributes that the script filters by; several values of one are parted by a bar."""
+    values = {name: "|".join(own) for name, own in found.items()} | {"verdict": verdict.replace(" ", "|")}
+    return {f"data-{name}": value for name, value in values.items()}

@@ -1,0 +1,53 @@
+"""The page of one run: what it is, its settings, its specs, and where its results come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from etude.report.markup import Html, element, join, number, paragraph, table
+from etude_studies.site.context import Study
+from etude_studies.site.entry_more import settings_of
+from etude_studies.site.page import command, file_of, link, page
+from etude_studies.site.words import entry_name
+
+
+def run_page(study: Study, run: str) -> Html:
+    """The whole page."""
+    made = study.numbers.made(run)
+    return page(
+        f"Run {run}",
+        element("h1", f"Run {run}"),
+        settings_of(study, run),
+        _origin(made) if made else "",
+        paragraph("The command that computes it again:"),
+        command(f"etude study run {run}"),
+        _shown_in(study, run),
+    )
+
+
+def _origin(made: Mapping[str, Any]) -> Html:
+    """Commit, versions, machine and time."""
+    versions = ", ".join(f"{name} {value}" for name, value in made.get("versions", {}).items())
+    machine = ", ".join(str(value) for value in made.get("machine", {}).values())
+    rows = [
+        ["commit", element("code", str(made.get("commit", "")))],
+        ["versions", versions],
+        ["machine", machine],
+        ["processor time", f"{number(float(made.get('cpu_s', 0.0)))} s"],
+        ["finished", str(made.get("date", ""))],
+    ]
+    return join([element("h2", "Where its results come from"), table(["", ""], rows)])
+
+
+def _shown_in(study: Study, run: str) -> Html:
+    """Figures, tables and claims that use it."""
+    entries = [e for e in study.ledger.entries if run in {s.partition(":")[0] for s in e.sources}]
+    claims = [
+        claim
+        for claim in study.ledger.claims
+        if run in {s.partition(":")[0] for part in claim.parts for s in part.sources}
+    ]
+    links = [link(file_of(e.id), entry_name(e.id)) for e in entries]
+    links += [link(file_of(claim.id), claim.id) for claim in claims]
+    return join([element("h2", "Used in"), paragraph(join(links, ", "))]) if links else Html("")

@@ -1,0 +1,73 @@
+"""Every seed as a point on its row's line, the same seed joined from row to row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from etude.report.markup import Html, number
+from etude.report.scales import Axis, Scale, fitted_scale, tick_text
+from etude_studies.site.dot_plot import LEFT, RIGHT, WIDE
+from etude_studies.site.marks import Style, drawing, label, sign
+
+ROW = 46.0
+Strip = tuple[str, Mapping[int, float], Style, Mapping[str, str]]
+"""Name of a row, its numbers by seed, its style, and hashes of its specs by seed."""
+
+
+def seed_plot(title: str, strips: Sequence[Strip], *, axis: str, centre: float | None = None) -> Html:
+    """The drawing; hashes stand in the tips."""
+    values = [v for _, own, _, _ in strips for v in own.values() if math.isfinite(v)]
+    low, high = min(values), max(values)
+    log = centre is None and low > 0.0 and high > WIDE * low
+    floor = 0.0 if centre is None and low >= 0.0 and not log else None
+    held = np.array([*values, *([] if centre is None else [centre])])
+    scale = fitted_scale(Axis(axis, log=log, floor=floor), held, LEFT, RIGHT)
+    bottom = 10.0 + ROW * len(strips)
+    drawn = [_ground(scale, bottom, axis, centre), _joined(strips, scale)]
+    for place, strip in enumerate(strips):
+        drawn += _strip(strip, 10.0 + ROW * place, scale)
+    return drawing(title, bottom + 44.0, "".join(drawn))
+
+
+def _ground(scale: Scale, bottom: float, axis: str, centre: float | None) -> str:
+    parts = []
+    for value in scale.ticks():
+        px = float(scale(value))
+        parts.append(f'<path class="grid-line" d="M{px:.1f},10V{bottom + 4:.1f}"/>')
+        parts.append(label(px, bottom + 18, tick_text(value), "tick", "middle"))
+    if centre is not None:
+        parts.append(f'<path class="axis-line" d="M{float(scale(centre)):.1f},10V{bottom:.1f}"/>')
+    parts.append(f'<path class="axis-line" d="M{scale.start:.1f},{bottom:.1f}H{scale.end:.1f}"/>')
+    return "".join(parts) + label((scale.start + scale.end) / 2, bottom + 36, axis, "axis", "middle")
+
+
+def _joined(strips: Sequence[Strip], scale: Scale) -> str:
+    seeds = sorted({seed for _, own, _, _ in strips for seed in own})
+    out = []
+    for seed in seeds:
+        points = [
+            (float(scale(own[seed])), _middle(place))
+            for place, (_, own, _, _) in enumerate(strips)
+            if math.isfinite(own.get(seed, math.nan))
+        ]
+        if len(points) > 1:
+            out.append('<path class="pair" d="M' + "L".join(f"{x:.1f},{y:.1f}" for x, y in points) + '"/>')
+    return "".join(out)
+
+
+def _strip(strip: Strip, top: float, scale: Scale) -> list[str]:
+    name, own, style, hashes = strip
+    out = [label(LEFT, top + 12, name, "name halo")]
+    for seed, value in sorted(own.items()):
+        if math.isfinite(value):
+            spec = f", spec {hashes[str(seed)]}" if str(seed) in hashes else ""
+            tip = f"{name}, seed {seed}: {number(value, 4)}{spec}"
+            out.append(sign(style, float(scale(value)), top + 30.0, tip, 3.6))
+    return out
+
+
+def _middle(place: int) -> float:
+    return 10.0 + ROW * place + 30.0

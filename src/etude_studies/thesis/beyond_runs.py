@@ -1,0 +1,69 @@
+"""Runs beyond the thesis, in Étude's default protocol: criteria, unmodelled physics, one factor at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from etude_studies.thesis.arm_runs import ROUNDS, Settings
+
+CRITERIA = ("mean_variance", "info_gain", "ivr", "sum_log", "mi_region")
+"""Beside log_ivr, which is DP2."""
+ROUGH = "arm4_rough"
+FACTORS: Mapping[str, tuple[str, Settings]] = {
+    "inputs": ("desired inputs", {"data": {"inputs": "desired"}}),
+    "filter": ("no filter", {"data": {"cutoff_hz": "none"}}),
+    "friction": ("no friction inputs", {"data": {"friction_fraction": 0.0}}),
+    "mask": ("no stick mask", {"data": {"stick_fraction": 0.0}}),
+    "kernel": ("ARD-SE kernel", {"model": {"kernel": "ard_se"}}),
+    "prior": ("no prior", {"model": {"prior": "none"}}),
+    "floor": ("no noise floor", {"model": {"noise_floor": 0.0}}),
+}
+"""What the default protocol has and the thesis's has not, each taken away from DP1 alone."""
+
+
+def _process(rung: str, robot: str = "arm4", criterion: str = "", **other: Any) -> Settings:
+    found: Settings = {"robot": robot, "preset": "default", "rounds": ROUNDS, "model": {"rung": rung}}
+    if criterion:
+        found |= {"motions": "designed", "design": {"criterion": criterion}}
+    for table, keys in other.items():
+        found[table] = {**found.get(table, {}), **keys}
+    return found
+
+
+def _criteria() -> dict[str, tuple[str, Settings]]:
+    return {
+        f"DC_{name}": (f"default protocol, process alone, designed by {name}", _process("gp", criterion=name))
+        for name in CRITERIA
+    }
+
+
+def _unmodelled() -> dict[str, tuple[str, Settings]]:
+    rungs = {
+        "gp": "process alone",
+        "identified+gp": "identified and process",
+        "identified": "identified alone",
+    }
+    found = {}
+    for rung, what in rungs.items():
+        name = f"DU_{rung.replace('+', '_')}"
+        found[name] = (f"arm with unmodelled physics, {what}, random", _process(rung, ROUGH))
+        if rung.endswith("gp"):
+            designed = _process(rung, ROUGH, "log_ivr")
+            found[f"{name}_designed"] = (f"arm with unmodelled physics, {what}, designed", designed)
+    return found
+
+
+def _ablations() -> dict[str, tuple[str, Settings]]:
+    return {
+        f"DA_{name}": (f"DP1 with {what}", _process("gp", **changed))
+        for name, (what, changed) in FACTORS.items()
+    }
+
+
+BEYOND_RUNS: Mapping[str, tuple[str, Settings]] = {**_criteria(), **_unmodelled(), **_ablations()}
+BEYOND_LINES: Mapping[str, tuple[str, str]] = {
+    "DU_pd": ("arm with unmodelled physics, feedback alone", "pd"),
+    "DU_nominal": ("arm with unmodelled physics, exact inverse of the arm without", "nominal"),
+    "DU_exact": ("arm with unmodelled physics, exact inverse", "exact"),
+}

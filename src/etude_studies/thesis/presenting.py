@@ -1,0 +1,132 @@
+"""Figures, tables and claims as text: the thesis's layout, its numbers beside ours with intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from rich.table import Table
+
+from etude_studies.thesis.ledger import Claim, Entry, Row
+from etude_studies.thesis.statistics import interval
+from etude_studies.thesis.verdicts import Verdict
+
+MOST_ROUNDS = 10
+
+
+class Values(Protocol):
+    """Where measured values are looked up: `collected.Results`."""
+
+    def values(
+        self, source: str, measure: str, k: int, test: str = "", part: str = "mean"
+    ) -> Mapping[int, float]: ...
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One number of ours.
+
+    Attributes:
+        mean: over seeds. low, high: its 95 % t interval; NaN of one seed. seeds: how many.
+    """
+
+    mean: float
+    low: float
+    high: float
+    seeds: int
+
+    @classmethod
+    def of(cls, values: Mapping[int, float]) -> Cell:
+        """Of values by seed; those that are not finite are left out."""
+        own = [value for value in values.values() if math.isfinite(value)]
+        if not own:
+            return cls(math.nan, math.nan, math.nan, 0)
+        low, high = interval(own) if len(own) > 1 else (math.nan, math.nan)
+        return cls(sum(own) / len(own), low, high, len(own))
+
+    @property
+    def text(self) -> str:
+        """The mean and the half width of its interval."""
+        if not self.seeds:
+            return "-"
+        half = 0.5 * (self.high - self.low)
+        return f"{self.mean:.4g}" + ("" if math.isnan(half) else f" ± {half:.2g}")
+
+
+def cell(results: Values, entry: Entry, source: str, column: str, k: int) -> Cell:
+    """What an entry shows of a source in a column after k trajectories."""
+    measure, part = entry.measure, column
+    if entry.part:  # columns are inputs, and the measure is one number for each of them
+        measure, part = f"{entry.measure}_{column}", entry.part
+    return Cell.of(results.values(source, measure, k, entry.test, part))
+
+
+def entry_table(entry: Entry, results: Values, more: Sequence[Row] = ()) -> Table:
+    """Rows and lines of an entry after its last k; the thesis's own numbers in brackets.
+
+    Args:
+        more: rows of methods that are not the thesis's.
+    """
+    shown = Table(title=f"{entry.id}: {entry.title} ({entry.unit})", title_justify="left")
+    for heading in ("", "after", *entry.columns, "seeds"):
+        shown.add_column(heading, justify="left" if not heading else "right", overflow="fold")
+    rows = [*entry.rows, *more, *(Row(label=line, run=line) for line in entry.lines)]
+    for row in rows:
+        for k in (row.at or entry.at)[-1:] if entry.kind == "table" else entry.at:
+            _add(shown, entry, row, results, k)
+    return shown
+
+
+def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int) -> None:
+    found = [cell(results, entry, row.run, column, k) for column in entry.columns]
+    if not any(own.seeds for own in found):
+        return
+    printed = [f" [{value:g}]" for value in row.printed] if entry.kind == "table" else []
+    printed += [""] * (len(found) - len(printed))
+    texts = [own.text.replace("[", r"\[") + text for own, text in zip(found, printed, strict=True)]
+    shown.add_row(row.label, str(k), *texts, str(max(own.seeds for own in found)))
+
+
+HEADLINES = (("error", "fourier", "deg"), ("mae", "uniform", "command unit"))
+"""Measure, test and unit by which a run is known, where no figure or table is asked for."""
+
+
+def run_line(run: str, results: Values) -> str:
+    """The run's headline after its last trajectory; "" if it has none."""
+    for measure, test, unit in HEADLINES:
+        for k in range(MOST_ROUNDS, 0, -1):
+            own = Cell.of(results.values(run, measure, k, test))
+            if own.seeds:
+                return f"{run:24} {own.text} {unit} after {k} ({measure}, test {test}, {own.seeds} seeds)"
+    return ""
+
+
+def verdict_sentence(claim: Claim, verdict: Verdict) -> str:
+    """The claim and its verdict, in two lines."""
+    reason = f" ({verdict.reason})" if verdict.reason else ""
+    marks = [
+        word
+        for word, holds in (("simulated", verdict.simulated), ("exploratory", verdict.exploratory))
+        if holds
+    ]
+    tail = f" [{', '.join(marks)}]" if marks else ""
+    return f'{claim.id}: "{" ... ".join(claim.quote)}"\n  {verdict.word}{reason}{tail}'
+
+
+def numbers(verdict: Verdict) -> list[str]:
+    """A line for each part of a verdict: estimate, interval, wins, seeds, p."""
+    lines = []
+    for part in verdict.parts:
+        at = "" if part.k is None else f" at {part.k}"
+        if part.estimate is None or part.low is None or part.high is None:
+            lines.append(f"part {part.part + 1}{at}: {part.word} ({part.reason})")
+            continue
+        p = "" if part.p_adjusted is None else f", adjusted p {part.p_adjusted:.2g}"
+        needed = "" if part.needed is None else f"; {part.needed} seeds would decide"
+        lines.append(
+            f"part {part.part + 1}{at}: {part.word}, {part.estimate:.3g} [{part.low:.3g}, {part.high:.3g}], "
+            f"{part.wins} of {part.seeds} seeds{p}{needed}"
+        )
+    return lines

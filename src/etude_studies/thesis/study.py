@@ -1,0 +1,248 @@
+"""etude study: the thesis's figures, tables and claims, run, listed, shown and reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etude.errors import UsageError
+from etude_studies.collected import Results, collect
+from etude_studies.engines.choice import open_engine, shard
+from etude_studies.engines.progress import progress
+from etude_studies.engines.schedule import Report, run_all, shard_of
+from etude_studies.thesis.catalogue import Run, run_named
+from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
+from etude_studies.thesis.kept import kept_results, kept_verdicts, renew, unpack, verdicts_of
+from etude_studies.thesis.ledger import Entry, Row
+from etude_studies.thesis.method import with_method
+from etude_studies.thesis.part_verdicts import UNTESTED
+from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
+from etude_studies.thesis.verdicts import Verdict
+
+Say = Callable[[str], None]
+COLLECTED = "collected"
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One row of `etude study list`.
+
+    Attributes:
+        id: what it is asked for by. what: one line.
+        seeds: committed, of the run with fewest. verdict: its word; "" of what is no claim.
+    """
+
+    id: str
+    what: str
+    seeds: int
+    verdict: str
+
+    @property
+    def command(self) -> str:
+        """What computes it."""
+        return f"etude study run {self.id}"
+
+
+class ThesisStudy:
+    """What `etude study` offers of the thesis; see `etude.commands.studies.Room`."""
+
+    def rows(self) -> list[Listed]:
+        """Every group, figure, table and claim."""
+        own, verdicts, kept = ledger(), kept_verdicts(), kept_results()
+        groups = [Listed(id, what, 0, "") for id, what in GROUPS.items()]
+        entries = [Listed(e.id, e.title, _seeds(e.id, kept), "") for e in own.entries]
+        claims = [
+            Listed(c.id, " ... ".join(c.quote), _seeds(c.id, kept), _word(verdicts, c.id)) for c in own.claims
+        ]
+        return [*groups, *entries, *claims]
+
+    def knows(self, id: str) -> bool:
+        """Whether it is one of its ids, runs among them."""
+        return id in ids()
+
+    def refuse(self, id: str) -> UsageError:
+        """What to say of an id that nobody knows."""
+        return unknown(id)
+
+    def run(self, id: str, options: Mapping[str, Any], say: Say) -> tuple[str, dict[str, Any]]:
+        """Computes what an id stands for, as far as it is not in the folder; text and data.
+
+        Args:
+            options: `seeds` (None: as planned), `seed` (the first), `folder`, `workers`, `cluster`, `shard`,
+                `method`, `limit_s`, `go_on` (count the committed results as done).
+        """
+        runs = [run_named(name) for name in runs_of(id)]
+        added = _methods(runs, options["method"])
+        own, store = _Chosen.of([*runs, *added], options), Path(options["folder"]) / "thesis"
+        if options["go_on"]:
+            say(f"{unpack(runs, store, kept_results())} committed results are taken as done.")
+        report = _computed(own.specs, store, options, say)
+        if options["shard"]:
+            return f"{len(report.ran)} runs computed, {len(report.kept)} were there.", _counted(report)
+        collect(store, own.by_run, store / COLLECTED)
+        results = Results.load(store / COLLECTED)
+        return _shown(id, results, added, report), {**_counted(report), "rows": _rows(id, results, added)}
+
+    def show(self, id: str) -> tuple[str, dict[str, Any]]:
+        """What is committed of a claim, a figure, a table or a run."""
+        own, results, verdicts = ledger(), kept_results(), kept_verdicts()
+        claim = next((one for one in own.claims if one.id == id), None)
+        if claim is not None and id in verdicts:
+            found = verdicts[id]
+            lines = [verdict_sentence(claim, found), *(f"  {line}" for line in numbers(found))]
+            lines += [f"  thesis: {claim.thesis}"] if claim.thesis else []
+            lines += [f"  {text}" for text in (claim.note, claim.contradicts) if text]
+            lines += [f"  again: etude study run {id}"]
+            return "\n".join(lines), {"id": id, "verdict": found.word, "parts": numbers(found)}
+        if not self.knows(id):
+            raise unknown(id)
+        text = _tables(entries_of(id), results, ())
+        what = "\n".join(f"{run.name}: {run.what}" for run in map(run_named, runs_of(id)))
+        return f"{text}\n{what}", {"id": id, "rows": _rows(id, results, ())}
+
+    def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Writes the pages of what is committed; with `update`, from the store's results, committed first."""
+        from etude_studies.site.build import build_site
+        from etude_studies.thesis.pages import write_thesis_page
+
+        if options["update"]:
+            runs = [run_named(name) for name in runs_of("all")]
+            counts = renew(runs, Path(options["folder"]) / "thesis")
+            kept_results.cache_clear()
+            kept_verdicts.cache_clear()
+            write_thesis_page()
+            if not counts:
+                raise UsageError("the store has no results", where=str(options["folder"]))
+        page = build_site(ledger(), kept_verdicts(), kept_results(), folder)
+        return str(page), {"page": str(page)}
+
+
+STUDY = ThesisStudy()
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """The runs with their seeds."""
+
+    by_run: Mapping[str, list[Any]]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], options: Mapping[str, Any]) -> _Chosen:
+        seeds, first = options["seeds"], options["seed"]
+        if seeds is not None and seeds < 1:
+            raise UsageError(f"{seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
+        counted = {run.name: range(first, first + (seeds or run.seeds)) for run in runs}
+        return cls({run.name: run.specs(counted[run.name]) for run in runs})
+
+    @property
+    def specs(self) -> list[Any]:
+        """Seed by seed, so that an end in between leaves whole seeds."""
+        longest = max((len(own) for own in self.by_run.values()), default=0)
+        return [own[i] for i in range(longest) for own in self.by_run.values() if i < len(own)]
+
+
+def _computed(specs: Sequence[Any], store: Path, options: Mapping[str, Any], say: Say) -> Report:
+    if options["shard"]:
+        specs = shard_of(specs, *shard(options["shard"]))
+    with (
+        open_engine(options["workers"], options["cluster"], options["limit_s"], say) as engine,
+        progress() as tell,
+    ):
+        return run_all(specs, store, engine, tell)
+
+
+def _methods(runs: Sequence[Run], method: str) -> list[Run]:
+    if not method:
+        return []
+    found = [own for own in (with_method(run, method) for run in runs) if own is not None]
+    if not found:
+        raise UsageError(
+            f"no run behind this has a place for {method}",
+            where="--method",
+            next_step="A kernel fits dictionaries and full regression, a criterion designed trajectories.",
+        )
+    return found
+
+
+def _shown(id: str, results: Results, added: Sequence[Run], report: Report) -> str:
+    lines = [_tables(entries_of(id), results, added)]
+    if not lines[0]:
+        lines = [run_line(name, results) for name in (*runs_of(id), *(run.name for run in added))]
+    verdicts = verdicts_of(results)
+    for claim in ledger().claims:
+        if (claim.id == id or id in claim.rests_on) and verdicts[claim.id].word != UNTESTED:
+            lines.append(verdict_sentence(claim, verdicts[claim.id]))
+    lines += [f"{spec.label} failed: {why}" for spec, why in report.failed.items()]
+    lines += [f"{spec.label}: {note}" for spec, note in report.noted.items()]
+    return "\n".join(line for line in lines if line)
+
+
+def _tables(entries: Sequence[Entry], results: Results, added: Sequence[Run]) -> str:
+    from io import StringIO
+
+    from rich.console import Console
+
+    out = StringIO()
+    console = Console(file=out, width=110)
+    for entry in entries:
+        table = entry_table(entry, results, _more(entry, added))
+        if table.row_count:
+            console.print(table)
+    return out.getvalue().rstrip()
+
+
+def _more(entry: Entry, added: Sequence[Run]) -> list[Row]:
+    """A row of somebody's method below each row whose run it took part in."""
+    return [
+        Row(label=f"{row.label}, {run.name.partition('+')[2]}", run=run.name, at=row.at)
+        for row in entry.rows
+        for run in added
+        if run.name.partition("+")[0] == row.run
+    ]
+
+
+def _rows(id: str, results: Results, added: Sequence[Run]) -> list[dict[str, Any]]:
+    from etude_studies.thesis.presenting import cell
+
+    found = []
+    for entry in entries_of(id):
+        for row in [*entry.rows, *_more(entry, added)]:
+            k = (row.at or entry.at)[-1]
+            for column in entry.columns:
+                own = cell(results, entry, row.run, column, k)
+                if own.seeds:
+                    found.append(
+                        {
+                            "metric": f"{entry.id}, {row.label}, {column}",
+                            "value": own.mean,
+                            "low": own.low,
+                            "high": own.high,
+                            "seeds": own.seeds,
+                            "unit": entry.unit,
+                            "k": k,
+                        }
+                    )
+    return found
+
+
+def _counted(report: Report) -> dict[str, Any]:
+    return {
+        "ran": len(report.ran),
+        "kept": len(report.kept),
+        "recomputed": len(report.recomputed),
+        "failed": {spec.label: why for spec, why in report.failed.items()},
+    }
+
+
+def _seeds(id: str, kept: Results) -> int:
+    try:
+        names = runs_of(id)
+    except UsageError:
+        return 0
+    return min((len(kept.seeds(name)) for name in names), default=0)
+
+
+def _word(verdicts: Mapping[str, Verdict], id: str) -> str:
+    return verdicts[id].word if id in verdicts else ""
