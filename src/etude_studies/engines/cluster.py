@@ -34,7 +34,7 @@ class Cluster(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As `Executor.submit`; a call that the cluster has tried in vain on several workers fails."""
         found: Future[Any] = Future()
-        found.set_running_or_notify_cancel()  # a call that was handed over is cancelled by leaving the cluster
+        found.set_running_or_notify_cancel()  # what was handed over is cancelled by leaving
         self._executor.submit(fn, *args, **kwargs).add_done_callback(lambda own: _passed_on(own, found))
         return found
 

@@ -27,5 +27,5 @@ def each(work: Callable[[C], R], cells: Iterable[C], workers: int | None = None)
                 first_done([found[0]])
                 yield found.popleft().result()
         except Exception:
-            pool.shutdown(cancel_futures=True)  # what the others have begun is finished, and kept in their files
+            pool.shutdown(cancel_futures=True)  # what has begun is finished, and kept in its file
             raise

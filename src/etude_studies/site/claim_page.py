@@ -6,7 +6,15 @@ import math
 from collections.abc import Sequence
 
 from etude.report.markup import Html, element, join, number, paragraph, table
-from etude_studies.site.claim_words import claimed, compared, estimate, printed_words, sentence
+from etude_studies.site.claim_words import (
+    Names,
+    claimed,
+    compared,
+    deciding,
+    estimate,
+    printed_words,
+    sentence,
+)
 from etude_studies.site.context import Study
 from etude_studies.site.dot_plot import Dot, dot_plot
 from etude_studies.site.downloads import data_links
@@ -15,7 +23,7 @@ from etude_studies.site.marks import Style, figure
 from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
-from etude_studies.site.words import entry_name, plural
+from etude_studies.site.words import entry_name, plural, row_name
 from etude_studies.thesis.contrasts import EACH, contrasts
 from etude_studies.thesis.ledger import Claim, Part
 from etude_studies.thesis.part_verdicts import UNTESTED, PartVerdict
@@ -42,16 +50,35 @@ def claim_page(study: Study, claim: Claim) -> Html:
         element("h1", f"Claim {claim.id}"),
         paragraph(_about(claim, verdict), class_="soft"),
         element("blockquote", " … ".join(claim.quote)),
-        element("p", chip(verdict), " ", sentence(verdict), class_="lead verdict"),
+        element("p", chip(verdict), " ", sentence(verdict, _short(study, claim, own)), class_="lead verdict"),
         _again(verdict),
         _picture(own, verdict),
-        _table(study, own, verdict),
+        _table(_names(study, claim), own, verdict),
         _told(claim),
         _command(claim),
         _readings(study, claim, verdict),
         _seeds(study, claim),
         _tests(own, verdict),
     )
+
+
+def _names(study: Study, claim: Claim) -> Names:
+    """Sources by the labels of the tables behind the claim, and behind those that it says again."""
+    names: dict[str, str] = {}
+    for one in (claim, *(study.ledger.claim(id) for id in claim.alias_of)):
+        names = study.names(one) | names
+    return lambda source: row_name(source, names, study.what)
+
+
+def _short(study: Study, claim: Claim, own: Sequence[tuple[str, Part]]) -> str:
+    """What the deciding number is of, where it is a plain ratio."""
+    verdict = study.verdicts[claim.id]
+    first = deciding(verdict)
+    part = next((asked for asked, found in _matched(own, verdict) if found is first), None)
+    if part is None or part.statistic not in ("ratio", "ratio_each"):
+        return ""
+    names = _names(study, claim)
+    return f"{names(part.a)} over {names(part.b)}"
 
 
 def _about(claim: Claim, verdict: Verdict) -> Html:
@@ -119,9 +146,9 @@ def _number(found: PartVerdict) -> str:
     return f"({found.part + 1})" + (f" at {found.k}" if found.k is not None else "")
 
 
-def _table(study: Study, own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
+def _table(names: Names, own: Sequence[tuple[str, Part]], verdict: Verdict) -> Html:
     """What is compared, part by part."""
-    items = [element("li", *_item(study, part, found)) for part, found in _matched(own, verdict)]
+    items = [element("li", *_item(names, part, found)) for part, found in _matched(own, verdict)]
     return (
         join([element("h2", "What is compared"), element("ol", *items, class_="parts")])
         if items
@@ -129,8 +156,8 @@ def _table(study: Study, own: Sequence[tuple[str, Part]], verdict: Verdict) -> H
     )
 
 
-def _item(study: Study, part: Part, found: PartVerdict) -> list[object]:
-    said = compared(part, study.what, found.k)
+def _item(names: Names, part: Part, found: PartVerdict) -> list[object]:
+    said = compared(part, names, found.k)
     first = [element("b", _number(found)), f" {said[:1].upper()}{said[1:]}; {claimed(part)}."]
     if found.estimate is None:
         return [*first, paragraph(word_chip(found.word), f" {found.reason}.")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from etude.report.markup import number
 from etude_studies.site.words import (
@@ -11,7 +11,6 @@ from etude_studies.site.words import (
     measure_name,
     plural,
     shown,
-    source_name,
     test_name,
 )
 from etude_studies.thesis.ledger import Part
@@ -48,7 +47,11 @@ REST: Mapping[str, str] = {
 """Added where a second source is given."""
 
 
-def compared(part: Part, what: Mapping[str, str], k: int | None = None) -> str:
+Names = Callable[[str], str]
+"""A source in words."""
+
+
+def compared(part: Part, name_of: Names, k: int | None = None) -> str:
     """The statistic of a part as a phrase; of one count `k` where each is judged by itself."""
     at = (k,) if k is not None else part.at
     counted = _counted(part)
@@ -57,8 +60,8 @@ def compared(part: Part, what: Mapping[str, str], k: int | None = None) -> str:
         phrase = "{m} of {a}, over that of {b}, {at}"
     else:
         phrase = STATISTICS[part.statistic] + (REST.get(part.statistic, "") if part.b else "")
-    names = {name: source_name(source, what) for name, source in (("a", part.a), ("b", part.b))}
-    others = listed([source_name(source, what) for source in part.among]) if part.among else ""
+    names = {name: name_of(source) for name, source in (("a", part.a), ("b", part.b))}
+    others = listed([name_of(source) for source in part.among]) if part.among else ""
     said = phrase.format(
         m=measure_name(part.measure),
         at=after,
@@ -69,14 +72,14 @@ def compared(part: Part, what: Mapping[str, str], k: int | None = None) -> str:
         last=_after(part.at[-1:], counted),
         **names,
     )
-    return said + _rest(part, what)
+    return said + _rest(part, name_of)
 
 
-def _rest(part: Part, what: Mapping[str, str]) -> str:
+def _rest(part: Part, name_of: Names) -> str:
     """What is set against it, where it is measured."""
     out = ""
     if part.statistic == "gap" and part.c:
-        out += f", over how far {source_name(part.c, what)} and {source_name(part.d, what)} are apart"
+        out += f", over how far {name_of(part.c)} and {name_of(part.d)} are apart"
     if part.against:
         out += f"; against the same {_after(part.against, _counted(part))}"
     if part.bound:
@@ -113,8 +116,8 @@ def deciding(verdict: Verdict) -> PartVerdict | None:
     return next((part for part in verdict.parts if part.word == verdict.word), None)
 
 
-def sentence(verdict: Verdict) -> str:
-    """The verdict as one sentence."""
+def sentence(verdict: Verdict, said: str = "") -> str:
+    """The verdict as one sentence; `said` is what the deciding number is of."""
     word = shown(verdict)
     part = deciding(verdict)
     facts = evidence(part) if part is not None else ""
@@ -130,6 +133,7 @@ def sentence(verdict: Verdict) -> str:
         "tie": "What is compared is equal within the margin",
         UNDECIDED: "These seeds do not decide it",
     }[verdict.word]
+    facts = f"{said}: {facts}" if said and facts else facts
     reason = f"; {verdict.reason}" if verdict.reason else ""
     return f"{opening}: {facts}{reason}." if facts else f"{opening}{reason}."
 

@@ -57,5 +57,13 @@ class Study:
         others = ((own, verdict.word) for own, verdict in self.readings_of(claim))
         return tuple(own.name for own, other in others if {word, other} <= set(decided) and word != other)
 
+    def names(self, claim: Claim) -> dict[str, str]:
+        """Labels that the tables and figures behind a claim give to sources, the first of each."""
+        found: dict[str, str] = {}
+        for id in claim.rests_on:
+            for row in self.ledger.entry(id).rows:
+                found.setdefault(row.run, row.label)
+        return found
+
     def claims_of(self, entry: Entry) -> tuple[Claim, ...]:
         return self.ledger.claims_of(entry.id)

@@ -17,7 +17,7 @@ LEFT, RIGHT = 14.0, WIDTH - 14.0
 ROW = 44.0
 LINE = 15.0
 """Height of one row of names of lines, px."""
-CHARACTER = 6.4
+CHARACTER = 7.0
 """Width to keep for a character of the lines' 12 px type."""
 FAR = 1.6
 """A line beyond this multiple of everything else is named at the edge, so that rows keep their room."""

@@ -121,6 +121,12 @@ def source_name(source: str, what: Mapping[str, str]) -> str:
     return source if name == source else f"{source}: {name}"
 
 
+def row_name(source: str, names: Mapping[str, str], what: Mapping[str, str]) -> str:
+    """A source by the label that a table gives it, or in a few words, with its id behind it."""
+    name = names.get(source) or line_name(source, what)
+    return source if name == source else f"“{name}” ({source})"
+
+
 def measure_name(measure: str) -> str:
     if measure.startswith("length_"):
         return f"length scale of {column_name(measure.removeprefix('length_'))}"

@@ -36,6 +36,12 @@ def _spectrum(steps: int, schedule: str = "reinitialise", *, learned: bool = Tru
     return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model | other.pop("model", {}), **other}
 
 
+def _member(process: str) -> Settings:
+    """Another member of the family, on the samples of full regression; hyperparameters of 500 of them."""
+    model = {"process": process, "basis": 200, "points": 500 * ROUNDS, "fit_points": 500}
+    return {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": model}
+
+
 def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
     """The default protocol; random motions without a criterion."""
     design = {"criterion": criterion} if criterion else {}
@@ -108,6 +114,9 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
         "exact on 500 samples, evenly spread over all trajectories",
         {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": _AT_ONCE},
     ),
+    "Y2": ("LWPR on A6's samples", _member("lwpr")),
+    "Y3": ("SPGP with 200 inducing inputs on A6's samples", _member("fitc")),
+    "Y4": ("SOGP with 200 basis points on A6's samples", _member("sogp")),
     "DP1": ("default protocol, process alone, random", _default("gp", beside=True)),
     "DP2": ("default protocol, process alone, designed by log_ivr", _default("gp", "log_ivr")),
     "DP3": ("default protocol, ladder, random", _default("auto")),

@@ -15,7 +15,7 @@ from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
 
 ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 10, 60, 20
 SMALL_SEEDS = 2
-FEWER = {"A6": FULL_SEEDS, "X11": 3}
+FEWER = {"A6": FULL_SEEDS, "X11": 3, "Y2": 5, "Y3": 5, "Y4": 5}
 """Seeds of runs that would take days: full regression on 3,000 points; a spectrum on 36,000."""
 
 
@@ -57,18 +57,13 @@ def catalogue() -> Mapping[str, Run]:
         runs.append(Run(name, what, SMALL_SEEDS, partial(arm_spec, settings)))
     for name, (what, flight) in FLIGHT_RUNS.items():
         runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(flight))))
-    for name, what, seeds, function, own in SMALL_RUNS:
-        runs.append(Run(name, what, seeds, partial(_spec, function, own)))
+    runs += [Run(name, *own) for name, own in SMALL_RUNS.items()]
     return {run.name: run for run in runs}
 
 
 def flight_spec(settings: Mapping[str, Any], seed: int) -> Spec:
     """A run of chapter 5."""
     return Spec("etude_studies.thesis.flights:run_flights", settings, seed)
-
-
-def _spec(function: str, settings: Mapping[str, Any], seed: int) -> Spec:
-    return Spec(function, settings, seed)
 
 
 def run_named(name: str) -> Run:

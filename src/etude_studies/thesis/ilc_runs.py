@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array, Controller, Log, Motion, Row, Trajectory
+from etude.contracts import Array, Log, Motion, Row, Trajectory
 from etude.robots.arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude.threads import threads_for
 from etude_studies.measured import Measured
@@ -75,10 +75,10 @@ def given_on(world: World, motion: Trajectory, signal: Array) -> Given:
 
 
 def adaptive(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFrame]) -> list[Measured]:
-    """Adaptive control: k training motions under it, from no knowledge of the parameters, then the tests.
+    """Adaptive control: k training motions under it, from no knowledge of the parameters, then the test.
 
-    Models "" (Slotine and Li) and "craig" (Craig, Hsu and Sastry) go on adapting in a test, which leaves no
-    trace in the next; "frozen" and "craig frozen" keep the estimates that they came with.
+    Models "" (Slotine and Li) and "craig" (Craig, Hsu and Sastry) go on adapting in the test, which leaves
+    no trace in the next motion; "frozen" and "craig frozen" keep the estimates that they came with.
 
     Args:
         settings: `robot`, `rounds` of `ArmSettings`. seed: of the study.
@@ -96,20 +96,14 @@ def adaptive(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.Data
 def _adapted(
     own: ArmSettings, seed: int, drawn: Sequence[Trajectory], name: str, controller: AdaptiveController
 ) -> Iterator[Measured]:
-    """The tests before the first motion and after each."""
+    """The test before the first motion and after each."""
     for k in range(len(drawn) + 1):
         if k:
             own.world.robot.run(drawn[k - 1], controller, np.random.default_rng([seed, RUN, k]))
         beside = {name: copy(controller), f"{name} frozen".strip(): Frozen.of(controller)}
         for line, tested_one in beside.items():
-            yield from _tests(own, seed, k, line, tested_one)
-
-
-def _tests(own: ArmSettings, seed: int, k: int, model: str, controller: Controller) -> Iterator[Measured]:
-    """Every test under a copy of the controller."""
-    for name, motion in test_motions(own.robot, seed).items():
-        log = tested(own, motion, copy(controller), seed, name)
-        yield from tracked(k, name, model, own.world, log)
+            motion = test_motions(own.robot, seed)[PRIMARY]
+            yield from tracked(k, PRIMARY, line, own.world, tested(own, motion, tested_one, seed, PRIMARY))
 
 
 @dataclass(eq=False)

@@ -1,9 +1,33 @@
-"""Runs of neither arm nor flights: kernels, timings, traces of single runs, related controllers."""
+"""Runs of neither arm nor flights by name: kernels, timings, traces of single runs, related controllers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import partial
 
-SMALL_RUNS: tuple[tuple[str, str, int, str, Mapping[str, Any]], ...] = ()
-"""Name, what, seeds, function, settings."""
+from etude_studies.spec import Spec
+from etude_studies.thesis.arm_traces import TRACED, trace_spec
+from etude_studies.thesis.ilc_runs import adaptive_spec, repeated_spec
+
+TIMINGS = 12
+"""Repeats of the timings; fewer cannot pass the correction for how many claims are asked."""
+
+
+def _plain(function: str, seed: int) -> Spec:
+    return Spec(f"etude_studies.thesis.{function}", {}, seed)
+
+
+SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
+    "K1": (
+        "spectral points for a kernel, a seed a draw",
+        20,
+        partial(_plain, "kernel_figure:run"),
+    ),
+    "T1": ("timings by the number of points, a seed a repeat", TIMINGS, partial(_plain, "costs:run")),
+    "Y1": ("iterative learning control on the test itself", 20, repeated_spec),
+    "Y6": ("adaptive control: Slotine and Li, Craig", 20, adaptive_spec),
+    "O1": ("learning on line, also after the arm has changed", 6, partial(_plain, "other_runs:on_line")),
+    "L1": ("voltages of a process in the quadrotor's loop", 6, partial(_plain, "other_runs:in_the_loop")),
+    **{name: (what, 1, partial(trace_spec, name)) for name, (what, _) in TRACED.items()},
+}
+"""What each is, seeds, spec of a seed."""
