@@ -8,14 +8,11 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from etude.errors import EtudeError, UsageError
+from etude_studies.engines.workers import WorkerDied
 
 ANSWER_S = 5.0
 MANY = 10_000
 """Calls handed to the cluster at once: it has its own queue, and workers that join find something to do."""
-
-
-class WorkersDied(EtudeError):
-    """Every worker to which the cluster gave a call died of it."""
 
 
 class Cluster(Executor):
@@ -32,7 +29,10 @@ class Cluster(Executor):
         self._executor = client.get_executor(pure=False)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As `Executor.submit`; a call that the cluster has tried in vain on several workers fails."""
+        """As `Executor.submit`; a call whose workers died, as many as the cluster allows, fails with WorkerDied.
+
+        The cluster also blames calls that such a worker had finished or had before it, so one more try is due.
+        """
         found: Future[Any] = Future()
         found.set_running_or_notify_cancel()  # what was handed over is cancelled by leaving
         self._executor.submit(fn, *args, **kwargs).add_done_callback(lambda own: _passed_on(own, found))
@@ -101,6 +101,6 @@ def _passed_on(own: Future[Any], found: Future[Any]) -> None:
         found.set_result(own.result())
     elif type(error).__name__ == "KilledWorker":
         tries = getattr(error, "allowed_failures", 0) + 1
-        found.set_exception(WorkersDied(f"all {tries} workers that tried it died"))
+        found.set_exception(WorkerDied(f"all {tries} workers that had it died"))
     else:
         found.set_exception(error)

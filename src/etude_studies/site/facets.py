@@ -26,7 +26,7 @@ MODELS: Mapping[str, str] = {
     "X11": "SSGP",
 }
 """By run, or by its first letters; lines beside a run and controllers that learn no process have none."""
-DESIGNED = ("A7", "S9", "X4", "X8", "X10b", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
+DESIGNED = ("A7", "S9", "X4", "X8", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
 WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y")
 LATE = {"DP2": "log_ivr", "DP4": "log_ivr", "X13": "best of 24 random"}
 Facets = Mapping[str, tuple[str, ...]]

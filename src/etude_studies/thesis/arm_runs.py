@@ -100,8 +100,6 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
     ),
     "X8": ("A7 from one random start", _dictionary(motions="designed", design=_ONE_START)),
     "X9": ("A1 on measured positions, differentiated without a filter", _dictionary(data=_RAW)),
-    "X10a": ("A1 to ten trajectories", _dictionary(_LONG)),
-    "X10b": ("A7 to ten trajectories", _dictionary(_LONG | _DESIGNED)),
     "X11": (
         "S1 on all samples",
         _spectrum(5, data={"rate_hz": 100.0}, model={"fit_points": EVERY_SAMPLE}),

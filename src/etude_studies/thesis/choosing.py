@@ -63,7 +63,7 @@ def group_of(name: str) -> str:
         return "miniature"
     if name.startswith("DP"):
         return "default"
-    if name.startswith("D"):
+    if name.startswith(("D", "R")):
         return "beyond"
     return "thesis" if name[0] in PROTOCOL and name not in SENSITIVITY else "sensitivity"
 

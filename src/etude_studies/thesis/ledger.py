@@ -1,4 +1,5 @@
-"""The ledger of the thesis: its claims, figures and tables as data, from `claims.toml` and `tables.toml`.
+"""The ledger of the thesis: its claims, figures and tables as data, from `claims.toml`, `tables.toml`, and
+`beyond.toml`, which has what the thesis does not ask.
 
 A claim says which statistic of which runs answers it; an entry is one figure or table, with the numbers that
 the thesis printed. Both files are checked as a whole when they are read, so that nothing is left without an
@@ -15,7 +16,7 @@ import msgspec
 
 from etude.errors import UsageError
 from etude_studies.thesis import ledger_checks as checks
-from etude_studies.thesis.ledger_checks import CLAIMS, TABLES
+from etude_studies.thesis.ledger_checks import BEYOND, CLAIMS, TABLES
 from etude_studies.thesis.ledger_items import Ambiguity, Claim, Entry, Part, Row
 
 HERE = Path(__file__).parent
@@ -66,7 +67,7 @@ class Ledger(msgspec.Struct, frozen=True, dict=True):
 
 
 def load_ledger(folder: Path = HERE) -> Ledger:
-    """Claims and entries of the two files of `folder`, checked together.
+    """Claims and entries of the three files of `folder`, checked together.
 
     Raises:
         UsageError: a file that is missing or no TOML; an unknown key or statistic; an alias with parts or of
@@ -74,9 +75,10 @@ def load_ledger(folder: Path = HERE) -> Ledger:
             that nothing bears. File and id are said.
     """
     claims, tables = _read(folder / CLAIMS, ("claim",)), _read(folder / TABLES, ("entry", "ambiguity"))
+    beyond = _read(folder / BEYOND, ("entry",))
     ledger = Ledger(
         claims=_made(Claim, claims, "claim", CLAIMS),
-        entries=_made(Entry, tables, "entry", TABLES),
+        entries=(*_made(Entry, tables, "entry", TABLES), *_made(Entry, beyond, "entry", BEYOND)),
         ambiguities=_made(Ambiguity, tables, "ambiguity", TABLES),
     )
     checks.check(ledger)

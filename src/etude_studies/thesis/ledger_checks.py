@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 
-CLAIMS, TABLES = "claims.toml", "tables.toml"
-SOURCE = re.compile(r"[A-Z]{1,2}\d+[a-z]?(:[a-z][a-z0-9_]*)?")
+CLAIMS, TABLES, BEYOND = "claims.toml", "tables.toml", "beyond.toml"
+OWN = "beyond-"
+"""How ids of entries begin that the thesis has not."""
+SOURCE = re.compile(r"([A-Z]{1,2}\d+[a-z]?|D[ACU]_[a-z_]+)(:\w+)?")
 """A run, or one and a model beside its own."""
 FIGURES = ("2.3", *(f"5.{i}" for i in range(1, 9)), *(f"6.{i}" for i in range(1, 19)))
 TABLES_PRINTED = tuple(f"6.{i}" for i in range(1, 13))
@@ -33,7 +35,7 @@ MEASURES = (
     *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
     *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
     *("cpu_train", "cpu_predict", "cpu_design", "predict_s", "train_s", "swap_s"),
-    *("slope_mean", "slope_variance", "slope_train"),
+    *("slope_mean", "slope_variance", "slope_train", "seconds_until"),
 )
 """Columns of results that a part or an entry may name; `length` stands for those of all inputs."""
 OPTIONAL: Mapping[str, tuple[str, ...]] = {
@@ -59,7 +61,8 @@ def check(ledger: Ledger) -> None:
     """Raises UsageError for the first thing that is wrong in it."""
     _unique([claim.id for claim in ledger.claims], CLAIMS)
     _unique([one.id for one in ledger.ambiguities], TABLES)
-    _complete([entry.id for entry in ledger.entries])
+    _complete([entry.id for entry in ledger.entries if not entry.id.startswith(OWN)])
+    _unique([entry.id for entry in ledger.entries], BEYOND)
     kinds = {claim.id: claim.kind for claim in ledger.claims}
     known = [one.id for one in ledger.ambiguities]
     for claim in ledger.claims:
@@ -105,7 +108,7 @@ def _check_part(part: Part, where: str) -> None:
 
 
 def _check_entry(entry: Entry, known: Sequence[str]) -> None:
-    where = f"{TABLES}, {entry.id}"
+    where = f"{BEYOND if entry.id.startswith(OWN) else TABLES}, {entry.id}"
     _known(entry.ambiguous, known, "ambiguity", where)
     _sources(entry.sources, where)
     _measure(entry.measure, where)

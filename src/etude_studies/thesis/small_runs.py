@@ -8,6 +8,7 @@ from functools import partial
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm_traces import TRACED, trace_spec
 from etude_studies.thesis.ilc_runs import adaptive_spec, repeated_spec
+from etude_studies.thesis.reach_runs import reach_spec
 
 TIMINGS = 12
 """Repeats of the timings; fewer cannot pass the correction for how many claims are asked."""
@@ -26,6 +27,7 @@ SMALL_RUNS: Mapping[str, tuple[str, int, Callable[[int], Spec]]] = {
     "T1": ("timings by the number of points, a seed a repeat", TIMINGS, partial(_plain, "costs:run")),
     "Y1": ("iterative learning control on the test itself", 20, repeated_spec),
     "Y6": ("adaptive control: Slotine and Li, Craig", 20, adaptive_spec),
+    "R1": ("robot seconds until an error is reached, by method", 20, reach_spec),
     "O1": ("learning on line, also after the arm has changed", 6, partial(_plain, "other_runs:on_line")),
     "L1": ("voltages of a process in the quadrotor's loop", 6, partial(_plain, "other_runs:in_the_loop")),
     **{name: (what, 1, partial(trace_spec, name)) for name, (what, _) in TRACED.items()},
