@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from etude.storage import write_atomic
+from etude.errors import EtudeError
 from etude_studies.results import Results
 from etude_studies.site import downloads
 from etude_studies.site.about import about_page
@@ -41,20 +41,35 @@ def build_site(
         results: all that was measured.
         folder: made if need be; files of the same names are replaced.
         sensitivity: verdicts under other readings, as `readings.readings` gives them; none if None.
-        what: a sentence on each run.
+        what: a sentence on each run; those of the catalogue if None.
 
     Raises:
         EtudeError: a page could not be written.
     """
     if not {claim.id for claim in ledger.claims} <= {*verdicts}:
         verdicts = {**judge(ledger, results), **verdicts}
-    study = Study(ledger, verdicts, Numbers(results), sensitivity or (), what or {})
+    told = _sentences() if what is None else what
+    study = Study(ledger, verdicts, Numbers(results), sensitivity or (), told)
     folder = Path(folder)
     for name, text in pages(study):
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, text.encode("utf-8"))
+        _write(folder / name, text)
     return folder / INDEX
+
+
+def _sentences() -> dict[str, str]:
+    from etude_studies.thesis.catalogue import catalogue
+
+    return {name: run.what for name, run in catalogue().items()}
+
+
+def _write(path: Path, text: str) -> None:
+    """Without waiting for the disk: hundreds of pages, which the results give again."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        step = "Make room, or choose another folder."
+        raise EtudeError(f"the page cannot be written: {error}", where=str(path), next_step=step) from error
 
 
 def pages(study: Study) -> Iterator[tuple[str, str]]:

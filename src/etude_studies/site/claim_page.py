@@ -23,7 +23,7 @@ from etude_studies.site.marks import Style, figure
 from etude_studies.site.numbers import Summary
 from etude_studies.site.page import chip, command, file_of, folded, link, page, word_chip
 from etude_studies.site.seed_plot import Strip, seed_plot
-from etude_studies.site.words import entry_name, plural, row_name
+from etude_studies.site.words import entry_name, plural, row_name, section_name
 from etude_studies.thesis.contrasts import EACH, contrasts
 from etude_studies.thesis.ledger import Claim, Part
 from etude_studies.thesis.part_verdicts import UNTESTED, PartVerdict
@@ -83,7 +83,7 @@ def _short(study: Study, claim: Claim, own: Sequence[tuple[str, Part]]) -> str:
 
 def _about(claim: Claim, verdict: Verdict) -> Html:
     kind = KINDS[claim.kind]
-    words = [f"Section {claim.section}" if claim.section[0].isdigit() else claim.section.capitalize(), kind]
+    words = [section_name(claim.section), kind]
     words += ["judged in simulation in place of hardware"] if verdict.simulated else []
     words += ["exploratory: not among the thesis's own results"] if verdict.exploratory else []
     rests = [link(file_of(id), entry_name(id)) for id in claim.rests_on]

@@ -124,7 +124,7 @@ def sentence(verdict: Verdict, said: str = "") -> str:
     many = len(verdict.parts)
     if facts and many > 1:
         alike = sum(own.word == verdict.word for own in verdict.parts)
-        facts = f"{facts} ({alike} of {many} comparisons say so; this is the first)"
+        facts = f"{facts} (the first of {alike} such of {many} comparisons)"
     if word == NOT_RUN or verdict.word == UNTESTED:
         return _capital(verdict.reason.rstrip(".")) + "."
     opening = {

@@ -15,6 +15,8 @@ from etude_studies.site.numbers import Summary
 
 LEFT, RIGHT = 14.0, WIDTH - 14.0
 ROW = 44.0
+DENSE, MARGIN = 17.0, 108.0
+"""Height of a row, and room for names at its left, where there are many."""
 LINE = 15.0
 """Height of one row of names of lines, px."""
 CHARACTER = 7.0
@@ -27,13 +29,17 @@ WIDE = 15.0
 
 @dataclass(frozen=True)
 class Dot:
-    """One row. `found` or `printed` may be None; `range_` is the interval of a single run, if drawn."""
+    """One row.
+
+    Attributes:
+        name: above it. found, printed: our number and the thesis's, as far as there are any.
+        single: the interval of a single run.
+    """
 
     name: str
     found: Summary | None
     printed: float | None
     style: Style
-    note: str = ""
     single: tuple[float, float] | None = None
 
 
@@ -54,24 +60,28 @@ def dot_plot(
     log: bool | None = None,
     band: tuple[float, float] | None = None,
     centre: float | None = None,
+    dense: bool = False,
 ) -> Html:
     """The drawing; `log` by the numbers themselves if None.
 
     Args:
         rules: lines to compare with; those far away are named at the edge.
         band: values that count as equal, shaded. centre: where "no difference" is.
+        dense: many rows, with names at the left and numbers only under the pointer.
     """
     values = list(_values(dots)) + list(band or ()) + [v for v in (centre,) if v is not None]
-    scale = _scale(values, rules, axis, log, keep=centre is not None)
+    left, row = (MARGIN, DENSE) if dense else (LEFT, ROW)
+    scale = _scale(values, rules, axis, log, keep=centre is not None, left=left)
     near = [rule for rule in rules if scale.low <= rule.value <= scale.high]
     far = [rule for rule in rules if rule not in near]
     levels, rows = _levels(near, scale)
     top = 8.0 + LINE * (rows + len(far))
-    bottom = top + ROW * len(dots)
+    bottom = top + row * len(dots)
     drawn = [_ground(scale, top, bottom, axis, band, centre), *_far(far, rows, scale)]
     drawn += [_rule(rule, level, scale, bottom) for rule, level in zip(near, levels, strict=True)]
     drawn += [_rule_name(rule, level, scale) for rule, level in zip(near, levels, strict=True)]
-    drawn += [_row(dot, top + ROW * place, scale) for place, dot in enumerate(dots)]
+    draw = _thin if dense else _row
+    drawn += [draw(dot, top + row * place, scale) for place, dot in enumerate(dots)]
     return drawing(title, bottom + 44.0, "".join(drawn))
 
 
@@ -81,13 +91,15 @@ def _values(dots: Iterable[Dot]) -> Iterable[float]:
         yield from (v for v in (*found, dot.printed, *(dot.single or ())) if v is not None)
 
 
-def _scale(values: list[float], rules: Sequence[Rule], axis: str, log: bool | None, *, keep: bool) -> Scale:
+def _scale(
+    values: list[float], rules: Sequence[Rule], axis: str, log: bool | None, *, keep: bool, left: float
+) -> Scale:
     finite = [v for v in values if math.isfinite(v)] or [1.0]
     low, high = min(finite), max(finite)
     wide = low > 0.0 and high > WIDE * low if log is None else log
     fits = [r.value for r in rules if r.value <= FAR * high and (not wide or r.value >= low / FAR)]
     floor = None if wide or keep or low < 0.0 else 0.0
-    return fitted_scale(Axis(axis, log=wide, floor=floor), np.array([*finite, *fits]), LEFT, RIGHT)
+    return fitted_scale(Axis(axis, log=wide, floor=floor), np.array([*finite, *fits]), left, RIGHT)
 
 
 def _ground(
@@ -152,17 +164,29 @@ def _far(rules: Sequence[Rule], rows: int, scale: Scale) -> list[str]:
 
 
 def _row(dot: Dot, top: float, scale: Scale) -> str:
-    y, found = top + 32.0, dot.found
-    parts = [label(LEFT, top + 15, dot.name, "name halo")]
+    """Name and numbers above the mark."""
+    words = interval_text(dot.found) if dot.found else ""
+    room = int((RIGHT - LEFT) / CHARACTER) - len(words) - 1
+    name = dot.name if len(dot.name) <= room else f"{dot.name[: room - 1]}…"
+    number_ = label(RIGHT, top + 15, words, "value halo", "end") if words else ""
+    return label(LEFT, top + 15, name, "name halo") + _marks(dot, top + 32.0, scale) + number_
+
+
+def _thin(dot: Dot, top: float, scale: Scale) -> str:
+    """The name at the left of the mark."""
+    y = top + DENSE / 2
+    return label(2.0, y + 4.0, dot.name, "tick") + _marks(dot, y, scale)
+
+
+def _marks(dot: Dot, y: float, scale: Scale) -> str:
+    parts, found = [], dot.found
     if dot.single is not None:
         x0, x1 = (float(v) for v in scale(list(dot.single)))
         parts.append(f'<path class="single mark" d="M{x0:.1f},{y:.1f}H{x1:.1f}"/>')
     if found is not None:
         x, x0, x1 = (float(v) for v in scale([found.mean, found.low, found.high]))
-        words = interval_text(found)
-        tip = f"{dot.name}: {words}, {found.n} seeds{dot.note}"
+        tip = f"{dot.name}: {interval_text(found)}, {found.n} seeds"
         parts += [whisker(dot.style, x0, x1, y), sign(dot.style, x, y, tip)]
-        parts.append(label(RIGHT, top + 15, words, "value halo", "end"))
     if dot.printed is not None:
         parts.append(printed_sign(float(scale(dot.printed)), y, f"the thesis: {number(dot.printed, 4)}"))
     return "".join(parts)

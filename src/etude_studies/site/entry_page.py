@@ -12,7 +12,16 @@ from etude_studies.site.entry_more import more
 from etude_studies.site.entry_pictures import joints, pictures
 from etude_studies.site.entry_table import table_of, table_over_k
 from etude_studies.site.page import INDEX, chip, command, file_of, folded, link, page
-from etude_studies.site.words import NOT_RUN, axis_label, entry_name, plural, shown, unit_name
+from etude_studies.site.words import (
+    BEYOND,
+    NOT_RUN,
+    axis_label,
+    entry_name,
+    plural,
+    section_name,
+    shown,
+    unit_name,
+)
 from etude_studies.thesis.ledger import Claim, Entry
 
 ONE_RUN = "The thesis: one run of each row, so that nothing is known of its spread."
@@ -37,8 +46,8 @@ def entry_page(study: Study, entry: Entry) -> Html:
 
 def _top(study: Study, entry: Entry, name: str) -> Html:
     unit = unit_name(entry.unit)
-    small = f"Section {entry.section} of the thesis" + (f" · in {unit}" if unit else "")
-    lack = sorted({row.run for row in entry.rows} - {*study.numbers.results.runs})
+    small = section_name(entry.section) + (f" · in {unit}" if unit else "")
+    lack = sorted({row.run.partition(":")[0] for row in entry.rows} - {*study.numbers.results.runs})
     waits = missing(f"Not run yet: {', '.join(lack)}.") if lack and entry.kind != "trace" else ""
     return join([element("h1", f"{name}: {entry.title}"), paragraph(small, class_="soft"), waits])
 
@@ -72,7 +81,7 @@ def _lines(study: Study, claims: Sequence[Claim]) -> list[Html]:
 
 def _said(entry: Entry) -> Html:
     words = [f"The thesis, in words: {entry.printed_words}."] if entry.printed_words else []
-    words += [ONE_RUN] if entry.kind != "trace" else []
+    words += [ONE_RUN] if entry.kind != "trace" and entry.section != BEYOND else []
     words += [entry.note] if entry.note else []
     return paragraph(" ".join(words), class_="soft")
 

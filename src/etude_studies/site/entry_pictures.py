@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from etude.report.markup import Html, element, grid, join, missing
 from etude_studies.site.claim_words import COUNTED
@@ -27,10 +28,10 @@ def pictures(study: Study, entry: Entry) -> Html:
     if entry.kind == "trace":
         return _traces(study, entry)
     drawn = [_kernel(study)] if entry.id == KERNEL else []
-    column = _main(entry)
+    columns = ["mean"] if "mean" in entry.columns else _few(entry)
     if entry.kind != "curve":
-        drawn.append(_dots(study, entry, column))
-    drawn += [_curves(study, entry, own) for own in ([column] if "mean" in entry.columns else _first(entry))]
+        drawn += [_dots(study, entry, column) for column in columns] or [_all_dots(study, entry)]
+    drawn += [_curves(study, entry, column) for column in columns]
     found = [own for own in drawn if own]
     if not found:
         return missing("There is nothing to draw yet.")
@@ -47,41 +48,53 @@ def joints(study: Study, entry: Entry) -> Html:
     return folded("Each joint", grid(shown), _legend(study, entry)) if shown else Html("")
 
 
-def _main(entry: Entry) -> str:
-    return "mean" if "mean" in entry.columns else ""
-
-
-def _first(entry: Entry) -> Sequence[str]:
+def _few(entry: Entry) -> Sequence[str]:
     """Columns drawn by themselves where there is no mean: inputs of a kernel are too many."""
     return entry.columns if len(entry.columns) <= 4 else ()
 
 
 def _dots(study: Study, entry: Entry, column: str) -> Html:
-    """Rows of one column; of all columns where `column` is empty."""
-    columns = [column] if column else list(entry.columns)
+    """Rows of one column."""
+    dots = _rows(study, entry, column)
+    if all(dot.found is None and dot.printed is None for dot in dots):
+        return Html("")
+    title = f"{entry_name(entry.id)}, {column_name(column)}"
+    rules = _rules(study, entry, column)
+    drawn = dot_plot(title, dots, rules, axis=axis_label(entry.measure, entry.unit))
+    return figure(f"dots {column}", drawn, _caption(entry, column))
+
+
+def _all_dots(study: Study, entry: Entry) -> Html:
+    """Rows of every column, one below the other."""
     dots = [
-        Dot(
-            f"{column_name(own)}: {row.label}" if not column else row.label,
-            summary(study.numbers.cell(entry, row.run, own, counts(entry, row)[-1])),
-            printed(entry, row).get(own) if entry.unit not in INCOMPARABLE else None,
-            style_of(place),
-        )
-        for own in columns
-        for place, row in enumerate(entry.rows)
+        replace(dot, name=column_name(column) if place == 0 else "")
+        for column in entry.columns
+        for place, dot in enumerate(_rows(study, entry, column))
     ]
     if all(dot.found is None and dot.printed is None for dot in dots):
         return Html("")
-    title = f"{entry_name(entry.id)}, {column_name(column) if column else 'all columns'}"
-    rules = _rules(study, entry, column) if column else []
-    drawn = dot_plot(title, dots, rules, axis=axis_label(entry.measure, entry.unit))
-    return figure(f"dots {column or 'all'}", drawn, _caption(entry, column))
+    title, axis = f"{entry_name(entry.id)}, all columns", axis_label(entry.measure, entry.unit)
+    return figure("dots all", dot_plot(title, dots, axis=axis, dense=True), _caption(entry, ""))
+
+
+def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
+    return [
+        Dot(
+            row.label,
+            summary(study.numbers.cell(entry, row.run, column, counts(entry, row)[-1])),
+            printed(entry, row).get(column) if entry.unit not in INCOMPARABLE else None,
+            style_of(place),
+        )
+        for place, row in enumerate(entry.rows)
+    ]
 
 
 def _caption(entry: Entry, column: str) -> str:
     k = entry.at[-1]
     counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
     where = {"mean": "mean of the joints", "": "all columns"}.get(column, column_name(column))
-    return f"After {k} {counted}, {where}; bars are 95 % intervals of the mean over seeds."
+    after = f"After {k} {counted}, {where}" if k else where.capitalize()
+    return f"{after}; bars are 95 % intervals of the mean over seeds."
 
 
 def _rules(study: Study, entry: Entry, column: str) -> list[Rule]:

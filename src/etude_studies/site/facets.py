@@ -14,7 +14,7 @@ MODELS: Mapping[str, str] = {
     "S": "SSGP",
     "Q": "full GPR",
     "P": "full GPR",
-    "DP": "default protocol",
+    "D": "default protocol",
     "K": "SSGP",
     "Y2": "others",
     "Y3": "others",
@@ -26,9 +26,13 @@ MODELS: Mapping[str, str] = {
     "X11": "SSGP",
 }
 """By run, or by its first letters; lines beside a run and controllers that learn no process have none."""
+RUNS_OF_OTHERS = ("R1",)
+"""Whose lines are runs: "R1:A7" has a figure of A7."""
 DESIGNED = ("A7", "S9", "X4", "X8", "Q4", "Q5", "Q6d", "Q7d", "Q8d", "P2", "P4", "P5d")
 WITHOUT_MOTIONS = ("B", "K", "T", "L", "O", "Y")
 LATE = {"DP2": "log_ivr", "DP4": "log_ivr", "X13": "best of 24 random"}
+CRITERION = "DC_"
+"""How runs that design by another criterion begin."""
 Facets = Mapping[str, tuple[str, ...]]
 NAMES: Mapping[str, str] = {
     "verdict": "Verdict",
@@ -41,8 +45,8 @@ NAMES: Mapping[str, str] = {
 ORDER: Mapping[str, tuple[str, ...]] = {
     "robot": ("arm", "quadrotor", "Pelican"),
     "model": ("dictionary", "SSGP", "full GPR", "physics or linear", "default protocol", "others"),
-    "motions": ("random", "maximum variance", "best of 24 random", "log_ivr"),
-    "chapter": ("abstract", "1", "2", "3", "4", "5", "6", "7"),
+    "motions": ("random", "maximum variance", "best of 24 random", "log_ivr", "other criteria"),
+    "chapter": ("abstract", "1", "2", "3", "4", "5", "6", "7", "beyond"),
 }
 
 
@@ -65,6 +69,8 @@ def of_sources(sources: Iterable[str]) -> dict[str, tuple[str, ...]]:
     found: dict[str, set[str]] = {"robot": set(), "model": set(), "motions": set()}
     for source in sources:
         run, _, line = source.partition(":")
+        if run in RUNS_OF_OTHERS and line[:1].isupper():
+            run, line = line, ""
         found["robot"].add(ROBOTS.get(run[0], "arm"))
         found["model"].add("physics or linear" if line and line not in ("faded", "again") else _model(run))
         found["motions"].add(_motions(run))
@@ -86,6 +92,10 @@ def _model(run: str) -> str:
 def _motions(run: str) -> str:
     if run in LATE:
         return LATE[run]
+    if run.startswith(CRITERION):
+        return "other criteria"
+    if run.endswith("_designed"):
+        return "log_ivr"
     if run.startswith(WITHOUT_MOTIONS):
         return ""
     return "maximum variance" if run in DESIGNED else "random"

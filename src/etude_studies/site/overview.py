@@ -80,6 +80,7 @@ def _filters(study: Study, words: Counter[str]) -> Html:
         _group("verdict", [(own.name, f"{own.mark} {word}") for word, own in WORDS.items() if words[word]])
     ]
     seen = [facets.of_claim(study.ledger, claim) for claim in study.ledger.claims]
+    seen += [facets.of_entry(entry) for entry in study.ledger.entries]
     for name in list(facets.NAMES)[1:]:
         found = {value for own in seen for value in own[name]}
         rows.append(_group(name, [(value, value) for value in facets.ORDER[name] if value in found]))

@@ -41,7 +41,7 @@ def _body(study: Study) -> Sequence[Html]:
     if entry is None or not entry.beside:
         return [missing("No table compares the two protocols.")]
     sources = [(row.label, row.run) for row in entry.rows]
-    sources += [(line_name(run, study.what), run) for run in entry.beside]
+    sources += [(run, run) for run in entry.beside]
     lack = [run for run in entry.beside if not study.numbers.by_k(run, entry.measure, entry.test, "mean")]
     note = missing(f"Not run yet: {', '.join(lack)}.") if lack else Html("")
     pictures = [own for own in (_dots(study, entry, sources), _curves(study, entry, sources)) if own]

@@ -13,6 +13,10 @@ NOT_RUN = "not run yet"
 """How the reason of a verdict begins that only waits for runs; shown as a word of its own."""
 
 
+BEYOND = "beyond"
+"""Section of the entries that the thesis does not have."""
+
+
 @dataclass(frozen=True)
 class Word:
     """A verdict as it is shown: never by its colour alone.
@@ -154,9 +158,16 @@ def column_name(column: str) -> str:
 
 
 def entry_name(id: str) -> str:
-    """ "table-6.9" as "Table 6.9"."""
+    """ "table-6.9" as "Table 6.9"; what goes beyond the thesis as "Beyond: criteria"."""
     kind, _, number = id.partition("-")
-    return f"{kind.capitalize()} {number}"
+    return f"{kind.capitalize()} {number}" if number[:1].isdigit() else f"{kind.capitalize()}: {number}"
+
+
+def section_name(section: str) -> str:
+    """ "Section 6.2 of the thesis", or what stands for it."""
+    if section[:1].isdigit():
+        return f"Section {section} of the thesis"
+    return "Beyond the thesis" if section == BEYOND else section.capitalize()
 
 
 def listed(items: Sequence[object]) -> str:

@@ -41,7 +41,7 @@ class Run:
 @cache
 def catalogue() -> Mapping[str, Run]:
     """All runs by name."""
-    from etude_studies.thesis.flights import FLIGHT_RUNS
+    from etude_studies.thesis.flights import FLIGHT_RUNS, SMALL_FLIGHTS
     from etude_studies.thesis.small_runs import SMALL_RUNS
 
     runs = []
@@ -57,6 +57,8 @@ def catalogue() -> Mapping[str, Run]:
         runs.append(Run(name, what, SMALL_SEEDS, partial(arm_spec, settings)))
     for name, (what, flight) in FLIGHT_RUNS.items():
         runs.append(Run(name, what, FLIGHT_SEEDS, partial(flight_spec, asdict(flight))))
+    for name, (what, flight) in SMALL_FLIGHTS.items():
+        runs.append(Run(name, what, SMALL_SEEDS, partial(flight_spec, asdict(flight))))
     runs += [Run(name, *own) for name, own in SMALL_RUNS.items()]
     return {run.name: run for run in runs}
 

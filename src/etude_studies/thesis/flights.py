@@ -72,6 +72,12 @@ FLIGHT_RUNS: dict[str, tuple[str, FlightSettings]] = {
     "P5d": ("P2 with kinematic acceleration", replace(_P, arm="designed", acceleration="kinematic")),
 }
 """By id: one sentence, and settings."""
+_SMALL: dict[str, Any] = {"flights": 2, "tests": (2, 1, 0)}
+SMALL_FLIGHTS: dict[str, tuple[str, FlightSettings]] = {
+    "mQ1": ("Q1 in miniature", replace(_Q, **_SMALL)),
+    "mP2": ("P2 in miniature", replace(_P, arm="designed", steps=5, **_SMALL)),
+}
+"""A run of each vehicle that takes seconds."""
 
 
 def run_flights(

@@ -83,9 +83,9 @@ def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int) -> None:
     found = [cell(results, entry, row.run, column, k) for column in entry.columns]
     if not any(own.seeds for own in found):
         return
-    printed = [f" [{value:g}]" for value in row.printed] if entry.kind == "table" else []
+    printed = [rf" \[{value:g}]" for value in row.printed] if entry.kind == "table" else []
     printed += [""] * (len(found) - len(printed))
-    texts = [own.text.replace("[", r"\[") + text for own, text in zip(found, printed, strict=True)]
+    texts = [own.text + text for own, text in zip(found, printed, strict=True)]
     shown.add_row(row.label, str(k), *texts, str(max(own.seeds for own in found)))
 
 

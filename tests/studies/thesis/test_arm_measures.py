@@ -149,16 +149,16 @@ def test_excursions_use_the_largest_error_within_a_second() -> None:
 
 def test_normal_errors_are_covered_as_they_should_be() -> None:
     rng = np.random.default_rng(1)
-    noisy = rng.uniform(0.5, 4.0, (200_000, 2))
+    noisy = rng.uniform(0.5, 4.0, (40_000, 2))
     mean = rng.standard_normal(noisy.shape)
     command = mean + np.sqrt(noisy) * rng.standard_normal(noisy.shape)
     found = dict(honesty(command, mean, 0.5 * noisy, noisy))
-    np.testing.assert_allclose(found["z2"], 1.0, atol=0.02)
-    np.testing.assert_allclose(found["coverage68"], 0.6827, atol=0.005)
-    np.testing.assert_allclose(found["coverage95"], 0.95, atol=0.003)
+    np.testing.assert_allclose(found["z2"], 1.0, atol=0.04)
+    np.testing.assert_allclose(found["coverage68"], 0.6827, atol=0.01)
+    np.testing.assert_allclose(found["coverage95"], 0.95, atol=0.006)
     np.testing.assert_allclose(found["variance_noisy"], 2.0 * found["variance"])
     entropy = 0.5 * np.log(2.0 * np.pi * math.e * noisy).mean(axis=0)
-    np.testing.assert_allclose(found["nlpd"], entropy, atol=0.01)
+    np.testing.assert_allclose(found["nlpd"], entropy, atol=0.02)
     assert np.all((found["spearman"] > 0.1) & (found["spearman"] < 0.6))
 
 
