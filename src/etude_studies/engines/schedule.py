@@ -78,8 +78,11 @@ def run_all(
     engine: Engine,
     tell: Callable[[Event], None] = lambda _: None,
     retries: int = 1,
+    names: Mapping[Spec, str] | None = None,
 ) -> Report:
     """Computes every run whose result is not in the folder yet, those that others need first and once.
+
+    `names` are what people call the runs, where that is more than the run itself knows.
 
     A run that raises, whose worker died more than `retries` times, or that needs one of these, is reported as
     failed and has no file; the others go on. Nothing half-written is left, whenever this process ends.
@@ -89,7 +92,7 @@ def run_all(
     """
     remove_old_leftovers(folder)
     asked = list(dict.fromkeys(specs))
-    return _Schedule(asked, Path(folder), engine, tell, retries).run()
+    return _Schedule(asked, Path(folder), engine, tell, retries, names or {}).run()
 
 
 def remove_old_leftovers(folder: Path) -> None:
@@ -106,9 +109,16 @@ class _Schedule:
     """The state of one `run_all`."""
 
     def __init__(
-        self, asked: Sequence[Spec], folder: Path, engine: Engine, tell: Callable[[Event], None], retries: int
+        self,
+        asked: Sequence[Spec],
+        folder: Path,
+        engine: Engine,
+        tell: Callable[[Event], None],
+        retries: int,
+        names: Mapping[Spec, str],
     ) -> None:
         self._folder, self._engine, self._tell, self._retries = folder, engine, tell, retries
+        self._names = names
         self._tables: dict[str, pl.DataFrame] = {}
         self._recomputed: dict[Spec, str] = {}
         self._noted: dict[Spec, str] = {}
@@ -141,7 +151,7 @@ class _Schedule:
             read_result(path, spec)
         except DataError as error:
             self._recomputed[spec] = error.fact
-            self._tell(Event(f"{spec.label} is computed again: {error.fact} ({path.name})", 0, 0))
+            self._tell(Event(f"{self._name(spec)} is computed again: {error.fact} ({path.name})", 0, 0))
             return False
         return True
 
@@ -211,8 +221,11 @@ class _Schedule:
         for other in [own for own in self._waiting if spec in own.needs]:
             if other in self._waiting:
                 del self._waiting[other]
-                self._fail(other, f"it needs {spec.label}, which failed")
+                self._fail(other, f"it needs {self._name(spec)}, which failed")
+
+    def _name(self, spec: Spec) -> str:
+        return self._names.get(spec, spec.label)
 
     def _say(self, spec: Spec, text: str, cpu_s: float = 0.0) -> None:
         done = len(self._ran) + len(self._failed)
-        self._tell(Event(f"{spec.label}: {text}", done, self._total, cpu_s))
+        self._tell(Event(f"{self._name(spec)}: {text}", done, self._total, cpu_s))

@@ -57,7 +57,8 @@ class Applied:
 
     def planned(self, motion: Motion) -> Array | None:
         """(T, J)."""
-        return np.clip(self.mean.predict(self.inputs.states(motion)), -self.limit, self.limit)
+        command = self.mean.predict(self.inputs.states(motion))
+        return np.asarray(np.clip(command, -self.limit, self.limit))
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:  # noqa: ARG002
         """Of one instant of the plan."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
 from etude_studies.collected import Results, collect
-from etude_studies.engines.choice import open_engine, shard
-from etude_studies.engines.progress import progress
-from etude_studies.engines.schedule import Report, run_all, shard_of
+from etude_studies.engines.schedule import Report
 from etude_studies.thesis.catalogue import Run, run_named
 from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
+from etude_studies.thesis.computing import Chosen, Say
 from etude_studies.thesis.kept import kept_results, kept_verdicts, renew, unpack, verdicts_of
 from etude_studies.thesis.ledger import Entry, Row
 from etude_studies.thesis.method import with_method
@@ -21,7 +20,6 @@ from etude_studies.thesis.part_verdicts import UNTESTED
 from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
 from etude_studies.thesis.verdicts import Verdict
 
-Say = Callable[[str], None]
 COLLECTED = "collected"
 
 
@@ -75,15 +73,21 @@ class ThesisStudy:
         """
         runs = [run_named(name) for name in runs_of(id)]
         added = _methods(runs, options["method"])
-        own, store = _Chosen.of([*runs, *added], options), Path(options["folder"]) / "thesis"
+        own = Chosen.of([*runs, *added], options["seed"], options["seeds"])
+        store = Path(options["folder"]) / "thesis"
         if options["go_on"]:
             say(f"{unpack(runs, store, kept_results())} committed results are taken as done.")
-        report = _computed(own.specs, store, options, say)
+        report = own.computed(store, options, say)
         if options["shard"]:
-            return f"{len(report.ran)} runs computed, {len(report.kept)} were there.", _counted(report)
+            text = f"{len(report.ran)} runs computed, {len(report.kept)} were there."
+            return text, _counted(report, own)
         collect(store, own.by_run, store / COLLECTED)
         results = Results.load(store / COLLECTED)
-        return _shown(id, results, added, report), {**_counted(report), "rows": _rows(id, results, added)}
+        told = _counted(report, own)
+        text = "\n".join(
+            [_shown(id, results, added), *(f"{n} failed: {why}" for n, why in told["failed"].items())]
+        )
+        return text, {**told, "rows": _rows(id, results, added)}
 
     def show(self, id: str) -> tuple[str, dict[str, Any]]:
         """What is committed of a claim, a figure, a table or a run."""
@@ -122,37 +126,6 @@ class ThesisStudy:
 STUDY = ThesisStudy()
 
 
-@dataclass(frozen=True)
-class _Chosen:
-    """The runs with their seeds."""
-
-    by_run: Mapping[str, list[Any]]
-
-    @classmethod
-    def of(cls, runs: Sequence[Run], options: Mapping[str, Any]) -> _Chosen:
-        seeds, first = options["seeds"], options["seed"]
-        if seeds is not None and seeds < 1:
-            raise UsageError(f"{seeds} seeds are none", where="--seeds", next_step="Give 1 or more.")
-        counted = {run.name: range(first, first + (seeds or run.seeds)) for run in runs}
-        return cls({run.name: run.specs(counted[run.name]) for run in runs})
-
-    @property
-    def specs(self) -> list[Any]:
-        """Seed by seed, so that an end in between leaves whole seeds."""
-        longest = max((len(own) for own in self.by_run.values()), default=0)
-        return [own[i] for i in range(longest) for own in self.by_run.values() if i < len(own)]
-
-
-def _computed(specs: Sequence[Any], store: Path, options: Mapping[str, Any], say: Say) -> Report:
-    if options["shard"]:
-        specs = shard_of(specs, *shard(options["shard"]))
-    with (
-        open_engine(options["workers"], options["cluster"], options["limit_s"], say) as engine,
-        progress() as tell,
-    ):
-        return run_all(specs, store, engine, tell)
-
-
 def _methods(runs: Sequence[Run], method: str) -> list[Run]:
     if not method:
         return []
@@ -166,7 +139,7 @@ def _methods(runs: Sequence[Run], method: str) -> list[Run]:
     return found
 
 
-def _shown(id: str, results: Results, added: Sequence[Run], report: Report) -> str:
+def _shown(id: str, results: Results, added: Sequence[Run]) -> str:
     lines = [_tables(entries_of(id), results, added)]
     if not lines[0]:
         lines = [run_line(name, results) for name in (*runs_of(id), *(run.name for run in added))]
@@ -174,8 +147,6 @@ def _shown(id: str, results: Results, added: Sequence[Run], report: Report) -> s
     for claim in ledger().claims:
         if (claim.id == id or id in claim.rests_on) and verdicts[claim.id].word != UNTESTED:
             lines.append(verdict_sentence(claim, verdicts[claim.id]))
-    lines += [f"{spec.label} failed: {why}" for spec, why in report.failed.items()]
-    lines += [f"{spec.label}: {note}" for spec, note in report.noted.items()]
     return "\n".join(line for line in lines if line)
 
 
@@ -227,12 +198,13 @@ def _rows(id: str, results: Results, added: Sequence[Run]) -> list[dict[str, Any
     return found
 
 
-def _counted(report: Report) -> dict[str, Any]:
+def _counted(report: Report, chosen: Chosen) -> dict[str, Any]:
     return {
         "ran": len(report.ran),
         "kept": len(report.kept),
         "recomputed": len(report.recomputed),
-        "failed": {spec.label: why for spec, why in report.failed.items()},
+        "failed": {chosen.names.get(spec, spec.label): why for spec, why in report.failed.items()},
+        "noted": {chosen.names.get(spec, spec.label): note for spec, note in report.noted.items()},
     }
 
 

@@ -1,0 +1,80 @@
+"""A real browser without a window, for tests of pages; a test is skipped where there is none."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BROWSER, DRIVER = "chromium", "chromedriver"
+INSTALL = "apt-get install -y chromium chromium-driver"
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A selenium driver of a fresh profile; its console is kept. Skips where browser or driver is missing."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install 'etude[browser]'")
+    binary, driver = shutil.which(BROWSER), shutil.which(DRIVER)
+    if binary is None or driver is None:
+        pytest.skip(f"there is no browser: {INSTALL}")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        options = webdriver.ChromeOptions()
+        options.binary_location = binary
+        for flag in (*FLAGS, f"--user-data-dir={profile}"):
+            options.add_argument(flag)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=driver))
+        try:
+            yield opened
+        finally:
+            opened.quit()
+
+
+def open_page(browser: Any, page: Path, width: int = 1280, height: int = 900) -> None:
+    """Opens a file in a window of exactly that many px, which a headless window itself does not promise."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(page.as_uri())
+
+
+def complaints(browser: Any) -> list[str]:
+    """What the console says since it was last asked; nothing of a sound page."""
+    return [entry["message"] for entry in browser.get_log("browser")]
+
+
+def overhang(browser: Any) -> int:
+    """By how many px the page is wider than the window."""
+    width = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    return int(browser.execute_script(f"return {width}"))
+
+
+def empty_plots(browser: Any, where: str, mark: str) -> list[str]:
+    """Places of drawings without a drawing, or with nothing drawn in it."""
+    found = browser.execute_script(
+        "return [...document.querySelectorAll(arguments[0])].map((place) => {"
+        "  const svg = place.matches('svg') ? place : place.querySelector('svg');"
+        "  const marks = svg ? svg.querySelectorAll(arguments[1]) : [];"
+        "  const drawn = [...marks].some((m) => { const b = m.getBBox(); return b.width + b.height > 0; });"
+        "  return [place.dataset.plot || (svg && svg.getAttribute('aria-label')) || '?', drawn];"
+        "});",
+        where,
+        mark,
+    )
+    assert found, f"no place {where}"
+    return [name for name, drawn in found if not drawn]
