@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array, Log, Motion, Row, Trajectory
+from etude.contracts import Array, Controller, Log, Motion, Row, Trajectory
 from etude.robots.arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude.threads import threads_for
 from etude_studies.measured import Measured
@@ -78,7 +78,7 @@ def adaptive(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.Data
     """Adaptive control: k training motions under it, from no knowledge of the parameters, then the test.
 
     Models "" (Slotine and Li) and "craig" (Craig, Hsu and Sastry) go on adapting in the test, which leaves
-    no trace in the next motion; "frozen" and "craig frozen" keep the estimates that they came with.
+    no trace in the next motion; "frozen" and "craig frozen", after the last motion alone, keep their estimates.
 
     Args:
         settings: `robot`, `rounds` of `ArmSettings`. seed: of the study.
@@ -100,7 +100,9 @@ def _adapted(
     for k in range(len(drawn) + 1):
         if k:
             own.world.robot.run(drawn[k - 1], controller, np.random.default_rng([seed, RUN, k]))
-        beside = {name: copy(controller), f"{name} frozen".strip(): Frozen.of(controller)}
+        beside: dict[str, Controller] = {name: copy(controller)}
+        if k == len(drawn):
+            beside[f"{name} frozen".strip()] = Frozen.of(controller)
         for line, tested_one in beside.items():
             motion = test_motions(own.robot, seed)[PRIMARY]
             yield from tracked(k, PRIMARY, line, own.world, tested(own, motion, tested_one, seed, PRIMARY))

@@ -19,7 +19,7 @@ from etude_studies.spec import Spec, run_one
 from etude_studies.thesis import arm_lines
 from etude_studies.thesis.arm import stages
 from etude_studies.thesis.arm_motions import draws, recorded, training_motions
-from etude_studies.thesis.arm_motions import test_motions as tests_of
+from etude_studies.thesis.arm_motions import test_motions as motions_of
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, DOWNSAMPLED, arm_spec, baseline_spec
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.own_omega0 import JointByJoint
@@ -30,7 +30,13 @@ QUICK = {"points": 30, "fit_points": 30, "steps": 2}
 def quick(name: str, rounds: int = 1) -> dict[str, Any]:
     """A run of the chapter on few points, for a round or two."""
     own = dict(ARM_RUNS[name][1])
-    cheap = {"rounds": rounds, "again": 0, "beside": False, "design": {"candidates": 2, "refine": 0}}
+    cheap = {
+        "rounds": rounds,
+        "again": 0,
+        "beside": False,
+        "data": DOWNSAMPLED,
+        "design": {"candidates": 2, "refine": 0},
+    }
     return {**own, **cheap, "model": {**own["model"], **QUICK}}
 
 
@@ -98,7 +104,7 @@ def test_random_amplitudes_share_the_first_motion_and_are_smaller_after(drawn: p
 
 
 def test_seeds_share_one_test_and_no_other() -> None:
-    one, other = tests_of("arm4", 3), tests_of("arm4", 4)
+    one, other = motions_of("arm4", 3), motions_of("arm4", 4)
     t = np.linspace(0.0, 60.0, 77)
     assert tuple(one) == ("fourier", "moves", "common")
     same(one["common"].motion(t).orders, other["common"].motion(t).orders, "the common test")
@@ -152,7 +158,7 @@ def test_the_linear_line_is_least_squares_without_its_ridge(monkeypatch: pytest.
 
 def states(values: Array) -> Log:
     """A log whose desired motion is the rows (n, 12)."""
-    found = planned(tests_of("arm4", 3)["fourier"])
+    found = planned(motions_of("arm4", 3)["fourier"])
     world = ArmSettings().world
     log = world.kind.inputs(world.spec, world.config).states(found).take(slice(0, len(values)))
     parts = dict(zip(("q_des", "qd_des", "qdd_des"), np.split(values, 3, axis=1), strict=True))

@@ -140,7 +140,7 @@ def test_a_bad_method_concerns_its_own_rows(capsys, tmp_path: Path, monkeypatch,
     (tmp_path / "broken_kernel.py").write_text(BROKEN, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    words = ["run", RUN, "--seeds", "1", "--folder", str(tmp_path), "--limit-s", "40"]
+    words = ["run", RUN, "--seeds", "1", "--folder", str(tmp_path), "--limit-s", "25"]
     _, found, err = answer(capsys, *words, "--method", f"broken_kernel:{name}")
     assert found["ran"] == 2, err  # the run without the method, and its motions
     (reason,) = found["failed"].values()
