@@ -25,7 +25,7 @@ def serve(pipe: connection.Connection) -> None:
     """Answers calls until the pipe is closed; Ctrl-C is the parent's affair."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_parent()
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    os.environ.update(dict.fromkeys(_unread(), "1"))
     os.dup2(2, 1)  # the parent's standard output carries its answer alone
     while True:
         try:
@@ -34,6 +34,11 @@ def serve(pipe: connection.Connection) -> None:
             return
         with suppress(BrokenPipeError):
             pipe.send_bytes(_answer(work, pipe))
+
+
+def _unread() -> list[str]:
+    """The variables that are still to be read. Numba, once loaded, refuses to find its own changed."""
+    return [name for name in ONE_THREAD if not (name.startswith("NUMBA") and "numba" in sys.modules)]
 
 
 def _answer(work: bytes, pipe: connection.Connection) -> bytes:
