@@ -20,6 +20,7 @@ from rich.console import Console
 
 from etude import storage
 from etude.errors import EtudeError, UsageError
+from etude_studies.engines import worker
 from etude_studies.engines.choice import open_engine, shard
 from etude_studies.engines.each import each
 from etude_studies.engines.inline import Inline
@@ -362,3 +363,12 @@ def alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_a_worker_leaves_numba_alone_once_it_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba refuses to compile when it finds its own variable changed after its threads were launched."""
+    monkeypatch.setitem(sys.modules, "numba", sys)
+    assert "NUMBA_NUM_THREADS" not in worker._unread()
+    monkeypatch.delitem(sys.modules, "numba")
+    assert "NUMBA_NUM_THREADS" in worker._unread()
+    assert "OPENBLAS_NUM_THREADS" in worker._unread()

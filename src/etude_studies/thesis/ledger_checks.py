@@ -34,8 +34,8 @@ MEASURES = (
     *("jerk", "reversal_share", "undershoot", "undershoot_max", "undershoot_min", "spike", "stuck_share"),
     *("position", "speed", "mae", "mae_late", "nearest", "fill", "gap95", "ahead_variance", "ahead_mae"),
     *("length", "length_change", "signal_sd", "noise_sd", "kernel_rms"),
-    *("cpu_train", "cpu_predict", "cpu_design", "predict_s", "train_s", "swap_s"),
-    *("slope_mean", "slope_variance", "slope_train", "seconds_until"),
+    *("cpu_train", "cpu_train_hours", "cpu_predict", "cpu_design", "cpu_swap"),
+    *("cpu_slope_mean", "cpu_slope_variance", "cpu_slope_train", "seconds_until"),
 )
 """Columns of results that a part or an entry may name; `length` stands for those of all inputs."""
 OPTIONAL: Mapping[str, tuple[str, ...]] = {
