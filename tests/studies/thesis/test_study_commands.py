@@ -117,7 +117,7 @@ def test_another_version_of_a_method_is_another_run(tmp_path: Path, monkeypatch)
     assert first.spec(0) != catalogue()[RUN].spec(0)
 
 
-BROKEN = '''
+BROKEN = """
 import time
 import numpy as np
 from etude.models.gp.kernels import SquaredExponential
@@ -132,7 +132,7 @@ def nan(columns, commands):
 
 def endless(columns, commands):
     time.sleep(600.0)
-'''
+"""
 
 
 @pytest.mark.parametrize("name", ["nan", "endless"])
