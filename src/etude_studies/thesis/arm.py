@@ -24,12 +24,13 @@ from etude_studies.thesis.arm_lines import Given, lines
 from etude_studies.thesis.arm_measures import (
     Figure,
     density_loss,
+    description,
     honesty,
     nearest_distance,
     rank_correlation,
     tracking,
 )
-from etude_studies.thesis.arm_motions import LEARN, NOISE, designed, recorded, test_motions, training_motions
+from etude_studies.thesis.arm_motions import LEARN, NOISE, designed, recorded, tests_of, training_motions
 from etude_studies.thesis.arm_parameters import parameter_figures, trained_again
 from etude_studies.thesis.arm_settings import ArmSettings, world_of
 from etude_studies.world import World
@@ -108,7 +109,7 @@ def _ahead(
     new, known = world.samples(logs[-1]), world.samples(*logs[:-1])
     mean, variance = model.predict(new.log)
     figures = zip(AHEAD, (variance.mean(axis=0), np.abs(new.command - mean).mean(axis=0)), strict=True)
-    yield from _rows(number, "", "", world, figures)
+    yield from joint_rows(number, "", "", world, figures)
     X, before = model.inputs.of_log(new.log), model.inputs.of_log(known.log)
     half = 0.5 * np.maximum(np.ptp(before, axis=0), np.finfo(float).tiny)
     yield Measured(number, "", "", "mean", "nearest", nearest_distance(X, before, half))
@@ -118,7 +119,7 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
     """Every test, the lines beside it, and what the model is by itself."""
     world, k, model = settings.world, stage.number, stage.model
     limit = world.kind.limit(world.spec)
-    tests = test_motions(settings.robot, seed)
+    tests = tests_of(settings.robot, seed)
     began = time.process_time()
     plan = plan_of(world, model, tests[PRIMARY])
     mean, latent, noisy = _predicted(model, plan)
@@ -126,11 +127,13 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
     for name, motion in tests.items():
         command = mean if name == PRIMARY else model.mean(plan_of(world, model, motion))
         log = tested(settings, motion, Given(command, world.spec.rate, limit), seed, name)
-        yield from _rows(k, name, "", world, tracking(log, world.spec.rate))
+        yield from joint_rows(k, name, "", world, tracking(log, world.spec.rate))
+        if name == PRIMARY and settings.described:
+            yield from joint_rows(k, name, "", world, description(log, world.spec.rate))
         if name == PRIMARY:
             told = honesty(log["command"][log.t >= 0.0], mean, latent, noisy)
-            yield from _rows(k, name, "", world, told)
-    yield from _rows(k, "", "", world, [("nlpd_train", _density_of(model, stage.samples))])
+            yield from joint_rows(k, name, "", world, told)
+    yield from joint_rows(k, "", "", world, [("nlpd_train", _density_of(model, stage.samples))])
     yield from parameter_figures(model, stage.before, k)
     if k == settings.again and stage.before is not None:
         yield from trained_again(model, stage.before, settings.model_of(k), k)
@@ -140,7 +143,7 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
         beside |= lines(world, stage.logs)
     for name, controller in beside.items():
         log = tested(settings, tests[PRIMARY], controller, seed, PRIMARY)
-        yield from _rows(k, PRIMARY, name, world, tracking(log, world.spec.rate))
+        yield from joint_rows(k, PRIMARY, name, world, tracking(log, world.spec.rate))
     yield from (Measured(k, "", "", "mean", name, seconds) for name, seconds in spent.items())
 
 
@@ -148,7 +151,7 @@ def tested(
     settings: ArmSettings, motion: Trajectory, controller: Controller | None, seed: int, test: str
 ) -> Log:
     """The log of a test, to its end; every controller meets the same noise."""
-    place = tuple(test_motions(settings.robot, seed)).index(test)
+    place = tuple(tests_of(settings.robot, seed)).index(test)
     return settings.world.robot.run(motion, controller, np.random.default_rng([seed, NOISE, place]))
 
 
@@ -175,7 +178,7 @@ def _density_of(model: LearnedModel, samples: Samples) -> Array:
     return density_loss(some.command - mean, variance)
 
 
-def _rows(k: int, test: str, model: str, world: World, figures: Iterable[Figure]) -> Iterator[Measured]:
+def joint_rows(k: int, test: str, model: str, world: World, figures: Iterable[Figure]) -> Iterator[Measured]:
     """A row for each joint and one for their mean."""
     for name, values in figures:
         for joint, value in zip(world.spec.names, values, strict=True):
@@ -199,9 +202,9 @@ def baseline(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
         "nominal": PerfectController(cast("Any", world_of("arm4", "thesis").robot)),
         "frictionless": PerfectController(robot.changed(friction=1e-9)),
     }
-    for name, motion in test_motions(own.robot, seed).items():
+    for name, motion in tests_of(own.robot, seed).items():
         log = tested(own, motion, controllers[settings["controller"]], seed, name)
         figures: list[Figure] = list(tracking(log, own.world.spec.rate))
         for k in range(own.rounds + 1):
-            found += _rows(k, name, "", own.world, figures)
+            found += joint_rows(k, name, "", own.world, figures)
     return found

@@ -46,14 +46,22 @@ def tracking(log: Log, rate: float) -> Iterator[Figure]:
     yield "effort", np.abs(command * speed).mean(axis=0)
     yield "nmse", ((log["command_ff"] - command) ** 2).mean(axis=0) / command.var(axis=0)
     yield "jerk", jerkiness(wanted, actual, rate)
-    turns = [reversals(column) for column in log["qd_des"].T]
-    yield (
-        "reversal_share",
-        np.array([near_share(np.abs(e), own) for e, own in zip(error.T, turns, strict=True)]),
-    )
-    yield from excursions(np.rad2deg(wanted), np.rad2deg(actual), turns, rate)
     share, missed = np.sqrt((feedback**2).mean(axis=0)) / size, np.abs(error).mean(axis=0)
     yield "share_follows_error", np.full(len(missed), rank_correlation(missed, share))
+
+
+def description(log: Log, rate: float) -> Iterator[Figure]:
+    """What the thesis describes of single runs: where the error occurs, and how far joints fall short.
+
+    Args:
+        log, rate: as in `tracking`.
+    """
+    log = log.take(log.t >= 0.0)
+    wanted, actual = log["q_des"], log["q_true"]
+    turns = [reversals(column) for column in log["qd_des"].T]
+    pairs = zip(np.abs(wanted - actual).T, turns, strict=True)
+    yield "reversal_share", np.array([near_share(e, own) for e, own in pairs])
+    yield from excursions(np.rad2deg(wanted), np.rad2deg(actual), turns, rate)
     yield "stuck_share", stuck(actual, log["qd_des"], turns, rate)
 
 
@@ -64,13 +72,15 @@ def jerkiness(wanted: Array, actual: Array, rate: float) -> Array:
 
 
 def reversals(speed: Array) -> Index:
-    """Positions at which a desired speed (T,) changes its sign."""
-    return np.flatnonzero(np.diff(np.sign(speed)) * np.sign(speed[1:]) > 0.0) + 1
+    """Positions at which a desired speed (T,) first has the other sign; a rest in between is none."""
+    moving = np.flatnonzero(speed)
+    signs = np.sign(speed[moving])
+    return np.asarray(moving[1:][signs[1:] != signs[:-1]])
 
 
 def near_share(error: Array, turns: Index) -> float:
     """Share of the error (T,) in the fifth of the time that is nearest to a reversal; NaN without any."""
-    if not len(turns):
+    if not (len(turns) and error.any()):
         return math.nan
     distance = np.abs(np.arange(len(error))[:, None] - turns[None]).min(axis=1)
     nearest = np.argsort(distance, kind="stable")[: round(REVERSAL_SHARE * len(error))]

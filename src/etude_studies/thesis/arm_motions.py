@@ -81,7 +81,7 @@ def _series(values: Mapping[str, float]) -> FourierTrajectory:
 
 
 @lru_cache(maxsize=4)
-def test_motions(robot: str, seed: int) -> Mapping[str, Trajectory]:
+def tests_of(robot: str, seed: int) -> Mapping[str, Trajectory]:
     """Motions never trained on: the seed's own series and moves, and a series that all seeds share."""
     world = ArmSettings(robot).world
     own = world.kind.tests(world.spec, world.config, np.random.default_rng([seed, TEST]))

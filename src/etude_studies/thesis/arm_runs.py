@@ -58,7 +58,7 @@ def _default(rung: str, criterion: str = "", **other: Any) -> Settings:
 
 
 _FULL = {"process": "exact", "points": 500 * ROUNDS, "fit_points": 500 * ROUNDS}
-_LONG: Settings = {"rounds": LONG, "beside": True, "again": 5}
+_LONG: Settings = {"rounds": LONG, "beside": True, "described": True, "again": 5}
 _DESIGNED: Settings = {"motions": "designed", "beside": True}
 _ONE_START = {"candidates": 1, "refine": 1}
 _UNREFINED = {"candidates": 24, "refine": 0}
@@ -74,15 +74,15 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
     "A5": ("dictionary by variance, 25 steps, updated, random", _dictionary(rule="variance")),
     "A6": ("full GPR on every 12th sample, random", {"rounds": ROUNDS, "data": DOWNSAMPLED, "model": _FULL}),
     "A7": ("A1 with designed trajectories", _dictionary(_LONG | _DESIGNED)),
-    "S1": ("SSGP, learned points, 5 steps, reinitialised, random", _spectrum(5)),
-    "S2": ("S1 with 25 steps", _spectrum(25)),
+    "S1": ("SSGP, learned points, 5 steps, reinitialised, random", _spectrum(5, described=True)),
+    "S2": ("S1 with 25 steps", _spectrum(25, described=True)),
     "S3": ("S1 with constant hyperparameters", _spectrum(5, "constant")),
     "S4": ("S1 with updated hyperparameters", _spectrum(5, "update")),
     "S5": ("SSGP, fixed points, 5 steps, reinitialised, random", _spectrum(5, learned=False)),
     "S6": ("S5 with 25 steps", _spectrum(25, learned=False)),
     "S7": ("S5 with constant hyperparameters", _spectrum(5, "constant", learned=False)),
     "S8": ("S5 with updated hyperparameters", _spectrum(5, "update", learned=False)),
-    "S9": ("S1 with designed trajectories", _spectrum(5) | _DESIGNED),
+    "S9": ("S1 with designed trajectories", _spectrum(5, described=True) | _DESIGNED),
     "X1": ("A1 on a second draw of trajectories, same tests", _dictionary(draw=1)),
     "X2": ("A1 on random motions of random amplitude", _dictionary(motions="amplitude")),
     "X3": ("A1 with a base frequency for each joint", _dictionary(own_omega0=True)),
@@ -122,7 +122,7 @@ ARM_RUNS: Mapping[str, tuple[str, Settings]] = {
 }
 _SMALL: Settings = {"points": 40, "fit_points": 40, "steps": 2}
 MINIATURE: Mapping[str, tuple[str, Settings]] = {
-    "mA1": ("A1 in miniature", _dictionary(rounds=2, model=_SMALL, beside=True, again=2)),
+    "mA1": ("A1 in miniature", _dictionary(rounds=2, model=_SMALL, beside=True, described=True, again=2)),
     "mA5": ("A5 in miniature", _dictionary(rule="variance", rounds=2, model=_SMALL)),
     "mA6": ("A6 in miniature", {"rounds": 2, "data": DOWNSAMPLED, "model": {"process": "exact", **_SMALL}}),
     "mA7": ("A7 in miniature", _dictionary(motions="designed", rounds=2, model=_SMALL)),

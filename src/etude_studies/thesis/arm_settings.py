@@ -30,6 +30,7 @@ class ArmSettings:
         own_omega0: a base frequency for every joint.
         steps_grow: round k trains k times as many steps.
         beside: also linear regression and identified rigid bodies on the same logs.
+        described: also what the thesis describes of single runs; see `arm_measures.description`.
         source: digest of the source of a method that is not Étude's, so that another version is another run.
         again: round at which members of the dictionary are kept and trained from the start values too.
     """
@@ -45,6 +46,7 @@ class ArmSettings:
     own_omega0: bool = False
     steps_grow: bool = False
     beside: bool = False
+    described: bool = False
     again: int = 0
     source: str = ""
 

@@ -1,4 +1,4 @@
-"""What a test of chapter 6 looks like over time: angles and commands of one seed (figures 6.3, 6.4, 6.13...)."""
+"""What a test of chapter 6 looks like over time: angles and commands of one seed (figures 6.3, 6.4, 6.13)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from etude_studies.measured import Measured
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm import PRIMARY, plan_of, stages, tested
 from etude_studies.thesis.arm_lines import Given
-from etude_studies.thesis.arm_motions import test_motions, training_motions
+from etude_studies.thesis.arm_motions import tests_of, training_motions
 from etude_studies.thesis.arm_runs import ARM_RUNS, arm_spec
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.world import World
@@ -55,7 +55,7 @@ def traces(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.DataFr
     after = {int(number) for number in settings["after"]}
     own = ArmSettings(**{name: value for name, value in settings.items() if name != "after"})
     world, found = own.world, list[Measured]()
-    motion = test_motions(own.robot, seed)[PRIMARY]
+    motion = tests_of(own.robot, seed)[PRIMARY]
     with threads_for(0):
         for stage in stages(own, seed, training_motions(next(iter(needs.values())))):
             if stage.number in after:

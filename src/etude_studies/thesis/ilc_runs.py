@@ -5,7 +5,7 @@ Both stand beside the models of chapter 6 (thesis 2.2): the same robot, motions,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array, Controller, Log, Motion, Row, Trajectory
+from etude.contracts import Array, Controller, Motion, Row, Trajectory
 from etude.robots.arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude.threads import threads_for
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
-from etude_studies.thesis.arm import PRIMARY, tested
+from etude_studies.thesis.arm import PRIMARY, joint_rows, tested
 from etude_studies.thesis.arm_lines import Given
 from etude_studies.thesis.arm_measures import tracking
-from etude_studies.thesis.arm_motions import RUN, test_motions, training_motions
+from etude_studies.thesis.arm_motions import RUN, tests_of, training_motions
 from etude_studies.thesis.arm_runs import ROUNDS, arm_spec
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.ilc import learned_command
@@ -53,12 +53,13 @@ def repeated(settings: Mapping[str, Any], seed: int, _: Mapping[str, pl.DataFram
     """
     own, found = ArmSettings(**settings), list[Measured]()
     world = own.world
-    motions = test_motions(own.robot, seed)
+    motions = tests_of(own.robot, seed)
     signal: Array | None = None
     for k in range(own.rounds + 1):
         for name, motion in motions.items():
             given = None if signal is None else given_on(world, motion, signal)
-            found += tracked(k, name, "", world, tested(own, motion, given, seed, name))
+            log = tested(own, motion, given, seed, name)
+            found += joint_rows(k, name, "", world, tracking(log, world.spec.rate))
         rng = np.random.default_rng([seed, RUN, k])
         given = None if signal is None else given_on(world, motions[PRIMARY], signal)
         signal = learned_command(world.robot.run(motions[PRIMARY], given, rng)).values
@@ -78,7 +79,7 @@ def adaptive(settings: Mapping[str, Any], seed: int, needs: Mapping[str, pl.Data
     """Adaptive control: k training motions under it, from no knowledge of the parameters, then the test.
 
     Models "" (Slotine and Li) and "craig" (Craig, Hsu and Sastry) go on adapting in the test, which leaves
-    no trace in the next motion; "frozen" and "craig frozen", after the last motion alone, keep their estimates.
+    no trace in the next motion; "frozen" and "craig frozen", after the last motion alone, keep theirs.
 
     Args:
         settings: `robot`, `rounds` of `ArmSettings`. seed: of the study.
@@ -104,8 +105,9 @@ def _adapted(
         if k == len(drawn):
             beside[f"{name} frozen".strip()] = Frozen.of(controller)
         for line, tested_one in beside.items():
-            motion = test_motions(own.robot, seed)[PRIMARY]
-            yield from tracked(k, PRIMARY, line, own.world, tested(own, motion, tested_one, seed, PRIMARY))
+            motion = tests_of(own.robot, seed)[PRIMARY]
+            log = tested(own, motion, tested_one, seed, PRIMARY)
+            yield from joint_rows(k, PRIMARY, line, own.world, tracking(log, own.world.spec.rate))
 
 
 @dataclass(eq=False)
@@ -136,12 +138,3 @@ class Frozen:
         """Follows the tracking error."""
         self.controller.observe(t, row)
         self.controller.weights = self.weights
-
-
-def tracked(k: int, test: str, model: str, world: World, log: Log) -> Iterator[Measured]:
-    """A run's figures, a row for each joint and one for their mean."""
-    figures: Iterable[tuple[str, Array]] = tracking(log, world.spec.rate)
-    for name, values in figures:
-        for joint, value in zip(world.spec.names, values, strict=True):
-            yield Measured(k, test, model, joint, name, float(value))
-        yield Measured(k, test, model, "mean", name, float(np.mean(values)))

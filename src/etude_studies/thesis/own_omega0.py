@@ -51,7 +51,7 @@ class JointByJoint:
         return JointByJoint(tuple(series.slowed(factor) for series in self.series))
 
     def to_json(self) -> str:
-        """That of every joint, a line each; no file of a campaign holds such a trajectory."""
+        """Those of all joints one after the other; no file of a campaign holds such a trajectory."""
         return "\n".join(series.to_json() for series in self.series)
 
 

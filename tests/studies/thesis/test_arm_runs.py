@@ -1,4 +1,4 @@
-"""The runs of chapter 6 as computations: the same twice, shared where they say so, and each of them possible."""
+"""The runs of chapter 6 as computations: repeatable, shared where they say so, all of them possible."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from etude_studies.spec import Spec, run_one
 from etude_studies.thesis import arm_lines
 from etude_studies.thesis.arm import stages
 from etude_studies.thesis.arm_motions import draws, recorded, training_motions
-from etude_studies.thesis.arm_motions import test_motions as motions_of
+from etude_studies.thesis.arm_motions import tests_of as motions_of
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, DOWNSAMPLED, arm_spec, baseline_spec
 from etude_studies.thesis.arm_settings import ArmSettings
 from etude_studies.thesis.own_omega0 import JointByJoint
@@ -115,7 +115,8 @@ def test_seeds_share_one_test_and_no_other() -> None:
 def test_every_run_is_possible(name: str) -> None:
     settings = ArmSettings(**ARM_RUNS[name][1])
     config = settings.config
-    assert config.model.process and 1 <= settings.rounds <= 10
+    assert config.model.process
+    assert 1 <= settings.rounds <= 10
     spec = arm_spec(ARM_RUNS[name][1], 3)
     assert spec.needs[0].settings["motions"] in ("scaled", "amplitude")
     ArmSettings(**spec.settings)
