@@ -27,7 +27,7 @@ TABLES_PRINTED = tuple(f"6.{i}" for i in range(1, 13))
 ENTRIES = (*(f"figure-{i}" for i in FIGURES), *(f"table-{i}" for i in TABLES_PRINTED))
 """All figures with something computed in them, and all tables, of the thesis."""
 MEASURES = (
-    *("error", "error_rms", "angle"),
+    *("error", "error_rms", "effort", "angle"),
     *("variance", "variance_noisy", "deviation", "z2", "coverage68", "coverage95", "spearman"),
     *("nmse", "nlpd", "nlpd_train", "nlml"),
     *("command", "feedback_share", "feedback_median", "feedback_p95"),
