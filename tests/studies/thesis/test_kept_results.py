@@ -8,12 +8,22 @@ import polars as pl
 import pytest
 
 from etude.campaign.config import preset_config
+from etude.errors import UsageError
+from etude_studies.collected import Results
 from etude_studies.measured import KEYS, comparable
 from etude_studies.run_file import result_path
 from etude_studies.spec import Spec, run_one
 from etude_studies.thesis.catalogue import catalogue
-from etude_studies.thesis.kept import FOLDER, VERDICTS, kept_results, kept_verdicts, unpack, verdicts_of
-from etude_studies.thesis.verdicts import changed, to_json
+from etude_studies.thesis.kept import (
+    FOLDER,
+    VERDICTS,
+    kept_results,
+    kept_verdicts,
+    renew,
+    unpack,
+    verdicts_of,
+)
+from etude_studies.thesis.verdicts import changed, from_json, to_json
 from etude_studies.world import World
 
 FIRST_ROUND = ("A1", "A5", "A6", "S1", "S5", "A7", "DP1")
@@ -85,6 +95,22 @@ def test_committed_results_become_a_store_again(tmp_path: Path) -> None:
     assert count == sum(len(kept_results().seeds(run.name)) for run in runs) > 0
     assert all(result_path(tmp_path, run.spec(0)).exists() for run in runs)
     assert unpack(runs, tmp_path, kept_results()) == 0
+
+
+def test_results_of_a_store_are_renewed_as_they_were(tmp_path: Path) -> None:
+    runs = [catalogue()[name] for name in ("B1", "K1")]
+    unpack(runs, tmp_path / "store", kept_results())
+    folder = tmp_path / "sources" / "results"
+    folder.parent.mkdir()
+    with pytest.raises(UsageError, match="not the sources"):
+        renew(runs, tmp_path / "store", folder)
+    (folder.parent / "claims.toml").touch()
+    counts = renew(runs, tmp_path / "store", folder)
+    again = Results.load(folder)
+    for run in runs:
+        assert counts[run.name] == len(kept_results().seeds(run.name))
+        assert again.tables[run.name].equals(kept_results().tables[run.name])
+    assert verdicts_of(again) == from_json((folder / VERDICTS).read_text(encoding="utf-8"))
 
 
 def test_preset_thesis_is_pinned() -> None:
