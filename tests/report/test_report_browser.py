@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from chromium import chromium, complaints, empty_plots, open_page, overhang
 from synthetic_campaign import write_campaign
 
+from chromium import chromium, complaints, empty_plots, open_page, overhang
 from etude.report.build import build_report
 
 pytestmark = pytest.mark.browser
@@ -44,7 +44,9 @@ def test_a_broken_script_would_be_noticed(browser: Any, report: Path, tmp_path: 
 
 def test_values_are_read_off_a_panel_under_the_pointer(browser: Any, report: Path) -> None:
     open_page(browser, report)
-    readout = "return [...document.querySelectorAll('.readout')].map((r) => r.style.display + r.textContent)[0]"
+    readout = (
+        "return [...document.querySelectorAll('.readout')].map((r) => r.style.display + r.textContent)[0]"
+    )
     browser.execute_script(
         "const svg = document.querySelector('svg.panel'); svg.scrollIntoView({block: 'center'});"
         "const box = svg.getBoundingClientRect();"

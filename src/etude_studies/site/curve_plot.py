@@ -62,10 +62,9 @@ class Curve:
         )
 
     def _printed(self, x: Scale, y: Scale) -> str:
-        tip = f"{self.name}, the thesis: "
-        return "".join(
-            printed_sign(float(x(k)), float(y(v)), f"{tip}{v:.4g}") for k, v in self.printed.items()
-        )
+        tip, colour = f"{self.name}, the thesis: ", self.look.colour
+        places = ((float(x(k)), float(y(value)), value) for k, value in self.printed.items())
+        return "".join(printed_sign(px, py, f"{tip}{value:.4g}", colour) for px, py, value in places)
 
     def swatch(self, x: float, y: float) -> str:  # noqa: ARG002
         return ""  # named under the drawing

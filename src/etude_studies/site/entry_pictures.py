@@ -93,7 +93,7 @@ def _caption(entry: Entry, column: str) -> str:
     k = entry.at[-1]
     counted = COUNTED.get(entry.rows[0].run[0], "trajectories")
     where = {"mean": "mean of the joints", "": "all columns"}.get(column, column_name(column))
-    after = f"After {k} {counted}, {where}" if k else where.capitalize()
+    after = f"After {k} {counted}, {where}" if k else f"Column {where}"
     return f"{after}; bars are 95 % intervals of the mean over seeds."
 
 

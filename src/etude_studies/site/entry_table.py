@@ -50,8 +50,9 @@ def table_over_k(study: Study, entry: Entry, column: str) -> Html:
 def _row(study: Study, entry: Entry, row: Row) -> Html:
     told, k = printed(entry, row), counts(entry, row)[-1]
     found = [summary(study.numbers.cell(entry, row.run, column, k)) for column in entry.columns]
+    most = max(len(study.numbers.cell(entry, row.run, column, k)) for column in entry.columns)
     cells = [
-        _cell(own, told.get(column), column_name(column), of_joints=column == "mean")
+        _cell(own, told.get(column), column_name(column), of_joints=column == "mean", most=most)
         for column, own in zip(entry.columns, found, strict=True)
     ]
     return element("tr", _name(row.label, row.run), *cells, _seeds(found))
@@ -78,14 +79,23 @@ def _heading(words: str, column: str) -> Html:
     return element("th", words, scope="col", **({"class_": "mean"} if column == "mean" else {}))
 
 
-def _cell(found: Summary | None, told: float | None, name: str, *, of_joints: bool = False) -> Html:
-    """Printed over ours, ours over its interval; `name` is the heading on a narrow page."""
+def _cell(
+    found: Summary | None, told: float | None, name: str, *, of_joints: bool = False, most: int = 0
+) -> Html:
+    """Printed over ours, ours over its interval.
+
+    Args:
+        name: the heading on a narrow page. of_joints: `told` is a mean that the thesis does not print.
+        most: seeds of the whole row; fewer of them are said.
+    """
     tip = "mean of the printed numbers" if of_joints else "printed in the thesis"
     words = "" if told is None else f"{told:.{DECIMALS - 1 if of_joints else DECIMALS}f}"
     parts = [element("span", words, class_="told", title=tip)] if words else []
     parts.append(element("span", number(found.mean) if found else "–", class_="ours"))
     if found and found.n > 1:
         parts.append(element("span", f"[{number(found.low)}, {number(found.high)}]", class_="interval"))
+    if found and found.n < most:
+        parts.append(element("span", f"{found.n} of {most} seeds", class_="interval"))
     return element("td", *parts, **{"data-column": name})
 
 

@@ -32,10 +32,10 @@ def sign(style: Style, x: float, y: float, tip: str = "", size: float = 4.5) -> 
     return _mark(_outline(style.shape, x, y, size), f"dot mark {style.colour}", tip)
 
 
-def printed_sign(x: float, y: float, tip: str = "", size: float = 5.0) -> str:
-    """The hollow diamond of a printed number."""
+def printed_sign(x: float, y: float, tip: str = "", colour: str = "", size: float = 5.0) -> str:
+    """The hollow diamond of a printed number, in the colour of its series where several lie together."""
     corners = f"M{x:.1f},{y - size:.1f}l{size:g},{size:g}l{-size:g},{size:g}l{-size:g},{-size:g}z"
-    return _mark(corners, "printed mark", tip)
+    return _mark(corners, f"printed mark {colour}".rstrip(), tip)
 
 
 def whisker(style: Style, x0: float, x1: float, y: float) -> str:
