@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ from typing import Any
 import pytest
 
 BROWSER, DRIVER = "chromium", "chromedriver"
+REQUIRED = "ETUDE_BROWSER_REQUIRED"
+"""Of the environment: set by CI, where a skipped test of pages would be a gap."""
 INSTALL = "apt-get install -y chromium chromium-driver"
 FLAGS = (
     "--headless=new",
@@ -28,10 +31,12 @@ FLAGS = (
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A selenium driver of a fresh profile; its console is kept. Skips where browser or driver is missing."""
-    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install 'etude[browser]'")
+    """A selenium driver of a fresh profile; its console is kept. Skips where there is none, unless required."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install '.[test]'")
     binary, driver = shutil.which(BROWSER), shutil.which(DRIVER)
     if binary is None or driver is None:
+        if os.environ.get(REQUIRED):
+            pytest.fail(f"there is no browser, and {REQUIRED} says there must be one: {INSTALL}")
         pytest.skip(f"there is no browser: {INSTALL}")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         options = webdriver.ChromeOptions()

@@ -15,7 +15,8 @@ from etude.errors import UsageError
 
 ACTIONS = ("list", "run", "show", "report")
 OPTIONS = (
-    *("seed", "seeds", "folder", "workers", "cluster", "shard", "method", "limit_s", "go_on", "update"),
+    *("seed", "seeds", "folder", "workers", "cluster", "shard", "method", "limit_s", "go_on"),
+    *("update", "paper"),
 )
 """Of a study of many ids."""
 LINE = "{:15} {:>5}  {:21}  {}"
@@ -66,6 +67,9 @@ class Study(Common):
 
     output: Path = Path("study-site")
     """Where report writes its pages."""
+
+    paper: Path | None = None
+    """With report: also write every table and curve as PDF and SVG for publications into this folder."""
 
     update: bool = False
     """With report, for maintainers: commit the results of the folder to the sources first."""

@@ -36,8 +36,13 @@ def kept_verdicts() -> dict[str, Verdict]:
 
 def verdicts_of(results: Results) -> dict[str, Verdict]:
     """Verdicts on every claim from as many seeds as there are."""
-    seeds = {run: len(results.seeds(run)) for run in results.runs}
-    return judge(ledger(), results, planned={run: count for run, count in seeds.items() if count > 1})
+    return judge(ledger(), results, planned=planned_seeds(results))
+
+
+def planned_seeds(results: Results) -> dict[str, int]:
+    """Seeds by run: as many as are there; how many there should be says the catalogue."""
+    counts = {run: len(results.seeds(run)) for run in results.runs}
+    return {run: count for run, count in counts.items() if count > 1}
 
 
 def unpack(runs: Iterable[Run], store: Path, results: Results) -> int:

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from etude_studies.collected import Results
-from etude_studies.thesis.choosing import ledger
+from etude_studies.thesis.catalogue import catalogue
+from etude_studies.thesis.choosing import ledger, runs_of
 from etude_studies.thesis.kept import kept_results, kept_verdicts
 from etude_studies.thesis.ledger import Claim, Entry, Row
 from etude_studies.thesis.part_verdicts import WORDS, PartVerdict
@@ -122,9 +123,13 @@ def _line(source: str) -> str:
 
 
 def _origins(results: Results) -> str:
-    lines = ["| run | seeds | commit | CPU s a seed |", "|---|---|---|---|"]
+    known = catalogue()
+    missing = [name for name in runs_of("all") if name not in results.runs]
+    lines = ["| run | what | seeds | planned | commit | CPU s a seed |", "|---|---|---|---|---|---|"]
     for run in results.runs:
-        made, seeds = results.made(run), len(results.seeds(run))
-        commits = ", ".join(own[:9] for own in str(made["commit"]).split(", "))
-        lines.append(f"| {run} | {seeds} | {commits} | {made['cpu_s'] / seeds:.3g} |")
-    return "\n".join(lines) + "\n"
+        made, seeds, own = results.made(run), len(results.seeds(run)), known[run]
+        commits = ", ".join(commit[:9] for commit in str(made["commit"]).split(", "))
+        cost = f"{made['cpu_s'] / seeds:.3g}"
+        lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {commits} | {cost} |")
+    told = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
+    return "\n".join(lines) + "\n" + told

@@ -13,7 +13,7 @@ from etude_studies.engines.schedule import Report
 from etude_studies.thesis.catalogue import Run, run_named
 from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
 from etude_studies.thesis.computing import Chosen, Say
-from etude_studies.thesis.kept import kept_results, kept_verdicts, renew, unpack, verdicts_of
+from etude_studies.thesis.kept import kept_results, kept_verdicts, planned_seeds, renew, unpack, verdicts_of
 from etude_studies.thesis.ledger import Entry, Row
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.part_verdicts import UNTESTED
@@ -107,23 +107,39 @@ class ThesisStudy:
         return f"{text}\n{what}", {"id": id, "rows": _rows(id, results, ())}
 
     def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Writes the pages of what is committed; with `update`, from the store's results, committed first."""
+        """Writes the pages of what is committed; with `update`, from the store's results, committed first.
+
+        Args:
+            folder: of the pages.
+            options: `update`; `folder` of the store; `paper`, a folder for figures or None.
+        """
         from etude_studies.site.build import build_site
-        from etude_studies.thesis.pages import write_thesis_page
+        from etude_studies.site.paper import paper_figures
+        from etude_studies.site.readings import readings
 
         if options["update"]:
-            runs = [run_named(name) for name in runs_of("all")]
-            counts = renew(runs, Path(options["folder"]) / "thesis")
-            kept_results.cache_clear()
-            kept_verdicts.cache_clear()
-            write_thesis_page()
-            if not counts:
-                raise UsageError("the store has no results", where=str(options["folder"]))
-        page = build_site(ledger(), kept_verdicts(), kept_results(), folder)
-        return str(page), {"page": str(page)}
+            _renewed(Path(options["folder"]) / "thesis")
+        results = kept_results()
+        other = readings(ledger(), results, planned=planned_seeds(results))
+        page = build_site(ledger(), kept_verdicts(), results, folder, sensitivity=other)
+        figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
+        told = [str(page), *([f"{len(figures)} figures in {options['paper']}"] if figures else [])]
+        return "\n".join(told), {"page": str(page), "figures": [str(path) for path in figures]}
 
 
 STUDY = ThesisStudy()
+
+
+def _renewed(store: Path) -> None:
+    """Commits what a store has. UsageError: it has nothing."""
+    from etude_studies.thesis.pages import write_thesis_page
+
+    counts = renew([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
+    if not counts:
+        raise UsageError("there are no results to commit", where=str(store), next_step="Run them first.")
+    kept_results.cache_clear()
+    kept_verdicts.cache_clear()
+    write_thesis_page()
 
 
 def _methods(runs: Sequence[Run], method: str) -> list[Run]:
