@@ -31,7 +31,7 @@ FLAGS = (
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A selenium driver of a fresh profile; its console is kept. Skips where there is none, unless required."""
+    """A selenium driver of a fresh profile, its console kept. Skips where there is none, unless required."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="pip install '.[test]'")
     binary, driver = shutil.which(BROWSER), shutil.which(DRIVER)
     if binary is None or driver is None:
