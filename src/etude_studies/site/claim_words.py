@@ -5,17 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from etude.report.markup import number
-from etude_studies.site.words import (
-    NOT_RUN,
-    listed,
-    measure_name,
-    plural,
-    shown,
-    test_name,
-)
+from etude_studies.site.words import listed, measure_name, plural, test_name
 from etude_studies.thesis.ledger import Part
-from etude_studies.thesis.part_verdicts import UNDECIDED, UNTESTED, PartVerdict
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNDECIDED, UNTESTED, PartVerdict
 from etude_studies.thesis.parts import in_logs
+from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict
 
 COUNTED: Mapping[str, str] = {

@@ -12,17 +12,10 @@ from etude_studies.site.entry_more import more
 from etude_studies.site.entry_pictures import joints, pictures
 from etude_studies.site.entry_table import table_of, table_over_k
 from etude_studies.site.page import INDEX, chip, command, file_of, folded, link, page
-from etude_studies.site.words import (
-    BEYOND,
-    NOT_RUN,
-    axis_label,
-    entry_name,
-    plural,
-    section_name,
-    shown,
-    unit_name,
-)
+from etude_studies.site.words import BEYOND, axis_label, entry_name, plural, section_name, unit_name
 from etude_studies.thesis.ledger import Claim, Entry
+from etude_studies.thesis.part_verdicts import NOT_RUN
+from etude_studies.thesis.verdict_file import shown
 
 ONE_RUN = "The thesis: one run of each row, so that nothing is known of its spread."
 

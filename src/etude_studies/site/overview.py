@@ -10,9 +10,10 @@ from etude_studies.site import facets
 from etude_studies.site.claim_words import deciding, estimate
 from etude_studies.site.context import Study
 from etude_studies.site.page import ABOUT, INDEX, SOURCE, chip, file_of, link, page
-from etude_studies.site.words import NOT_RUN, WORDS, entry_name, plural, shown
+from etude_studies.site.words import WORDS, entry_name, plural
 from etude_studies.thesis.ledger import Claim, Entry
-from etude_studies.thesis.part_verdicts import UNTESTED
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
+from etude_studies.thesis.verdict_file import shown
 
 TITLE = "Does the thesis hold?"
 NUMBERS = (

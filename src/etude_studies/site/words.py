@@ -6,12 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from etude_studies.thesis.part_verdicts import UNTESTED
-from etude_studies.thesis.verdicts import Verdict
-
-NOT_RUN = "not run yet"
-"""How the reason of a verdict begins that only waits for runs; shown as a word of its own."""
-
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
 
 BEYOND = "beyond"
 """Section of the entries that the thesis does not have."""
@@ -99,12 +94,6 @@ TESTS: Mapping[str, str] = {
 UNITS: Mapping[str, str] = {"1": "", "PWM2": "PWM²", "rad, rad/s, rad/s2": "rad, rad/s, rad/s²"}
 COLUMNS = re.compile(r"(q|qd|qdd)_des_(\w+)")
 SIGNS = {"q": "q", "qd": "q̇", "qdd": "q̈"}
-
-
-def shown(verdict: Verdict) -> str:
-    """The word of `WORDS` for a verdict: runs that are missing are told from what nothing can test."""
-    waits = verdict.word == UNTESTED and verdict.reason.startswith(NOT_RUN)
-    return NOT_RUN if waits else verdict.word
 
 
 def line_name(source: str, what: Mapping[str, str]) -> str:

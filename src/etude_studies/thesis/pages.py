@@ -11,9 +11,9 @@ from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import ledger, runs_of
 from etude_studies.thesis.kept import kept_results, kept_verdicts
 from etude_studies.thesis.ledger import Claim, Entry, Row
-from etude_studies.thesis.part_verdicts import WORDS, PartVerdict
+from etude_studies.thesis.part_verdicts import NOT_RUN, WORDS, PartVerdict
 from etude_studies.thesis.presenting import cell
-from etude_studies.thesis.verdicts import Verdict
+from etude_studies.thesis.verdict_file import Verdict, shown
 
 PAGE = Path(__file__).parents[3] / "docs" / "thesis.md"
 """In the sources."""
@@ -49,8 +49,8 @@ def thesis_page() -> str:
 
 
 def _counts(verdicts: dict[str, Verdict]) -> str:
-    counted = Counter(verdict.word for verdict in verdicts.values())
-    told = ", ".join(f"**{counted[word]}** {word}" for word in reversed(WORDS))
+    counted = Counter(shown(verdict) for verdict in verdicts.values())
+    told = ", ".join(f"**{counted[word]}** {word}" for word in (*reversed(WORDS), NOT_RUN))
     return f"Of {len(verdicts)} claims: {told}.\n"
 
 
@@ -61,7 +61,7 @@ def _claims(claims: Iterable[Claim], verdicts: dict[str, Verdict]) -> str:
         if verdict is None:
             continue
         marks = ", ".join(word for word in ("simulated", "exploratory") if getattr(verdict, word))
-        word = f"**{verdict.word}**" + (f" ({marks})" if marks else "")
+        word = f"**{shown(verdict)}**" + (f" ({marks})" if marks else "")
         quote = " ... ".join(claim.quote).replace("|", "/")
         lines.append(f"| {claim.id} | {quote} | {word} | {_numbers(claim, verdict)} |")
     return "\n".join(lines) + "\n"

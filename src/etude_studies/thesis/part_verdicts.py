@@ -20,6 +20,8 @@ from etude_studies.thesis.settling import seeds_for_difference, seeds_for_equiva
 
 HOLDS, REVERSED, TIE = "holds", "reversed", "tie"
 UNDECIDED, UNTESTED = "not decided", "cannot be tested here"
+NOT_RUN = "not run yet"
+"""How the reason begins of what cannot be tested only because runs are missing."""
 WORDS = (UNTESTED, REVERSED, UNDECIDED, TIE, HOLDS)
 """From the worst."""
 FAILED = 0.1
@@ -133,7 +135,7 @@ def untested(contrast: Contrast) -> str:
     short = {name: n for name, n in contrast.stored.items() if n == 0 or n < fewest - 1e-9}
     if short:
         words = (f"{name} ({n} of {contrast.planned} seeds)" if n else name for name, n in short.items())
-        return f"not run yet: runs {', '.join(words)}"
+        return f"{NOT_RUN}: runs {', '.join(words)}"
     if len(contrast.x) < fewest - 1e-9:
         return f"{contrast.failed} of {contrast.planned} seeds have no number"
     if len(contrast.x) < 2:

@@ -18,7 +18,7 @@ from etude_studies.thesis.ledger import Entry, Row
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.part_verdicts import UNTESTED
 from etude_studies.thesis.presenting import entry_table, numbers, run_line, verdict_sentence
-from etude_studies.thesis.verdicts import Verdict
+from etude_studies.thesis.verdict_file import Verdict, shown
 
 COLLECTED = "collected"
 
@@ -233,4 +233,4 @@ def _seeds(id: str, kept: Results) -> int:
 
 
 def _word(verdicts: Mapping[str, Verdict], id: str) -> str:
-    return verdicts[id].word if id in verdicts else ""
+    return shown(verdicts[id]) if id in verdicts else ""

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from etude.errors import DataError
-from etude_studies.thesis.part_verdicts import PartVerdict
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED, PartVerdict
 
 
 class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -30,6 +30,12 @@ class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     simulated: bool = False
     reason: str = ""
     same_as: tuple[str, ...] = ()
+
+
+def shown(verdict: Verdict) -> str:
+    """Its word, or that its runs are missing or not complete."""
+    waits = verdict.word == UNTESTED and verdict.reason.startswith(NOT_RUN)
+    return NOT_RUN if waits else verdict.word
 
 
 def changed(old: Mapping[str, Verdict], new: Mapping[str, Verdict]) -> list[str]:

@@ -13,7 +13,8 @@ from made_up_study import small_study
 from chromium import chromium, complaints, empty_plots, open_page, overhang
 from etude_studies.site import facets
 from etude_studies.site.build import build_site
-from etude_studies.site.words import WORDS, shown
+from etude_studies.site.words import WORDS
+from etude_studies.thesis.verdict_file import shown
 
 pytestmark = pytest.mark.browser
 

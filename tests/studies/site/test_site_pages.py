@@ -26,9 +26,10 @@ from etude_studies.site.dot_plot import Dot, Rule, dot_plot
 from etude_studies.site.marks import style_of
 from etude_studies.site.numbers import Numbers, Summary, summary
 from etude_studies.site.readings import READINGS, readings
-from etude_studies.site.words import NOT_RUN, WORDS, listed, shown
+from etude_studies.site.words import WORDS, listed
 from etude_studies.thesis.ledger import load_ledger
-from etude_studies.thesis.part_verdicts import UNTESTED
+from etude_studies.thesis.part_verdicts import NOT_RUN, UNTESTED
+from etude_studies.thesis.verdict_file import shown
 from etude_studies.thesis.verdicts import Verdict, judge
 
 VOID = {"meta", "link", "input", "br"}
