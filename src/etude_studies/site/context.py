@@ -43,8 +43,10 @@ class Study:
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
-        """Runs that have a page: those that the ledger names, and all that have results."""
-        return tuple(sorted({*self.ledger.runs(), *self.numbers.results.runs}))
+        """Runs that have a page: those that the ledger names, and their motions over time."""
+        named = self.ledger.runs()
+        traced = (run for run in self.numbers.results.runs if run.removesuffix("t") in named)
+        return tuple(sorted({*named, *traced}))
 
     def readings_of(self, claim: Claim) -> list[tuple[Reading, Verdict]]:
         """Those that touch a claim."""

@@ -65,7 +65,7 @@ def _counts(words: Counter[str]) -> Html:
 
 def _told(study: Study, words: Counter[str]) -> Html:
     judged = sum(n for word, n in words.items() if word not in (NOT_RUN, UNTESTED))
-    runs = study.numbers.results.runs
+    runs = [run for run in study.runs if study.numbers.made(run)]
     seeds = sum(len(study.numbers.made(run).get("hashes", {})) for run in runs)
     said = (
         f"Of {len(study.ledger.claims)} claims {judged} are answered, from {plural(len(runs), 'run')} "

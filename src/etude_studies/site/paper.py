@@ -78,7 +78,9 @@ def _saved(pyplot: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Pa
     draw = _curves if entry.kind == "curve" else _dots
     draw(axes, numbers, entry, column)
     if axes.get_legend_handles_labels()[1]:
-        figure.legend(loc="outside lower left", ncols=2, frameon=False, fontsize=6, handlelength=2.4)
+        figure.legend(
+            loc="outside lower left", ncols=2, frameon=False, fontsize=6, handlelength=1.8, columnspacing=0.8
+        )
     files = []
     for kind in KINDS:
         path = folder / f"{entry.id}.{kind}"

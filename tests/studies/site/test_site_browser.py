@@ -37,9 +37,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def names(folder: Path) -> list[str]:
-    """All pages but those of most runs, which are made alike."""
+    """All pages but most of those that are made alike: a fourth of the claims', and two runs'."""
     found = sorted(path.name for path in folder.glob("*.html"))
-    return [name for name in found if not name.startswith("run-") or name.startswith("run-A")]
+    claims, runs = ([name for name in found if name.startswith(start)] for start in ("C", "run-"))
+    alike = {*claims, *runs} - {*claims[::4], "run-A1.html", "run-DP4.html"}
+    return [name for name in found if name not in alike]
 
 
 def press(browser: Any, facet: str, value: str) -> None:
@@ -60,7 +62,7 @@ def test_on_a_phone_no_page_complains_or_overflows_and_every_plot_is_drawn(brows
         if places := len(re.findall("<figure", (site / name).read_text(encoding="utf-8"))):
             assert empty_plots(browser, "figure.plot", ".mark") == [], name
             drawn += places
-    assert drawn > 60
+    assert drawn > 40
 
 
 @pytest.mark.parametrize(
