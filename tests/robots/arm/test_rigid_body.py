@@ -14,6 +14,7 @@ from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, 
 from etude.contracts import Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude.robots.arm.physics.kinematics import cross
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor
 from etude.robots.arm.physics.rigid_body import RigidBodyModel, identify
 from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
@@ -127,3 +128,11 @@ def test_bad_data_is_refused(robot, data) -> None:
         identify(replace(data, moving=moving), motion_of(data), awkward_spec(), *robot, V0)
     with pytest.raises(UsageError, match="same axes"):
         identify(data, motion_of(data), replace(awkward_spec(), axes=awkward_spec().axes[:3]), *robot, V0)
+
+
+def test_cross_products_are_numpys_to_the_bit() -> None:
+    rng = np.random.default_rng(5)
+    a, b = rng.standard_normal((2, 40, 3))
+    assert np.array_equal(cross(a, b), np.cross(a, b))
+    assert np.array_equal(cross(a[0], b), np.cross(a[0], b))
+    assert np.array_equal(cross(a, b[0]), np.cross(a, b[0]))

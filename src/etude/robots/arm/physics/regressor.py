@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion, cross
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def regressor_of_motion(tree: KinematicTree, motion: BodyMotion) -> Array:
             if tree.joint_slides[j]:
                 Y[:, j, body - 1] = np.einsum("ni,nip->np", local(axis), wrench[:, :3])
                 continue
-            lever = np.cross(axis, motion.position[body] - motion.anchor[j])
+            lever = cross(axis, motion.position[body] - motion.anchor[j])
             twist = np.concatenate([local(lever), local(axis)], axis=1)
             Y[:, j, body - 1] = np.einsum("ni,nip->np", twist, wrench)
     return Y.reshape(n, tree.joints, 10 * (tree.bodies - 1))

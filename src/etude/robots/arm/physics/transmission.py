@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError
-from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, cross
 
 Array = NDArray[np.float64]
 
@@ -99,12 +99,12 @@ def _site(tree: KinematicTree, motion: BodyMotion, body: int, point: Array) -> _
     arm = motion.rotation[body] @ point
     position = motion.position[body] + arm
     omega, alpha = motion.omega[body], motion.alpha[body]
-    swing = np.cross(omega, arm)
+    swing = cross(omega, arm)
     jacobian = np.zeros((len(position), 3, tree.joints))
     for j in tree.path(body):
         axis = motion.axis[j]
-        jacobian[:, :, j] = axis if tree.joint_slides[j] else np.cross(axis, position - motion.anchor[j])
-    acceleration = motion.acceleration[body] + np.cross(alpha, arm) + np.cross(omega, swing)
+        jacobian[:, :, j] = axis if tree.joint_slides[j] else cross(axis, position - motion.anchor[j])
+    acceleration = motion.acceleration[body] + cross(alpha, arm) + cross(omega, swing)
     return _Site(position, motion.velocity[body] + swing, acceleration, jacobian)
 
 
