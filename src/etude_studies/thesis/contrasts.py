@@ -15,7 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
-from etude_studies.thesis.parts import Part, check, exchanged, parts_read, run_of, sources
+from etude_studies.thesis.ledger_items import Part
+from etude_studies.thesis.parts import check, exchanged, parts_read, run_of, sources
 
 RISE = 1.02
 """A step by less counts as none."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Contrast
-from etude_studies.thesis.parts import Part, in_logs, margin_of
+from etude_studies.thesis.ledger_items import Part
+from etude_studies.thesis.parts import in_logs, margin_of
 from etude_studies.thesis.settling import seeds_for_difference, seeds_for_equivalence
 
 HOLDS, REVERSED, TIE = "holds", "reversed", "tie"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import Protocol
 
 from etude.errors import UsageError
+from etude_studies.thesis.ledger_items import Part
 
 GROUPS = (
     ("waist", "shoulder", "elbow", "wrist"),
@@ -33,43 +33,6 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
     "smallest": ("a", "at", "part"),
 }
 """By statistic, the fields that may not be empty."""
-
-
-class Part(Protocol):
-    """One part of a claim; sources are "run" or "run:model". What its statistic does not use is empty."""
-
-    @property
-    def statistic(self) -> str: ...
-    @property
-    def claim(self) -> str: ...
-    @property
-    def measure(self) -> str: ...
-    @property
-    def a(self) -> str: ...
-    @property
-    def b(self) -> str | None: ...
-    @property
-    def c(self) -> str | None: ...
-    @property
-    def d(self) -> str | None: ...
-    @property
-    def among(self) -> Sequence[str] | None: ...
-    @property
-    def at(self) -> Sequence[int]: ...
-    @property
-    def against(self) -> Sequence[int] | None: ...
-    @property
-    def test(self) -> str: ...
-    @property
-    def part(self) -> str: ...
-    @property
-    def margin(self) -> float | None: ...
-    @property
-    def bound(self) -> float | None: ...
-    @property
-    def log(self) -> bool: ...
-    @property
-    def printed(self) -> float | None: ...
 
 
 def check(part: Part) -> None:

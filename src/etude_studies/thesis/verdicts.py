@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace as changed_copy
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 from etude.errors import UsageError
 from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Values, contrasts
+from etude_studies.thesis.ledger_items import Claim, Part
 from etude_studies.thesis.part_verdicts import (
     UNDECIDED,
     UNTESTED,
@@ -23,43 +24,16 @@ from etude_studies.thesis.part_verdicts import (
     part_verdict,
     weigh,
 )
-from etude_studies.thesis.parts import Part, exchanged, sources
+from etude_studies.thesis.parts import exchanged, sources
 from etude_studies.thesis.verdict_file import Verdict, changed, from_json, to_json
 
-__all__ = ["Claim", "Ledger", "Verdict", "changed", "from_json", "judge", "to_json", "touches"]
+if TYPE_CHECKING:
+    from etude_studies.thesis.ledger import Ledger
+
+__all__ = ["Verdict", "changed", "from_json", "judge", "to_json", "touches"]
 
 EXPLORATORY = "exploratory"
 OWN_LEVEL, EXPLORATORY_LEVEL = 0.05, 0.10
-
-
-class Claim(Protocol):
-    """One sentence of the thesis, with parts, or with the claims that it says again, or untestable."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def kind(self) -> str: ...
-    @property
-    def family(self) -> str: ...
-    @property
-    def combine(self) -> str: ...
-    @property
-    def parts(self) -> Sequence[Part]: ...
-    @property
-    def alias_of(self) -> Sequence[str]: ...
-    @property
-    def untestable(self) -> str: ...
-    @property
-    def simulated(self) -> bool: ...
-    @property
-    def seeds(self) -> int: ...
-
-
-class Ledger(Protocol):
-    """All claims."""
-
-    @property
-    def claims(self) -> Sequence[Claim]: ...
 
 
 def judge(
