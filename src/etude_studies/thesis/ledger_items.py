@@ -42,8 +42,8 @@ class Part(_Strict, frozen=True):
             gap: |log(M_a / M_b)| - |log(M_c / M_d)|, or minus log(bound) without c.
             shrinks: |log(M_a / M_b)| at at[0] minus that at at[-1].
             rank: rank of M_a among `among` (1 = least), minus `bound`.
-            reach: log of the trajectories that a needs to reach b's value at at[-1], minus log of those that b
-            needs to reach a's.
+            reach: log of the trajectories that a needs to reach b's value at at[-1], minus log of those that
+            b needs to reach a's.
             spread: log(largest / smallest M over `among`) - log(bound).
             largest, smallest: log of M_a of `part` over the largest (smallest) of the other parts.
         claim: x is "less" or "more" than 0, or "equal": |x| within `margin`, a factor where x is a logarithm.
