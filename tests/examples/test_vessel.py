@@ -26,8 +26,8 @@ class TestVessel(KindSuite):
     kind: ClassVar[Kind] = KIND
     robot: ClassVar[str] = str(VESSEL / "src" / "etude_vessel" / "vessel.toml")
 
-    def test_the_error_falls_within_two_rounds(self, tmp_path: Path) -> None:
-        """In an environment where it is installed: see below."""
+    # a campaign finds the kind only where it is installed: `test_installed_it_does_the_whole_loop`
+    test_the_error_falls_within_two_rounds = None  # type: ignore[assignment]
 
 
 def test_it_is_small() -> None:
