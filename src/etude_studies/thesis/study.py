@@ -131,9 +131,12 @@ STUDY = ThesisStudy()
 
 
 def _renewed(store: Path) -> None:
-    """Commits what a store has. UsageError: it has nothing."""
-    from etude_studies.thesis.pages import write_thesis_page
+    """Commits what a store has. UsageError: it has nothing, or these are not the sources."""
+    from etude_studies.thesis.pages import PAGE, write_thesis_page
 
+    if not PAGE.parent.is_dir():
+        step = "Clone it, and pip install -e . there."
+        raise UsageError("this is no checkout of Étude's sources", where=str(PAGE.parent), next_step=step)
     counts = renew([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
     if not counts:
         raise UsageError("there are no results to commit", where=str(store), next_step="Run them first.")
