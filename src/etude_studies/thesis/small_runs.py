@@ -10,7 +10,7 @@ from etude_studies.thesis.arm_traces import TRACED, trace_spec
 from etude_studies.thesis.ilc_runs import adaptive_spec, repeated_spec
 from etude_studies.thesis.reach_runs import reach_spec
 
-TIMINGS = 12
+TIMINGS = 16
 """Repeats of the timings; fewer cannot pass the correction for how many claims are asked."""
 
 
