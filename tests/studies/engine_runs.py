@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude_studies.results import Measured
+from etude_studies.measured import Measured
 
 Settings, Needs = Mapping[str, Any], Mapping[str, pl.DataFrame]
 

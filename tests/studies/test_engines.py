@@ -27,8 +27,8 @@ from etude_studies.engines.inline import Inline
 from etude_studies.engines.progress import as_line, progress, time_left
 from etude_studies.engines.schedule import Event, remove_old_leftovers, run_all, shard_of
 from etude_studies.engines.workers import TookTooLong, WorkerDied, Workers
-from etude_studies.results import comparable, read_made, read_result, result_path
-from etude_studies.run_file import parquet_bytes
+from etude_studies.measured import comparable
+from etude_studies.run_file import parquet_bytes, read_made, read_result, result_path
 from etude_studies.spec import Spec
 
 HERE = Path(__file__).parent

@@ -14,8 +14,8 @@ from etude.errors import UsageError
 from etude_studies.engines.choice import open_engine
 from etude_studies.engines.inline import Inline
 from etude_studies.engines.schedule import Event, run_all
-from etude_studies.results import comparable, read_result, result_path
-from etude_studies.run_file import parquet_bytes
+from etude_studies.measured import comparable
+from etude_studies.run_file import parquet_bytes, read_result, result_path
 from etude_studies.spec import Spec
 
 NOISY = [Spec("engine_runs:noisy", {"rounds": 4}, seed) for seed in range(4)]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
-from etude_studies.results import Measured, measured_table
+from etude_studies.measured import Measured, measured_table
 from etude_studies.spec import Spec, run_one, spec_of
 
 ONE = Spec("engine_runs:noisy", {"rounds": 3, "rate": 0.1, "arm": {"b": [1, 2], "a": True}}, 7)

@@ -9,18 +9,10 @@ import polars as pl
 import pytest
 
 from etude.errors import DataError
-from etude_studies.results import (
-    Made,
-    Measured,
-    Results,
-    collect,
-    comparable,
-    measured_table,
-    read_made,
-    read_result,
-    result_path,
-    write_result,
-)
+from etude_studies.collected import Results, collect
+from etude_studies.made import Made
+from etude_studies.measured import Measured, comparable, measured_table
+from etude_studies.run_file import read_made, read_result, result_path, write_result
 from etude_studies.spec import Spec
 
 MADE = Made(

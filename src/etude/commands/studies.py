@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -73,8 +74,7 @@ def run_study(
 def functions() -> dict[str, str]:
     """Studies that are a function each: name -> what the first line of its module says."""
     found = {}
-    for name in _known("study"):
-        own = plugins.load(GROUP, name)
+    for name, own in _loaded().items():
         if not hasattr(own, "rows"):
             told = inspect.getdoc(inspect.getmodule(own)) or ""
             found[name] = told.partition("\n")[0].partition(": ")[2]
@@ -83,8 +83,16 @@ def functions() -> dict[str, str]:
 
 def rooms() -> list[Room]:
     """Studies of many ids."""
-    loaded = [plugins.load(GROUP, name) for name in _known("study")]
-    return [own for own in loaded if hasattr(own, "rows")]
+    return [own for own in _loaded().values() if hasattr(own, "rows")]
+
+
+def _loaded() -> dict[str, Any]:
+    """Every study that can be loaded; what is wrong with the others says `etude plugins`."""
+    found = {}
+    for name in _known("study"):
+        with suppress(UsageError):
+            found[name] = plugins.load(GROUP, name)
+    return found
 
 
 def room_of(id: str) -> Room | None:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from etude.errors import EtudeError
-from etude_studies.results import Made, made_by
+from etude_studies.made import Made, made_by
 from etude_studies.spec import Spec, run_one
 
 if TYPE_CHECKING:

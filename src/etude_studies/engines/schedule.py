@@ -14,7 +14,7 @@ from etude.storage import TEMPORARY_PREFIX
 from etude_studies.engines.carrying import Done, Failed, carry_out, in_words
 from etude_studies.engines.waiting import first_done
 from etude_studies.engines.workers import WorkerDied
-from etude_studies.results import read_result, result_path, write_result
+from etude_studies.run_file import read_result, result_path, write_result
 from etude_studies.spec import Spec
 
 if TYPE_CHECKING:

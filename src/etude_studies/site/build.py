@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from etude.errors import EtudeError
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.site import downloads
 from etude_studies.site.about import about_page
 from etude_studies.site.claim_page import claim_page

@@ -77,7 +77,7 @@ def dot_plot(
     levels, rows = _levels(near, scale)
     top = 8.0 + LINE * (rows + len(far))
     bottom = top + row * len(dots)
-    drawn = [_ground(scale, top, bottom, axis, band, centre), *_far(far, rows, scale)]
+    drawn = [ground(scale, top, bottom, axis, band, centre), *_far(far, rows, scale)]
     drawn += [_rule(rule, level, scale, bottom) for rule, level in zip(near, levels, strict=True)]
     drawn += [_rule_name(rule, level, scale) for rule, level in zip(near, levels, strict=True)]
     draw = _thin if dense else _row
@@ -102,9 +102,10 @@ def _scale(
     return fitted_scale(Axis(axis, log=wide, floor=floor), np.array([*finite, *fits]), left, RIGHT)
 
 
-def _ground(
+def ground(
     scale: Scale, top: float, bottom: float, axis: str, band: tuple[float, float] | None, centre: float | None
 ) -> str:
+    """Grid, axis and its name below a drawing; `band` counts as equal, `centre` as no difference."""
     parts = []
     if band is not None:
         x0, x1 = (float(v) for v in scale(list(band)))

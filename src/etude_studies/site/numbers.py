@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.thesis import statistics
 from etude_studies.thesis.ledger import Entry, Row
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.site.claim_words import COUNTED
 from etude_studies.site.curve_plot import letter
 from etude_studies.site.numbers import Numbers, Summary, counts, printed, summary

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from etude.report.markup import Html, number
-from etude.report.scales import Axis, Scale, fitted_scale, tick_text
-from etude_studies.site.dot_plot import LEFT, RIGHT, WIDE
+from etude.report.scales import Axis, Scale, fitted_scale
+from etude_studies.site.dot_plot import LEFT, RIGHT, WIDE, ground
 from etude_studies.site.marks import Style, drawing, label, sign
 
 ROW = 46.0
@@ -26,22 +26,10 @@ def seed_plot(title: str, strips: Sequence[Strip], *, axis: str, centre: float |
     held = np.array([*values, *([] if centre is None else [centre])])
     scale = fitted_scale(Axis(axis, log=log, floor=floor), held, LEFT, RIGHT)
     bottom = 10.0 + ROW * len(strips)
-    drawn = [_ground(scale, bottom, axis, centre), _joined(strips, scale)]
+    drawn = [ground(scale, 10.0, bottom, axis, None, centre), _joined(strips, scale)]
     for place, strip in enumerate(strips):
         drawn += _strip(strip, 10.0 + ROW * place, scale)
     return drawing(title, bottom + 44.0, "".join(drawn))
-
-
-def _ground(scale: Scale, bottom: float, axis: str, centre: float | None) -> str:
-    parts = []
-    for value in scale.ticks():
-        px = float(scale(value))
-        parts.append(f'<path class="grid-line" d="M{px:.1f},10V{bottom + 4:.1f}"/>')
-        parts.append(label(px, bottom + 18, tick_text(value), "tick", "middle"))
-    if centre is not None:
-        parts.append(f'<path class="axis-line" d="M{float(scale(centre)):.1f},10V{bottom:.1f}"/>')
-    parts.append(f'<path class="axis-line" d="M{scale.start:.1f},{bottom:.1f}H{scale.end:.1f}"/>')
-    return "".join(parts) + label((scale.start + scale.end) / 2, bottom + 36, axis, "axis", "middle")
 
 
 def _joined(strips: Sequence[Strip], scale: Scale) -> str:

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.site.numbers import figure_of
 from etude_studies.thesis.ledger import Ledger, load_ledger
 from etude_studies.thesis.parts import parts_read

@@ -10,7 +10,7 @@ import pytest
 from made_up_study import small_study
 
 from etude.errors import UsageError
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.site.paper import paper_figures
 
 ONLY = ("table-6.9", "figure-6.11")

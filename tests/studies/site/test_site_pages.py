@@ -18,7 +18,7 @@ from made_up_study import JOINTS, MISSING, SEEDS, small_study
 from scipy import stats
 
 from etude.errors import EtudeError
-from etude_studies.results import Results
+from etude_studies.collected import Results
 from etude_studies.site import facets
 from etude_studies.site.build import build_site, pages
 from etude_studies.site.context import Reading, Study

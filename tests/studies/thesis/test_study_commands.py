@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from etude import plugins
 from etude.cli import main
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.choosing import GROUPS, group_of, ledger, runs_of
@@ -35,6 +36,19 @@ def test_every_id_is_listed_in_the_machine_form(capsys) -> None:
     assert {"arm", "quadrotor", "thesis"} <= set(ids)
     assert all(set(row) == {"metric", "what", "seeds", "verdict", "command"} for row in found["rows"])
     assert all(row["command"] == f"etude study run {row['metric']}" for row in found["rows"])
+
+
+def test_a_study_that_cannot_be_loaded_harms_no_other(capsys, monkeypatch) -> None:
+    broken = {**plugins.BUILT_IN["etude.studies"], "ours": "no_such_module:run"}
+    monkeypatch.setitem(plugins.BUILT_IN, "etude.studies", broken)
+    code, found, _ = answer(capsys, "list")
+    ids = {row["metric"] for row in found["rows"]}
+    assert code == 0
+    assert {"table-6.9", "arm"} <= ids
+    assert "ours" not in ids
+    code, _, err = answer(capsys, "ours")
+    assert code == 2
+    assert "cannot be loaded" in err
 
 
 def test_every_run_is_in_one_group_and_every_id_has_runs() -> None:
