@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,11 +16,12 @@ from etude.campaign.state import Round, State
 from etude.contracts import Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
+from etude.logs.fingerprint import sha256_of_log
 from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
-from etude.storage import sha256_of, write_atomic
+from etude.storage import write_atomic
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ def tell(
     number: int | None = None,
     foreign: bool = False,
     degrees: bool = False,
+    topics: Sequence[str] = (),
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Told:
@@ -61,6 +64,7 @@ def tell(
         number: the proposal that was run; else the newest open one that the motion fits.
         foreign: the log answers no proposal.
         degrees: the file's angles are degrees.
+        topics: of a file that holds several; none: those that campaign.toml names.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
@@ -69,16 +73,7 @@ def tell(
         UsageError: there is no such proposal, or it has a log already.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
-    try:
-        digest = sha256_of(path)
-    except OSError as error:
-        raise DataError(
-            f"the log file cannot be read: {error.strerror or error}",
-            where=str(path),
-            next_step="Check that you may read it.",
-        ) from None
+    digest = sha256_of_log(path)
     with campaign.writing():
         state = campaign.state()
         known = state.round_of_log(digest)
@@ -88,7 +83,7 @@ def tell(
             repairs = tuple((known.told or {}).get("repairs", ()))
             warnings = _warnings(campaign)
             return Told(known.number, True, known.asked is None, repairs, tuple(done), warnings)
-        log, answered, speed = _identify(campaign, state, path, number, foreign, degrees)
+        log, answered, speed = _identify(campaign, state, path, number, foreign, degrees, topics)
         number = answered if answered is not None else _free_number(state, number)
         _store(campaign, number, log, path, digest, answered is None, speed)
         done = learn_pending(campaign, learner, say)
@@ -103,10 +98,16 @@ def _warnings(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _identify(
-    campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, degrees: bool
+    campaign: Campaign,
+    state: State,
+    path: Path,
+    number: int | None,
+    foreign: bool,
+    degrees: bool,
+    topics: Sequence[str],
 ) -> tuple[Log, int | None, int]:
     """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
-    log = read(campaign, path, degrees=degrees)
+    log = read(campaign, path, degrees=degrees, topics=topics)
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
         _check_asked(state, number)
@@ -143,7 +144,7 @@ def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
     return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
 
 
-def read(campaign: Campaign, path: Path, *, degrees: bool = False) -> Log:
+def read(campaign: Campaign, path: Path, *, degrees: bool = False, topics: Sequence[str] = ()) -> Log:
     """The cleaned log in a file, by its own clock.
 
     Raises:
@@ -156,6 +157,8 @@ def read(campaign: Campaign, path: Path, *, degrees: bool = False) -> Log:
         rate=expected.rate,
         degrees=degrees,
         limits=expected.limits,
+        topics=topics,
+        config=campaign.config.log,
         own_clock=True,
     )
     found = campaign.kind.checks(campaign.spec, log)

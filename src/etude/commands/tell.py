@@ -18,21 +18,30 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV or Parquet with the time and, by name, what the robot measures: of an arm positions and commands of
-    every joint; of a quadrotor accelerometer, gyroscope and commands, and if known position and attitude."""
+    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an arm
+    positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if known
+    position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False
     """The log answers no proposal."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
+    topic: tuple[str, ...] = ()
+    """Topics of a bag to read, joined by time; none: those with joint states."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.tell import tell
 
         campaign = opened(self.folder, say)
         found = tell(
-            campaign, self.log, number=self.number, foreign=self.foreign, degrees=self.degrees, say=say
+            campaign,
+            self.log,
+            number=self.number,
+            foreign=self.foreign,
+            degrees=self.degrees,
+            topics=self.topic,
+            say=say,
         )
         what = "a recording of its own" if found.foreign else "the answer to that proposal"
         first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
