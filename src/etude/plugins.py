@@ -46,6 +46,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.readers": {
         "csv": "etude.logs.readers:read_csv",
         "parquet": "etude.logs.readers:read_parquet",
+        "rosbag2": "etude.logs.bags:read_bag",
     },
     "etude.exporters": {},
     # what draws an object, by its noun; see `shown`

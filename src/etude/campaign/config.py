@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from etude.campaign.stop_config import StopConfig
@@ -42,7 +42,7 @@ class CampaignConfig:
     model: ModelConfig
     design: DesignConfig
     stop: StopConfig
-    log: LogConfig = LogConfig()
+    log: LogConfig = field(default_factory=LogConfig)
 
     @property
     def duration(self) -> float:

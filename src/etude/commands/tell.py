@@ -18,9 +18,9 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an arm
-    positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if known
-    position and attitude."""
+    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an
+    arm positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if
+    known position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False

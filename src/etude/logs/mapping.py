@@ -1,10 +1,10 @@
-"""Other names for a log's columns: the table [log] of campaign.toml, applied to raw columns, and written for a log.
+"""Other names for a log's columns: the table [log] of campaign.toml, applied to a log and written for one.
 
     [log.columns]
     "q_shoulder [deg]" = "ActPos1"
 
-reads the column ActPos1 as if its header were `q_shoulder [deg]`. Left is a header as `columns` understands it
-(what to write there is listed in `words`), right the header in the file.
+reads the column ActPos1 as if its header were `q_shoulder [deg]`. Left is a header as `columns` understands
+it (what to write there is listed in `words`), right the header in the file.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class LogConfig:
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:
-    """The raw columns under the names that the mapping gives; a log that has none of its headers stays as it is.
+    """The raw columns under the names that the mapping gives; as they are if it names none of them.
 
     Raises:
         DataError: some of the mapping's headers are in the file and another is not.
