@@ -25,6 +25,7 @@ READERS: Mapping[str, str] = {
     **dict.fromkeys((".csv", ".tsv", ".txt"), "csv"),
     ".parquet": "parquet",
     **dict.fromkeys((".db3", ".mcap", ".zstd"), "rosbag2"),
+    ".ulg": "ulog",
 }
 """Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
 BY_SUFFIX_ALONE = ("csv", "parquet")
@@ -142,7 +143,7 @@ def _columns(log: Log) -> dict[str, Array]:
 
 
 def _interpolated(times: Array, t: Array, signal: Array) -> Array:
-    told = np.isfinite(t) & np.isfinite(signal)
+    told = np.isfinite(t)
     t, signal = t[told], signal[told]
     if len(t) < 2:
         return np.full(len(times), np.nan)
