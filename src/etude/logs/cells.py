@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 LONGEST = 1000  # entries of a list: longer ones are images and scans
+LIST = re.compile(r"\s*(?:array\(\s*'?\w'?,\s*)?[\[(](.*?)[\])]+\s*")  # (0.1, 0.2), array('d', [0.1, 0.2])
 
 
 def numbers_of(series: pl.Series) -> Array:
@@ -56,13 +57,14 @@ def lists_of(series: pl.Series) -> list[Any] | None:
     if series.dtype != pl.String:
         return None
     first = next((cell for cell in series.head(100).to_list() if cell), "")
-    if not re.fullmatch(r"\s*[\[(].*[\])]\s*", first):
+    if not LIST.fullmatch(first):
         return None
     return [None if cell is None else _split(cell) for cell in series.to_list()]
 
 
 def _split(cell: str) -> list[str]:
-    inner = cell.strip().strip("[]()")
+    found = LIST.fullmatch(cell)
+    inner = found[1] if found is not None else cell.strip().strip("[]()")
     return [part.strip().strip("'\"") for part in re.split(r"[,;\s]+", inner) if part.strip()]
 
 

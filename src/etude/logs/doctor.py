@@ -169,8 +169,11 @@ def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
 
 def _leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
     """(T-1, k) True where the step is no motion: beyond the velocity limit and a hundredth of the range."""
-    allowed = JUMP_FACTOR * top * np.diff(log.t)[:, None] + 0.01 * size
-    return np.asarray(np.abs(np.diff(log[channel.name], axis=0)) > allowed)
+    steps, q = np.diff(log.t), log[channel.name]
+    leaps = np.empty((len(steps), q.shape[1]), dtype=bool)
+    for j in range(q.shape[1]):  # one by one: long logs leave no room for all at once
+        leaps[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + 0.01 * size[j]
+    return leaps
 
 
 def check_constant(log: Log) -> Log:

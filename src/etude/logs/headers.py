@@ -86,7 +86,9 @@ def _note(place: dict[str, dict[str, list[Column]]], channel: str, part: str, co
 
 
 def _rests(text: str) -> list[str]:
-    return [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
+    rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
+    named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
+    return [*rests, named] if named else rests
 
 
 def words_of(channel: Channel) -> tuple[str, ...]:

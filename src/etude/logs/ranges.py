@@ -84,8 +84,9 @@ def looks_scaled(log: Log, channels: Sequence[Channel], limits: Limits) -> bool:
         shares.append(float(outside.mean(axis=0).max()))
         top = top_speed(channel, channels, limits)
         if top is not None:
-            fast = np.abs(np.diff(log[channel.name], axis=0)) > 2 * top * np.diff(log.t)[:, None]
-            shares.append(float(fast.mean(axis=0).max()))
+            steps = np.diff(log.t)
+            for j, q in enumerate(log[channel.name].T):
+                shares.append(float((np.abs(np.diff(q)) > 2 * top[j] * steps).mean()))
     return max(shares) > 0.1
 
 
@@ -103,11 +104,14 @@ def check_consistency(log: Log) -> None:
 
 
 def _check_slope(log: Log, values: Array, channel: Channel) -> None:
-    slope, rate = np.gradient(values, log.t, axis=0), log[channel.name]
-    for j in np.flatnonzero(np.abs(rate).max(axis=0) > 0):
-        product = float(slope[:, j] @ rate[:, j])
-        factor = product / float(rate[:, j] @ rate[:, j])
-        like = abs(product) / float(np.linalg.norm(slope[:, j]) * np.linalg.norm(rate[:, j]) + 1e-300)
+    for j in range(values.shape[1]):
+        rate = log[channel.name][:, j]
+        if not rate.any():
+            continue
+        slope = np.gradient(values[:, j], log.t)
+        product = float(slope @ rate)
+        factor = product / float(rate @ rate)
+        like = abs(product) / float(np.linalg.norm(slope) * np.linalg.norm(rate) + 1e-300)
         for unit, ratio in {"degrees": 180 / np.pi, "milliradians (or mm)": 1e3}.items():
             for text, expected in (
                 (f"{channel.derivative_of} in {unit}", ratio),
@@ -149,7 +153,9 @@ def _beyond(values: Array, lower: Array, upper: Array) -> Array:
 
 
 def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
-    wild: Mask = np.asarray((_beyond(log[name], lower, upper) > COMMAND_EXCESS).any(axis=1))
+    wild: Mask = np.zeros(len(log), dtype=bool)
+    for j, command in enumerate(log[name].T):
+        wild |= _beyond(command, lower[j], upper[j]) > COMMAND_EXCESS
     if not wild.any() or wild.mean() > RARE:
         return log
     return log.take(~wild).repaired(f"{wild.sum()} rows with a single wild command were dropped.")

@@ -140,8 +140,10 @@ def _recorded(
     t, time_repairs = read_time(raw, rate, path.name)
     repairs = [*raw.repairs, *time_repairs, *matching.repairs]
     values = {}
+    left = dict(raw.values)
+    del raw  # of a long log there is no room for both
     for name, columns in matching.channels.items():
-        values[name] = _values(raw, columns)
+        values[name] = _taken(left, columns)
         if any(column.factor != 1.0 for column in columns):
             repairs.append(f"Channel {name} was converted from the unit in its headers.")
     log = Log(
@@ -155,6 +157,11 @@ def _recorded(
     return log, stated
 
 
-def _values(raw: Log, columns: Sequence[Column]) -> Array:
-    factors = np.array([column.factor for column in columns])
-    return np.asarray(np.column_stack([raw[column.name][:, 0] for column in columns]) * factors)
+def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:
+    """The values of a channel in SI; its columns are no longer in `left`, since no other channel has them."""
+    own = [left.pop(column.name)[:, 0] for column in columns]
+    out = np.empty((len(own[0]), len(own)))
+    for j, column in enumerate(columns):
+        np.multiply(own[j], column.factor, out=out[:, j])
+        own[j] = out[:, j]
+    return out

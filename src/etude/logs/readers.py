@@ -6,7 +6,6 @@ or repaired here. A log whose times are row numbers has them in one of its colum
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,9 @@ import numpy as np
 from etude import plugins
 from etude.contracts import Array, Log, Reader
 from etude.errors import DataError, EtudeError
-from etude.logs.frames import frame_log, guarded, parquet_frame, raw_log
+from etude.logs.csv_tables import csv_log
+from etude.logs.frames import frame_log, parquet_frame, raw_log
+from etude.logs.holes import without_holes
 from etude.logs.log_file import column_names
 
 GROUP = "etude.readers"
@@ -45,7 +46,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     name = name or _reader_of(path, head)
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
-    log = _joined(_topics(plugins.load(GROUP, name), name, path, topics))
+    log = without_holes(_joined(_topics(plugins.load(GROUP, name), name, path, topics)))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
     return log
@@ -178,83 +179,10 @@ def _parquet(path: Path) -> Log:
 
 
 def _csv(path: Path) -> Log:
-    """Comma, semicolon or tab separated text with one header row; lines that start with # are skipped."""
-    import polars as pl
-
-    text, repairs = _csv_text(path)
-    header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "")
-    separator = max(",;\t", key=header.count)
-    names = _header(header, separator, str(path))
-    frame = guarded(
-        lambda: pl.read_csv(
-            text.encode(),
-            separator=separator,
-            comment_prefix="#",
-            infer_schema=False,
-            truncate_ragged_lines=True,
-        ),
-        path,
-        "CSV",
-    )
-    if frame.width != len(names):
-        raise DataError(
-            f"the header names {len(names)} columns, the table has {frame.width}",
-            where=str(path),
-            next_step="Check the quotes and line breaks in the header.",
-        )
-    frame.columns = names
-    return frame_log(frame, path, repairs)
-
-
-def _header(line: str, separator: str, where: str) -> list[str]:
-    try:
-        names = [name.strip().strip('"') for name in next(csv.reader([line], delimiter=separator), [])]
-    except csv.Error as problem:
-        raise DataError(f"the header cannot be read ({problem})", where=where, next_step=AGAIN) from None
-    if all(_is_number(name) for name in names):
-        raise DataError(
-            "the first line has numbers where the column names should be",
-            where=where,
-            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
-        )
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
-    return names
-
-
-def _csv_text(path: Path) -> tuple[str, tuple[str, ...]]:
-    data = path.read_bytes()
-    if data[:4] == b"PAR1":
+    """Text with one header row; see `csv_tables`."""
+    if file_head(path)[:4] == b"PAR1":
         raise DataError("this is a Parquet file", where=str(path), next_step="Rename it to .parquet.")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        raise DataError(
-            "this is a binary file, not CSV text",
-            where=str(path),
-            next_step="Export the log as CSV or Parquet.",
-        )
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if not text.strip():
-        raise DataError("the log file is blank", where=str(path), next_step=AGAIN)
-    if text.endswith("\n"):
-        return text, ()
-    # A line without its end may have lost part of its last number; nothing in it can be trusted.
-    complete = text[: text.rfind("\n") + 1]
-    if not complete.strip():
-        raise DataError("the log file has no complete line", where=str(path), next_step=AGAIN)
-    return complete, ("The last line has no end (a cut file?) and was dropped.",)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return csv_log(path)
 
 
 read_csv = TableReader("csv", _csv)

@@ -1,0 +1,222 @@
+"""Tables in text as raw logs, block by block: separators, decimal commas, headers, and columns of text.
+
+What a column holds is judged by the beginning of the file: numbers are read as such, block by block, so that
+a long log never stands in memory as text. Cells of a column of numbers that are none are NaN.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.contracts import Array, Log
+from etude.errors import DataError
+from etude.logs.cells import numbers_of
+from etude.logs.echo import echo_names
+from etude.logs.frames import frame_log, guarded, raw_log
+from etude.logs.text_blocks import TextBlocks
+
+if TYPE_CHECKING:
+    import polars as pl
+
+AGAIN = "Export the log again."
+SEPARATORS = ",;\t"
+JUDGED = 1000
+"""Rows by which a column's type is judged."""
+DECIMAL_COMMA = re.compile(r"(?:^|[;\t])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How the table is written, and which of its columns hold numbers."""
+
+    names: tuple[str, ...]
+    separator: str
+    decimal_comma: bool
+    numeric: tuple[bool, ...] = ()
+
+
+def csv_log(path: Path) -> Log:
+    """The raw columns of comma, semicolon or tab separated text; lines that start with # are skipped.
+
+    Raises:
+        DataError: not text, blank, without a header or with a broken one.
+    """
+    blocks = TextBlocks(path)
+    rest = iter(blocks)
+    first = next((block for block in rest if block.strip()), b"")
+    if not first:
+        raise DataError(_nothing(path), where=str(path), next_step=AGAIN)
+    form, body, repairs = _form(first, path)
+    log = _read(chain([body], rest), form, path)
+    if blocks.cut:
+        repairs = (*repairs, "The last line has no end (a cut file?) and was dropped.")
+    return log.repaired(*repairs)
+
+
+def _nothing(path: Path) -> str:
+    """Why there is no whole line."""
+    with path.open("rb") as file:
+        blank = not file.read(2**16).strip()
+    return "the log file is blank" if blank else "the log file has no complete line"
+
+
+def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
+    """How the table is written, by its first block; that block without the header; what was done."""
+    text = first.decode()
+    header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "")
+    separator = max(SEPARATORS, key=header.count)
+    cells = _cells(header, separator, str(path))
+    echoed = echo_names(cells, str(path))
+    if echoed:
+        names, body = echoed, first
+        repairs: tuple[str, ...] = ("There is no header; the columns are those of `ros2 topic echo --csv`.",)
+    else:
+        names, repairs = _checked_names(cells, str(path)), ()
+        place = first.index(header.encode()) + len(header.encode())
+        body = first[place:].lstrip(b"\n")
+    sample = body[: 2**16].decode(errors="ignore").split("\n")[:20]
+    comma = separator != "," and bool(DECIMAL_COMMA.search("\n".join(sample)))
+    if comma:
+        repairs = (*repairs, "Numbers were read with a decimal comma.")
+    form = _Form(tuple(names), separator, comma)
+    return _judged(form, body, path), body, repairs
+
+
+def _cells(line: str, separator: str, where: str) -> list[str]:
+    try:
+        return [name.strip().strip('"') for name in next(csv.reader([line], delimiter=separator), [])]
+    except csv.Error as problem:
+        raise DataError(f"the header cannot be read ({problem})", where=where, next_step=AGAIN) from None
+
+
+def _checked_names(names: Sequence[str], where: str) -> Sequence[str]:
+    if all(_is_number(name) for name in names):
+        raise DataError(
+            "the first line has numbers where the column names should be",
+            where=where,
+            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
+        )
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
+    return names
+
+
+def _judged(form: _Form, body: bytes, path: Path) -> _Form:
+    """The form with the types of its columns: numbers where most of the first cells are."""
+    end = 0
+    for _ in range(JUDGED):
+        place = body.find(b"\n", end)
+        if place < 0:
+            break
+        end = place + 1
+    frame = _text_frame(body[:end], form, path)
+    numeric = []
+    for series in frame.iter_columns():
+        told = int((series.fill_null("").str.strip_chars() != "").sum())
+        numbers = int(np.isfinite(_numbers(series, form)).sum())
+        numeric.append(2 * numbers >= told)
+    return _Form(form.names, form.separator, form.decimal_comma, tuple(numeric))
+
+
+def _read(blocks: Iterator[bytes], form: _Form, path: Path) -> Log:
+    if all(form.numeric):
+        return raw_log(_all_numbers(blocks, form, path), path.name)
+    import polars as pl
+
+    frames = [_mixed(block, form, path) for block in blocks if block.strip()]
+    return frame_log(pl.concat(frames) if frames else _text_frame(b"", form, path), path)
+
+
+def _all_numbers(blocks: Iterator[bytes], form: _Form, path: Path) -> dict[str, Array]:
+    """(T,) of each column, in place from the first block on: memory that is not written to costs nothing."""
+    rows, columns = 0, [np.empty(0) for _ in form.names]
+    for block in blocks:
+        if not block.strip():
+            continue
+        own = _numeric_columns(block, form, path)
+        end = rows + len(own[0])
+        if end > len(columns[0]):
+            expected = int(1.1 * len(own[0]) * path.stat().st_size / len(block))
+            columns = [_longer(column, rows, max(expected, 2 * end)) for column in columns]
+        for column, values in zip(columns, own, strict=True):
+            column[rows:end] = values
+        rows = end
+    return {name: column[:rows] for name, column in zip(form.names, columns, strict=True)}
+
+
+def _longer(column: Array, rows: int, length: int) -> Array:
+    out = np.empty(length)
+    out[:rows] = column[:rows]
+    return out
+
+
+def _numeric_columns(block: bytes, form: _Form, path: Path) -> list[Array]:
+    """The columns of a block of numbers; one that has other cells is looked at cell by cell."""
+    import polars as pl
+
+    frame = _frame(block, form, path, [pl.Float64] * len(form.names))
+    if any(series.null_count() for series in frame.iter_columns()):
+        frame = _text_frame(block, form, path)
+        return [_numbers(series, form) for series in frame.iter_columns()]
+    return [series.to_numpy() for series in frame.iter_columns()]
+
+
+def _mixed(block: bytes, form: _Form, path: Path) -> pl.DataFrame:
+    """A block whose columns of text stay text."""
+    import polars as pl
+
+    frame = _text_frame(block, form, path)
+    columns = [
+        pl.Series(name, _numbers(frame[name], form)) if numeric else frame[name]
+        for name, numeric in zip(form.names, form.numeric, strict=True)
+    ]
+    return pl.DataFrame(columns)
+
+
+def _numbers(series: pl.Series, form: _Form) -> Array:
+    return numbers_of(series.str.replace(",", ".", literal=True) if form.decimal_comma else series)
+
+
+def _text_frame(block: bytes, form: _Form, path: Path) -> pl.DataFrame:
+    import polars as pl
+
+    return _frame(block, form, path, [pl.String] * len(form.names))
+
+
+def _frame(block: bytes, form: _Form, path: Path, dtypes: Sequence[type[pl.DataType]]) -> pl.DataFrame:
+    import polars as pl
+
+    schema = dict(zip(form.names, dtypes, strict=True))
+    if not block.strip():
+        return pl.DataFrame(schema=schema)
+    return guarded(
+        lambda: pl.read_csv(
+            block,
+            has_header=False,
+            separator=form.separator,
+            comment_prefix="#",
+            schema=schema,
+            decimal_comma=form.decimal_comma and dtypes[0] != pl.String,
+            ignore_errors=True,
+            truncate_ragged_lines=True,
+        ),
+        path,
+        "CSV",
+    )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,49 @@
+"""What `ros2 topic echo --csv` writes of joint states: no header, each message's arrays in turn.
+
+sec, nanosec, frame, then the names of all joints, their positions, velocities and efforts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from etude.errors import DataError
+
+STAMP = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
+ARRAYS = ("position", "velocity", "effort")
+
+
+def echo_names(cells: Sequence[str], where: str) -> list[str]:
+    """Headers for the cells of a first line that is such a message; none for any other line.
+
+    Raises:
+        DataError: each joint has two values, of which the second may be either of two things.
+    """
+    if len(cells) < 5 or not (cells[0].isdigit() and cells[1].isdigit() and int(cells[1]) < 10**9):
+        return []
+    numbers = [_is_number(cell) for cell in cells[3:]]
+    joints = numbers.index(True) if True in numbers else 0
+    values = len(numbers) - joints
+    if not joints or _is_number(cells[2]) or not all(numbers[joints:]) or values % joints:
+        return []
+    arrays = values // joints
+    if arrays == 2:
+        own = ",".join(
+            [*STAMP, *(f"{w}[{i}]" for w in ("name", "position", "effort") for i in range(joints))]
+        )
+        raise DataError(
+            "a message has two values for each joint: position, and velocity or effort",
+            where=where,
+            next_step=f"Add a header row, for efforts: {own}",
+        )
+    if arrays > len(ARRAYS):
+        return []
+    return [*STAMP, *(f"{word}[{i}]" for word in ("name", *ARRAYS[:arrays]) for i in range(joints))]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,50 @@
+"""Tables of several topics at once: each row is a message of one of them, so most cells are empty.
+
+PlotJuggler exports so. The columns that are told at the same rows belong together, as topics of a bag do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from etude.contracts import Array, Log, Mask
+from etude.logs.words import is_time
+
+WHOLE = 0.95
+"""Part of the rows: columns that are told in so many are a table with a few empty cells."""
+SHARED = 0.5
+"""Part of the leader's rows in which all columns are told: with more, empty cells are damage."""
+
+
+def without_holes(raw: Log) -> Log:
+    """The rows of the columns that are told most often, the others interpolated; or the log as it is."""
+    t = next((raw[name][:, 0] for name in raw.values if is_time(name)), None)
+    if t is None or len(t) < 2 or not np.isfinite(t).all():
+        return raw
+    told: dict[bytes, Mask] = {}
+    every = np.ones(len(raw), dtype=bool)
+    for values in raw.values.values():
+        finite = np.isfinite(values[:, 0])
+        if finite.sum() > 1:
+            told[np.packbits(finite).tobytes()] = finite
+            every &= finite
+    partial = [finite for finite in told.values() if not finite.all()]
+    if len(partial) < 2 or max(finite.sum() for finite in partial) > WHOLE * len(raw):
+        return raw
+    leader = max(partial, key=lambda finite: int(finite.sum()))
+    if every.sum() > SHARED * leader.sum():
+        return raw
+    values = {name: _at(t, own[:, 0], leader)[:, None] for name, own in raw.values.items()}
+    found = replace(raw, t=raw.t[leader], values=values)
+    return found.repaired("Columns that are told at different rows were joined by time.")
+
+
+def _at(t: Array, signal: Array, rows: Mask) -> Array:
+    told = np.isfinite(signal)
+    if told[rows].all() or told.sum() < 2:
+        return np.asarray(signal[rows])
+    order = np.argsort(t[told], kind="stable")
+    own, values = t[told][order], signal[told][order]
+    return np.asarray(np.interp(t[rows], own, values, left=np.nan, right=np.nan))
