@@ -1,7 +1,7 @@
 """Makes flight.ulg: python make_ulg.py. A simulated flight, written as PX4 records one.
 
 Étude's built-in simulated vehicle flies a random motion inside its limits; what it measures is written in
-PX4's topics, units and frames (body forward, right, down; world north, east, down). The format is documented at
+PX4's topics, units and frames (body forward, right, down; world north, east, down). The format:
 https://docs.px4.io/main/en/dev_log/ulog_file_format.
 """
 

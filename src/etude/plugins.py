@@ -48,6 +48,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "parquet": "etude.logs.readers:read_parquet",
         "rosbag2": "etude.logs.bags:read_bag",
         "ulog": "etude.logs.ulog:read_ulog",
+        "mat": "etude.logs.readers:read_mat",
+        "lerobot": "etude.logs.lerobot:read_lerobot",
+        "crazyflie": "etude.logs.usd_card:read_usd_card",
     },
     "etude.exporters": {},
     # what draws an object, by its noun; see `shown`

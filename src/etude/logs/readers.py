@@ -19,7 +19,9 @@ from etude.errors import DataError, EtudeError
 from etude.logs.csv_tables import csv_log
 from etude.logs.frames import frame_log, parquet_frame, raw_log
 from etude.logs.holes import without_holes
+from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
+from etude.logs.mat import mat_log
 
 GROUP = "etude.readers"
 READERS: Mapping[str, str] = {
@@ -27,9 +29,10 @@ READERS: Mapping[str, str] = {
     ".parquet": "parquet",
     **dict.fromkeys((".db3", ".mcap", ".zstd"), "rosbag2"),
     ".ulg": "ulog",
+    ".mat": "mat",
 }
 """Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
-BY_SUFFIX_ALONE = ("csv", "parquet")
+BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
 HEAD = 4096
 AGAIN = "Export the log again."
 
@@ -80,6 +83,8 @@ def file_head(path: Path) -> bytes:
 
 def _reader_of(path: Path, head: bytes) -> str:
     built_in = READERS.get(path.suffix.lower())
+    if built_in == "parquet" and is_lerobot(path):
+        return "lerobot"
     if built_in is not None:
         return built_in
     brought = [name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE]
@@ -187,3 +192,4 @@ def _csv(path: Path) -> Log:
 
 read_csv = TableReader("csv", _csv)
 read_parquet = TableReader("parquet", _parquet)
+read_mat = TableReader("mat", mat_log)

@@ -1,0 +1,110 @@
+"""MATLAB's files and LeRobot's datasets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
+from scipy.io import savemat
+
+from etude.contracts import Log
+from etude.errors import DataError
+from etude.logs.read import read_log
+
+LOG = make_log()
+ROWS = len(LOG)
+
+
+def read(path: Path, *topics: str) -> Log:
+    return read_log(path, CHANNELS, rate=RATE, limits=LIMITS, topics=topics)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_matrices_of_a_mat_file(compressed: bool, tmp_path: Path) -> None:
+    """Samples in rows or in columns; what has another length is left out and named."""
+    own = {"t": LOG.t, "q": LOG["q"], "tau": LOG["command"].T, "gains": np.ones(7)}
+    savemat(tmp_path / "run.mat", own, do_compression=compressed)
+    log = read(tmp_path / "run.mat")
+    np.testing.assert_array_equal(log["q"], LOG["q"])
+    np.testing.assert_array_equal(log["command"], LOG["command"])
+    assert any("left out: gains" in sentence for sentence in log.repairs)
+
+
+def test_structs_of_a_mat_file(tmp_path: Path) -> None:
+    state = {
+        f"{word}_{j}": LOG[c][:, k]
+        for word, c in (("q", "q"), ("tau", "command"))
+        for k, j in enumerate(JOINTS)
+    }
+    savemat(tmp_path / "run.mat", {"time": LOG.t, "state": state})
+    np.testing.assert_array_equal(read(tmp_path / "run.mat")["q"], LOG["q"])
+
+
+def test_what_cannot_be_read_of_matlab(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    for content, words in (
+        (b"MATLAB 7.3 MAT-file".ljust(512), "7.3.*save"),
+        (b"\x89HDF\r\n".ljust(512), "7.3.*save"),
+        (b"no mat file at all".ljust(512), "cannot be read as MAT"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(DataError, match=words):
+            read(path)
+    savemat(path, {"gain": 1.0, "name": "ur10"})
+    with pytest.raises(DataError, match="no variable with more than one number"):
+        read(path)
+
+
+def dataset(folder: Path, names: object, episodes: int = 1) -> Path:
+    """A dataset by the documented layout of version 3, with efforts."""
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    features = {
+        f: {"dtype": "float32", "shape": [3], "names": names} for f in ("observation.state", "action")
+    }
+    features["observation.effort"] = features["observation.state"]
+    info = {"codebase_version": "v3.0", "fps": 100, "features": features}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    frame = pl.DataFrame(
+        {
+            "observation.state": LOG["q"].tolist(),
+            "observation.effort": LOG["command"].tolist(),
+            "action": (LOG["q"] + 0.01).tolist(),
+            "timestamp": LOG.t,
+        }
+    )
+    frames = [frame.with_columns(pl.lit(e).alias("episode_index")) for e in range(episodes)]
+    pl.concat(frames).write_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
+    return folder
+
+
+@pytest.mark.parametrize("names", [list(JOINTS), {"motors": [f"{j}.pos" for j in JOINTS]}, None])
+def test_a_lerobot_dataset(names: object, tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "data set", names)
+    for path in (folder, folder / "data" / "chunk-000" / "file-000.parquet"):
+        log = read(path)
+        np.testing.assert_array_equal(log["q"], LOG["q"])
+        np.testing.assert_array_equal(log["command"], LOG["command"])
+        np.testing.assert_allclose(log["q_des"], LOG["q"] + 0.01)
+
+
+def test_an_episode_is_a_log(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "set", list(JOINTS), episodes=3)
+    with pytest.raises(DataError, match=r"3 episodes.*--topic episode_0.*episode_2"):
+        read(folder)
+    assert len(read(folder, "episode_2")) == ROWS
+    for wrong in ("episode_3", "two"):
+        with pytest.raises(DataError, match=f"no episode {wrong}"):
+            read(folder, wrong)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"features": 3}', '{"features": {"action": 3}}'])
+def test_a_broken_description_is_named(content: str, tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "set", list(JOINTS))
+    (folder / "meta" / "info.json").write_text(content)
+    with pytest.raises(DataError, match="description cannot be read"):
+        read(folder)
