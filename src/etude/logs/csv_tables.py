@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -198,20 +199,22 @@ def _frame(block: bytes, form: _Form, path: Path, dtypes: Sequence[type[pl.DataT
     schema = dict(zip(form.names, dtypes, strict=True))
     if not block.strip():
         return pl.DataFrame(schema=schema)
-    return guarded(
-        lambda: pl.read_csv(
-            block,
-            has_header=False,
-            separator=form.separator,
-            comment_prefix="#",
-            schema=schema,
-            decimal_comma=form.decimal_comma and dtypes[0] != pl.String,
-            ignore_errors=True,
-            truncate_ragged_lines=True,
-        ),
-        path,
-        "CSV",
-    )
+
+    def parsed() -> pl.DataFrame:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that a block is malformed shows in its cells
+            return pl.read_csv(
+                block,
+                has_header=False,
+                separator=form.separator,
+                comment_prefix="#",
+                schema=schema,
+                decimal_comma=form.decimal_comma and dtypes[0] != pl.String,
+                ignore_errors=True,
+                truncate_ragged_lines=True,
+            )
+
+    return guarded(parsed, path, "CSV")
 
 
 def _is_number(text: str) -> bool:

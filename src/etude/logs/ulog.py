@@ -81,7 +81,8 @@ def _parsed(path: Path, topics: Sequence[str]) -> Any:
                 "this is no ULog", where=str(path), next_step="Download the .ulg of the flight again."
             )
         try:
-            return library.ULog(str(path), list(topics) or None)
+            file.seek(0)
+            return library.ULog(file, list(topics) or None)
         except Exception as problem:  # pyulog fails with anything
             first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
             raise DataError(
