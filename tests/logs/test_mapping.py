@@ -72,5 +72,8 @@ def test_what_is_written_for_a_log_reads_it() -> None:
 def test_what_is_missing_is_a_blank_with_the_nearest_headers() -> None:
     text = mapping_text(["clock", *NAMES.values()], CHANNELS)
     assert "columns" in tomllib.loads(text)["log"]
-    assert '# "command_lift_joint" = ""  # which of ' in text
+    assert '# "command_lift_joint" = ""' in text
+    assert '# Not understood: "clock", "Zeit", ' in text
+    near = mapping_text(["elbow_joint_q_raw", "gear"], CHANNELS)
+    assert '# "q_elbow_joint" = ""  # "elbow_joint_q_raw"?' in near
     assert '"qd_' not in text, "what no log needs is asked for"

@@ -19,8 +19,8 @@ from etude.errors import DataError
 from etude.logs.headers import Found, read_headers
 from etude.logs.words import is_time, split_unit
 
-NEAR = 3
-"""Headers that are offered for a part that has none."""
+NEAR, ALIKE = 3, 0.5
+"""Headers that are offered for a part that has none, and how much they must resemble it."""
 HEAD = """\
 # In place of the table [log] in campaign.toml. Left: what the column is to be read as, with its unit in
 # brackets if the file does not state it; right: its header in the file.
@@ -84,7 +84,8 @@ def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str
     found = read_headers([name for name in headers if not is_time(name)], channels, where)
     times = [_entry("t", name) for name in headers if is_time(name)][:1] or [_blank("t", headers)]
     known = [line for channel in channels for line in _lines(channel, found)]
-    return HEAD + "\n".join([*times, *known]) + "\n"
+    unused = [f"# Not understood: {', '.join(map(_quoted, found.ignored))}"] if found.ignored else []
+    return HEAD + "\n".join([*times, *known, *unused]) + "\n"
 
 
 def _lines(channel: Channel, found: Found) -> list[str]:
@@ -110,8 +111,9 @@ def _entry(to: str, header: str) -> str:
 
 
 def _blank(to: str, headers: Sequence[str]) -> str:
-    near = difflib.get_close_matches(to, headers, NEAR, cutoff=0.0)
-    return f"# {_quoted(to)} = {_quoted('')}  # which of {', '.join(map(_quoted, near)) or 'no columns'}?"
+    near = difflib.get_close_matches(to, headers, NEAR, cutoff=ALIKE)
+    hint = f"  # {' or '.join(_quoted(header) for header in headers if header in near)}?" if near else ""
+    return f"# {_quoted(to)} = {_quoted('')}{hint}"
 
 
 def _quoted(text: str) -> str:

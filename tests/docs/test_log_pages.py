@@ -1,0 +1,72 @@
+"""The pages on logs, followed as a new user would: every log that they name is read, and if slow, told."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_docs import ROOT, blocks
+
+import etude
+from etude.campaign.config_file import CONFIG
+
+PAGES = sorted((ROOT / "docs").glob("logs_*.md"))
+
+
+def lines(page: Path) -> list[list[str]]:
+    """Words of each etude command of a page."""
+    found = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    return [shlex.split(line, comments=True)[1:] for line in found if line.startswith("etude ")]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """A folder with the examples in it, where the page's extra is installed."""
+    for extra, library in (("ros", "rosbags"), ("px4", "pyulog")):
+        if f"etude[{extra}]" in request.getfixturevalue("page").read_text(encoding="utf-8"):
+            pytest.importorskip(library, reason=f"the page needs the extra '{extra}'")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def configured(page: Path, folder: str) -> None:
+    """Puts the page's TOML in place of the table [log], as it says."""
+    for block in blocks(page, "toml"):
+        path = Path(folder) / CONFIG
+        head, table, _ = path.read_text(encoding="utf-8").partition("[log]")
+        assert table
+        path.write_text(head + block, encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_every_log_on_the_page_is_read(page: Path, place: Path) -> None:
+    robot, read = None, 0
+    for words in lines(page):
+        if words[0] == "init":
+            robot, _ = etude.create_campaign(words[1], words[words.index("--robot") + 1])
+        elif words[0] == "tell":
+            if read:
+                configured(page, words[1])
+                robot = etude.open_campaign(words[1])
+            topics = words[words.index("--topic") + 1 :][:1] if "--topic" in words else []
+            log = etude.read_log(words[2], robot, topics=topics)
+            assert len(log) > 400
+            read += 1
+    assert read
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_every_command_of_the_page_runs(page: Path, place: Path) -> None:
+    told = 0
+    for words in lines(page):
+        if words[0] == "tell" and told:
+            configured(page, words[1])
+        told += words[0] == "tell"
+        command = [sys.executable, "-m", "etude.cli", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{words}: {done.stderr}"
