@@ -9,10 +9,11 @@ import numpy as np
 import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from etude.contracts import Log
 from etude.errors import DataError
+from etude.logs.mat5 import variables
 from etude.logs.read import read_log
 
 LOG = make_log()
@@ -42,6 +43,20 @@ def test_structs_of_a_mat_file(tmp_path: Path) -> None:
     }
     savemat(tmp_path / "run.mat", {"time": LOG.t, "state": state})
     np.testing.assert_array_equal(read(tmp_path / "run.mat")["q"], LOG["q"])
+
+
+def test_variables_are_those_of_scipy(tmp_path: Path) -> None:
+    """Types of numbers, small ones, structs in structs, and what is no number, against SciPy's reader."""
+    rng = np.random.default_rng(0)
+    own = {name: rng.integers(0, 100, (5, 3)).astype(name) for name in ("int8", "uint16", "int32", "float32")}
+    own |= {"one": 7.0, "text": "elbow", "cells": np.array([1, "a"], dtype=object), "empty": np.zeros((0, 3))}
+    savemat(tmp_path / "run.mat", {**own, "outer": {"inner": {"q": np.arange(4.0)}, "name": "ur10"}})
+    found = variables((tmp_path / "run.mat").read_bytes())
+    theirs = loadmat(tmp_path / "run.mat")
+    for name in ("int8", "uint16", "int32", "float32", "one"):
+        np.testing.assert_array_equal(found[name], theirs[name])
+    assert set(found) == {"int8", "uint16", "int32", "float32", "one", "outer"}
+    np.testing.assert_array_equal(found["outer"]["inner"]["q"], np.arange(4.0)[None])
 
 
 def test_what_cannot_be_read_of_matlab(tmp_path: Path) -> None:

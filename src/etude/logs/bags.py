@@ -175,7 +175,7 @@ def _read(
             except Exception as problem:  # damage in the middle of a storage: what came before is whole
                 cut = f"The bag is damaged, and was read as far as that ({_first_line(problem)})."
                 break
-            _add(rows[connection.topic], connection, received, decompressed(data, path), stores, path)
+            _add(rows[connection.topic], connection, received, data, stores, path)
     found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in wanted]
     empty = [topic.name for topic in found if not topic.columns]
     if len(empty) == len(found):
@@ -187,7 +187,7 @@ def _read(
     return [topic for topic in found if topic.columns], (cut,) if cut else ()
 
 
-def _add(rows: Rows, connection: Any, received: int, data: bytes, stores: _Stores, path: Path) -> None:
+def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores, path: Path) -> None:
     try:
         store = stores.of(connection)
         known = connection.msgtype in store.fielddefs
@@ -196,7 +196,9 @@ def _add(rows: Rows, connection: Any, received: int, data: bytes, stores: _Store
     if not known:
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
-        message = store.deserialize_cdr(data, connection.msgtype)
+        if not isinstance(data, bytes):  # a cell of SQLite may hold anything
+            raise TypeError("it holds no data")
+        message = store.deserialize_cdr(decompressed(data, path), connection.msgtype)
     except Exception as problem:
         raise DataError(
             f"a message of topic {connection.topic} is not of the type {connection.msgtype} "

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
+import struct
+import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
+from etude.logs.mat5 import Variable, variables
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
-DEEPEST = 8
-"""Structs within structs."""
 WIDEST = 1000
 """Columns of a matrix: wider ones are images."""
 
@@ -50,41 +47,25 @@ def mat_log(path: Path) -> Log:
     return raw_log(own, path.name, (said,) if left else ())
 
 
-def _loaded(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
+def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return dict(loadmat(path, struct_as_record=False, squeeze_me=True))
-    except Exception as problem:  # SciPy's reader fails with anything
-        first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
+        return variables(path.read_bytes())
+    except (ValueError, struct.error, zlib.error) as problem:
         raise DataError(
-            f"the file cannot be read as MAT ({first})",
+            f"the file cannot be read as MAT ({problem})",
             where=str(path),
             next_step="It is cut or another kind of file; save it again, with '-v7'.",
-        ) from problem
+        ) from None
 
 
-def _columns(variables: dict[str, Any], prefix: str, depth: int = 0) -> Iterator[tuple[str, Array]]:
-    """(path, (T,)) of every number array; a matrix's columns are numbered from 1, as MATLAB does."""
-    for name, value in variables.items():
-        place = f"{prefix}{name}"
-        if name.startswith("__") or depth > DEEPEST:
+def _columns(found: Mapping[str, Variable], prefix: str) -> Iterator[tuple[str, Array]]:
+    """(path, (T,)) of every array of numbers; a matrix's columns are numbered from 1, as MATLAB does."""
+    for name, value in found.items():
+        if isinstance(value, Mapping):
+            yield from _columns(value, f"{prefix}{name}.")
             continue
-        fields = getattr(value, "_fieldnames", None)
-        if fields is not None:
-            yield from _columns({f: getattr(value, f) for f in fields}, f"{place}.", depth + 1)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            yield from _matrix(place, value)
-
-
-def _matrix(place: str, value: np.ndarray[Any, Any]) -> Iterator[tuple[str, Array]]:
-    values = np.asarray(value, dtype=np.float64)
-    if values.ndim == 1:
-        yield place, values
-    elif values.ndim == 2:
-        rows = values if values.shape[0] >= values.shape[1] else values.T
-        if rows.shape[1] <= WIDEST:
-            for i, column in enumerate(rows.T, 1):
-                yield f"{place}_{i}", np.array(column)
+        rows = value if value.shape[0] >= value.shape[1] else value.T
+        if rows.shape[1] == 1:
+            yield f"{prefix}{name}", rows[:, 0]
+        elif rows.shape[1] <= WIDEST:
+            yield from ((f"{prefix}{name}_{i}", column) for i, column in enumerate(rows.T, 1))
