@@ -6,6 +6,7 @@ from pathlib import Path
 
 from etude.campaign.create import find_robot
 from etude.campaign.folder import Campaign
+from etude.campaign.questions import Answers, Asked
 from etude.contracts import Log
 from etude.logs import read as logs
 
@@ -28,4 +29,11 @@ def read_log(path: str | Path, robot: Campaign | str | Path, *, degrees: bool = 
         kind, place = find_robot(str(robot))
         spec = kind.spec(place)
     known = kind.expected(spec)
-    return logs.read_log(path, kind.channels(spec), rate=known.rate, degrees=degrees, limits=known.limits)
+    return logs.read_log(
+        path,
+        kind.channels(spec),
+        rate=known.rate,
+        degrees=degrees,
+        limits=known.limits,
+        settle=Asked(kind, spec, Answers(), []).motion,
+    )

@@ -26,13 +26,24 @@ class Tell(Common):
     """The log answers no proposal."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
+    accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: take the log as it is. Can be given several times."""
+    repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: put it right. Can be given several times."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.tell import tell
 
         campaign = opened(self.folder, say)
         found = tell(
-            campaign, self.log, number=self.number, foreign=self.foreign, degrees=self.degrees, say=say
+            campaign,
+            self.log,
+            number=self.number,
+            foreign=self.foreign,
+            degrees=self.degrees,
+            accept=self.accept,
+            repair=self.repair,
+            say=say,
         )
         what = "a recording of its own" if found.foreign else "the answer to that proposal"
         first = f"Log {found.number} ({what}) was told before." if found.repeated else ""

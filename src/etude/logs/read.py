@@ -5,7 +5,7 @@ Times begin at 0 unless the log itself marks its 0; `identity.align` puts it whe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from etude.logs.units import Limits, check_lengths, from_degrees, read_time, sta
 from etude.logs.words import is_time
 
 LEAST_ROWS = 50
+Settle = Callable[[Log], Log]
 
 
 def read_log(
@@ -34,6 +35,7 @@ def read_log(
     limits: Limits | None = None,
     topics: Sequence[str] = (),
     own_clock: bool = False,
+    settle: Settle | None = None,
 ) -> Log:
     """Reads, checks and repairs a recorded motion.
 
@@ -47,6 +49,7 @@ def read_log(
         topics: of a file that holds several.
         own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
             that answers no trajectory then needs `units.start_at_zero`.
+        settle: asks the log what is asked before ranges are looked at; see `clean_log`.
 
     Raises:
         DataError: the file cannot be used; the message says what, where and what to do.
@@ -56,17 +59,23 @@ def read_log(
         log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
         if degrees:
             log = from_degrees(log, stated)
-        log = clean_log(log, channels, limits, stated)
+        log = clean_log(log, channels, limits, stated, settle)
         return log if own_clock else start_at_zero(log)
 
 
 def clean_log(
-    log: Log, channels: Sequence[Channel], limits: Limits | None = None, stated: Collection[str] = ()
+    log: Log,
+    channels: Sequence[Channel],
+    limits: Limits | None = None,
+    stated: Collection[str] = (),
+    settle: Settle | None = None,
 ) -> Log:
     """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there.
 
     Args:
         stated: names of channels whose unit the file states, which is believed.
+        settle: the log, its rows in order, to the log whose clock and rates are right; it refuses those
+            whose are not. None: rates of another unit than their positions are refused.
     """
     limits = limits or {}
     log = order_rows(drop_unreadable(log))
@@ -77,13 +86,18 @@ def clean_log(
             next_step="Was the recording cut? Export it again.",
         )
     log = note_pauses(log)
-    check_consistency(log)
+    log = _consistent(log) if settle is None else settle(log)
     # A wild cell must not decide the unit, and a wrong unit must not look like wild cells.
     if looks_scaled(log, channels, limits):
         log = drop_spikes(check_positions(log, limits), channels, limits)
     else:
         log = check_positions(drop_spikes(log, channels, limits), limits)
     return check_lengths(check_constant(check_commands(log, limits)), stated)
+
+
+def _consistent(log: Log) -> Log:
+    check_consistency(log)
+    return log
 
 
 def ending(log: Log) -> str:
