@@ -1,0 +1,66 @@
+"""The channels of a robot that nobody described, guessed from the headers of one of its logs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from etude.contracts import Channel
+from etude.logs.headers import words_of
+from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_unit
+
+ROLES = (Channel("q", ("",), ("rad",)), Channel("qd", ("",), ("rad/s",)))
+FEWEST = 1
+
+
+def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
+    """Positions, velocities and commands of the joints that have a position and a command; none where no
+    header says so.
+    """
+    positions, speeds = (_parts(headers, words_of(channel)) for channel in ROLES)
+    unit, commands = _commanded(headers)
+    names = tuple(name for name in positions if name in commands)
+    if len(names) < FEWEST:
+        return ()
+    size = len(names)
+    found = [Channel("q", names, ("rad",) * size, required=True)]
+    if all(name in speeds for name in names):
+        found.append(Channel("qd", names, ("rad/s",) * size, derivative_of="q"))
+    command = Channel("command", names, (unit,) * size, "command", required=True, acts_on="q")
+    return (*found, command)
+
+
+def _commanded(headers: Sequence[str]) -> tuple[str, list[str]]:
+    """The unit whose words name most commands, and their joints."""
+    words = {unit: (*own, "command", "tau", "u", "cmd") for unit, own in COMMANDS.items()}
+    found = {unit: _parts(headers, own) for unit, own in words.items()}
+    unit = max(found, key=lambda name: len(found[name]))
+    return unit, found[unit]
+
+
+def _parts(headers: Sequence[str], words: Sequence[str]) -> list[str]:
+    """What is left of the headers that begin or end with one of the words, in the file's order."""
+    parts = []
+    for header in headers:
+        text = normal(split_unit(header)[0])
+        if is_time(header):
+            continue
+        for word in sorted(words, key=len, reverse=True):
+            part = _left(text, word)
+            if part:
+                parts.append(part)
+                break
+    return list(dict.fromkeys(parts))
+
+
+def _left(text: str, word: str) -> str:
+    """ "elbow" of "elbow_position"; "joint_3" of "q3"; "" if the word is not at either end."""
+    for prefix in ("", *(f"{p}_" for p in PREFIXES)):
+        rest = text.removeprefix(prefix)
+        numbered = re.fullmatch(rf"{re.escape(word)}_?(?:joint_?|j)?(\d{{1,4}})", rest)
+        if numbered:
+            return f"joint_{numbered[1]}"
+        for left in (rest.removeprefix(f"{word}_"), rest.removesuffix(f"_{word}")):
+            if left != rest:
+                return left
+    return ""
