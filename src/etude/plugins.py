@@ -46,6 +46,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.readers": {
         "csv": "etude.logs.readers:read_csv",
         "parquet": "etude.logs.readers:read_parquet",
+        "rosbag2": "etude.logs.bags:read_bag",
+        "ulog": "etude.logs.ulog:read_ulog",
     },
     "etude.exporters": {},
     # what draws an object, by its noun; see `shown`

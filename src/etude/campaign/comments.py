@@ -54,4 +54,9 @@ COMMENTS: dict[str, dict[str, str]] = {
         "budget_minutes": "minutes of recorded motion; 0 for no limit",
         "consecutive": "logs in a row that must agree before a rule stops the campaign",
     },
+    "log": {
+        "columns": 'names that differ: {"q_shoulder [deg]" = "ActPos1"}; etude inspect --write-mapping',
+        "ignored": "headers of columns to leave out",
+        "topics": "of logs that hold several; none: those that look like what is needed",
+    },
 }

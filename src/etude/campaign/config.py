@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from etude.campaign.stop_config import StopConfig
 from etude.contracts import Kind
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
+from etude.logs.mapping import LogConfig
 from etude.models.config import ModelConfig
 from etude.robots.toml import read_table
 
-SHARED: dict[str, type] = {"model": ModelConfig, "design": DesignConfig, "stop": StopConfig}
+SHARED: dict[str, type] = {"model": ModelConfig, "design": DesignConfig, "stop": StopConfig, "log": LogConfig}
 """Tables that mean the same for every kind; [trajectory] and [data] are the kind's own."""
 SECTIONS = ("trajectory", "data", *SHARED)
 
@@ -30,6 +31,7 @@ class CampaignConfig:
         model: what is learned.
         design: how the next trajectory is chosen.
         stop: when another trajectory is not worth its robot time.
+        log: how the robot's logs name things.
     """
 
     kind: str
@@ -40,6 +42,7 @@ class CampaignConfig:
     model: ModelConfig
     design: DesignConfig
     stop: StopConfig
+    log: LogConfig = field(default_factory=LogConfig)
 
     @property
     def duration(self) -> float:

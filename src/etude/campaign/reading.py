@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from etude.campaign.create import find_robot
@@ -11,21 +12,25 @@ from etude.contracts import Log
 from etude.logs import read as logs
 
 
-def read_log(path: str | Path, robot: Campaign | str | Path, *, degrees: bool = False) -> Log:
+def read_log(
+    path: str | Path, robot: Campaign | str | Path, *, degrees: bool = False, topics: Sequence[str] = ()
+) -> Log:
     """The log in a file: columns matched by name, units checked, rows repaired, a sentence for each repair.
 
     Args:
-        path: CSV, Parquet, or what a plug-in reads.
+        path: a file or folder of a format that `etude plugins` lists under etude.readers.
         robot: whose log it is: an open campaign, a built-in name, or the path of a description.
         degrees: the file's angles are degrees.
+        topics: of a file that holds several; none: those that the campaign names, or that look right.
 
     Raises:
         DataError: the log cannot be used; says what, where, and what to do.
         UsageError: there is no such robot.
     """
     if isinstance(robot, Campaign):
-        kind, spec = robot.kind, robot.spec
+        kind, spec, config = robot.kind, robot.spec, robot.config.log
     else:
+        config = None
         kind, place = find_robot(str(robot))
         spec = kind.spec(place)
     known = kind.expected(spec)
@@ -36,4 +41,6 @@ def read_log(path: str | Path, robot: Campaign | str | Path, *, degrees: bool = 
         degrees=degrees,
         limits=known.limits,
         settle=Asked(kind, spec, Answers(), []).motion,
+        topics=topics,
+        config=config,
     )

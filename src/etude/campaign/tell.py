@@ -17,11 +17,12 @@ from etude.campaign.state import Round, State
 from etude.contracts import Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
+from etude.logs.fingerprint import sha256_of_log
 from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
-from etude.storage import sha256_of, write_atomic
+from etude.storage import write_atomic
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ def tell(
     degrees: bool = False,
     accept: Sequence[str] = (),
     repair: Sequence[str] = (),
+    topics: Sequence[str] = (),
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Told:
@@ -66,6 +68,7 @@ def tell(
         foreign: the log answers no proposal.
         degrees: the file's angles are degrees.
         accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
+        topics: of a file that holds several; none: those that campaign.toml names.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
@@ -75,16 +78,7 @@ def tell(
         UsageError: there is no such proposal, it has a log already, or there is no such check.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
-    try:
-        digest = sha256_of(path)
-    except OSError as error:
-        raise DataError(
-            f"the log file cannot be read: {error.strerror or error}",
-            where=str(path),
-            next_step="Check that you may read it.",
-        ) from None
+    digest = sha256_of_log(path)
     with campaign.writing():
         state = campaign.state()
         known = state.round_of_log(digest)
@@ -96,7 +90,7 @@ def tell(
             return Told(known.number, True, known.asked is None, repairs, tuple(done), warnings)
         given: list[Given] = []
         answers = answers_of(state, accept, repair)
-        log = read(campaign, path, degrees=degrees, answers=answers, given=given)
+        log = read(campaign, path, degrees=degrees, topics=topics, answers=answers, given=given)
         log, answered, speed = _identify(campaign, state, path, number, foreign, log)
         number = answered if answered is not None else _free_number(state, number)
         _store(campaign, number, log, path, digest, answered is None, speed, given)
@@ -156,6 +150,7 @@ def read(
     path: Path,
     *,
     degrees: bool = False,
+    topics: Sequence[str] = (),
     answers: Answers | None = None,
     given: list[Given] | None = None,
 ) -> Log:
@@ -177,6 +172,8 @@ def read(
         rate=expected.rate,
         degrees=degrees,
         limits=expected.limits,
+        topics=topics,
+        config=campaign.config.log,
         own_clock=True,
         settle=asked.motion,
     )

@@ -18,8 +18,9 @@ class Tell(Common):
 
     folder: Folder
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """CSV or Parquet with the time and, by name, what the robot measures: of an arm positions and commands of
-    every joint; of a quadrotor accelerometer, gyroscope and commands, and if known position and attitude."""
+    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an
+    arm positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if
+    known position and attitude."""
     number: int | None = None
     """The trajectory that was run; else the newest open one that the motion fits."""
     foreign: bool = False
@@ -30,6 +31,8 @@ class Tell(Common):
     """A check whose question is answered with: take the log as it is. Can be given several times."""
     repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A check whose question is answered with: put it right. Can be given several times."""
+    topic: tuple[str, ...] = ()
+    """Topics of a bag to read, joined by time; none: those with joint states."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.tell import tell
@@ -43,6 +46,7 @@ class Tell(Common):
             degrees=self.degrees,
             accept=self.accept,
             repair=self.repair,
+            topics=self.topic,
             say=say,
         )
         what = "a recording of its own" if found.foreign else "the answer to that proposal"

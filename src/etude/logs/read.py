@@ -17,6 +17,7 @@ from etude.logs.columns import match_columns
 from etude.logs.doctor import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
 from etude.logs.headers import Column
 from etude.logs.log_file import is_log_file, read_log_file
+from etude.logs.mapping import LogConfig, mapped
 from etude.logs.ranges import check_commands, check_consistency, check_positions, looks_scaled
 from etude.logs.readers import file_head, read_raw
 from etude.logs.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
@@ -34,6 +35,7 @@ def read_log(
     degrees: bool = False,
     limits: Limits | None = None,
     topics: Sequence[str] = (),
+    config: LogConfig | None = None,
     own_clock: bool = False,
     settle: Settle | None = None,
 ) -> Log:
@@ -47,6 +49,7 @@ def read_log(
         limits: lower and upper (parts,) by channel. Of positions, they tell another unit; of their rates,
             wild cells; of commands, another unit and saturation.
         topics: of a file that holds several.
+        config: other names of columns, and topics if none are given.
         own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
             that answers no trajectory then needs `units.start_at_zero`.
         settle: asks the log what is asked before ranges are looked at; see `clean_log`.
@@ -56,7 +59,10 @@ def read_log(
     """
     path = Path(path)
     with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
-        log, stated = _stored(path, channels) if _is_stored(path) else _recorded(path, channels, rate, topics)
+        if _is_stored(path):
+            log, stated = _stored(path, channels)
+        else:
+            log, stated = _recorded(path, channels, rate, topics, config or LogConfig())
         if degrees:
             log = from_degrees(log, stated)
         log = clean_log(log, channels, limits, stated, settle)
@@ -140,10 +146,10 @@ def _in_order(log: Log, channel: Channel) -> Array:
 
 
 def _recorded(
-    path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str]
+    path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str], config: LogConfig
 ) -> tuple[Log, set[str]]:
     """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
-    raw = read_raw(path, topics)
+    raw = mapped(read_raw(path, topics or config.topics), config)
     matching = match_columns([name for name in raw.values if not is_time(name)], channels, path.name)
     t, time_repairs = read_time(raw, rate, path.name)
     repairs = [*raw.repairs, *time_repairs, *matching.repairs]

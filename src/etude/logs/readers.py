@@ -21,8 +21,14 @@ from etude.logs.frames import frame_log, guarded, parquet_frame, raw_log
 from etude.logs.log_file import column_names
 
 GROUP = "etude.readers"
-READERS: Mapping[str, str] = {".csv": "csv", ".tsv": "csv", ".txt": "csv", ".parquet": "parquet"}
-"""Suffix -> name of the built-in reader; files of other suffixes are shown to those of other packages."""
+READERS: Mapping[str, str] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt"), "csv"),
+    ".parquet": "parquet",
+    **dict.fromkeys((".db3", ".mcap", ".zstd"), "rosbag2"),
+    ".ulg": "ulog",
+}
+"""Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
+BY_SUFFIX_ALONE = ("csv", "parquet")
 HEAD = 4096
 AGAIN = "Export the log again."
 
@@ -34,14 +40,21 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
         DataError: no such file, unknown format, empty, truncated, or not what its suffix says.
     """
     path = Path(path)
-    head = file_head(path)
-    name = _reader_of(path, head)
-    if not head:
+    name = _of_folder(path) if path.is_dir() else ""
+    head = b"" if name else file_head(path)
+    name = name or _reader_of(path, head)
+    if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
     log = _joined(_topics(plugins.load(GROUP, name), name, path, topics))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
     return log
+
+
+def _of_folder(path: Path) -> str:
+    """The reader of a folder that is one log; "" for any other folder."""
+    names = (name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE)
+    return next((name for name in names if _recognises(name, path, b"")), "")
 
 
 def file_head(path: Path) -> bytes:
@@ -68,14 +81,14 @@ def _reader_of(path: Path, head: bytes) -> str:
     built_in = READERS.get(path.suffix.lower())
     if built_in is not None:
         return built_in
-    brought = [name for name in plugins.names(GROUP) if name not in READERS.values()]
+    brought = [name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE]
     for name in brought:
         if _recognises(name, path, head):
             return name
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),
-        next_step=f"Convert the log to one of: {', '.join((*READERS, *brought))}.",
+        next_step=f"Convert the log to one of: {', '.join(dict.fromkeys((*READERS, *brought)))}.",
     )
 
 
@@ -130,8 +143,12 @@ def _columns(log: Log) -> dict[str, Array]:
 
 
 def _interpolated(times: Array, t: Array, signal: Array) -> Array:
+    told = np.isfinite(t)
+    t, signal = t[told], signal[told]
     if len(t) < 2:
         return np.full(len(times), np.nan)
+    order = np.argsort(t, kind="stable")
+    t, signal = t[order], signal[order]
     return np.interp(times, t, signal, left=np.nan, right=np.nan)
 
 

@@ -130,6 +130,8 @@ def toml_value(value: Any) -> str:
     """A value as TOML; JSON's scalars and lists of them are TOML too, but for one control character."""
     if value is None:
         return '"none"'
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, tuple):
         value = list(value)
     return json.dumps(value, allow_nan=False, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,257 @@
+"""PX4's flight logs as raw logs: the topics that an inverse model needs, in the frames of Étude.
+
+PX4's body frame is x forward, y right, z down and its world north, east, down. Here the body's y points left
+and its z up, and the world is east, north, up, as ROS has it (REP 103, 105).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Log
+from etude.errors import DataError
+from etude.logs.extras import needed
+from etude.logs.frames import raw_log
+
+MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
+AXES = ("x", "y", "z")
+GYRO = ("vehicle_angular_velocity", "sensor_combined")
+FORCE = ("sensor_combined", "vehicle_acceleration")
+MOTORS = ("actuator_motors", "actuator_outputs")
+"""Where a signal stands, in the order in which it is looked for."""
+PULSE = (800.0, 2200.0)
+"""us: what a pulse to a motor may be."""
+ROTORS = 4
+"""Where PX4's parameter CA_ROTOR_COUNT does not say."""
+SLOW = 50.0
+"""Hz below which set-points of motors miss much of what they do."""
+HALF = np.sqrt(0.5)
+ENU_NED = np.array([0.0, HALF, HALF, 0.0])
+FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+
+Dataset = Mapping[str, Array]
+"""Field -> (T,); `timestamp` in us."""
+
+
+class UlogReader:
+    """A `contracts.Reader` of PX4's ULog."""
+
+    def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
+        """A log for each of PX4's topics that an inverse model needs, or, as recorded, of those asked for.
+
+        Raises:
+            DataError: no ULog, or no such topic.
+            UsageError: pyulog is not installed.
+        """
+        ulog = _parsed(path, topics or _needed())
+        found: dict[str, list[Any]] = {}
+        for one in ulog.data_list:
+            if len(one.data.get("timestamp", ())):
+                found.setdefault(one.name, []).append(one.data)
+        missing = [topic for topic in topics if topic not in found]
+        if missing or not found:
+            raise _lacks(path, missing)
+        said = ("The log is damaged in places, which were left out.",) if ulog.file_corruption else ()
+        if topics:
+            return {name: _log(found[name][0], dict(found[name][0]), path, said) for name in topics}
+        return _flight(found, ulog.initial_parameters, path, said)
+
+    def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """By its first bytes."""
+        return head.startswith(MAGIC)
+
+
+def _needed() -> list[str]:
+    return sorted({*MOTORS, *(name for names, _ in SIGNALS for name in names)})
+
+
+def _parsed(path: Path, topics: Sequence[str]) -> Any:
+    """The file as pyulog reads it; what pyulog prints is not shown."""
+    library = needed("pyulog", "px4", path)
+    with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
+        if file.read(len(MAGIC)) != MAGIC:
+            raise DataError(
+                "this is no ULog", where=str(path), next_step="Download the .ulg of the flight again."
+            )
+        try:
+            return library.ULog(str(path), list(topics) or None)
+        except Exception as problem:  # pyulog fails with anything
+            first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
+            raise DataError(
+                f"the file cannot be read as ULog ({first})",
+                where=str(path),
+                next_step="It is cut or damaged; download the log again.",
+            ) from problem
+
+
+def _lacks(path: Path, missing: Sequence[str]) -> DataError:
+    every = {one.name for one in _parsed(path, ()).data_list} if missing else set()
+    return DataError(
+        f"the log has no topic {missing[0]}" if missing else "the log holds none of the topics needed",
+        where=str(path),
+        next_step=f"It has {', '.join(sorted(every)) or 'none'}."
+        if missing
+        else f"Log {', '.join((*GYRO, 'actuator_motors'))}: set SDLOG_PROFILE on the vehicle.",
+    )
+
+
+def _flight(
+    found: Mapping[str, list[Dataset]], parameters: Mapping[str, Any], path: Path, said: tuple[str, ...]
+) -> dict[str, Log]:
+    """A log for each topic that says something of the flight."""
+    sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]
+    parts: list[tuple[str, Dataset, dict[str, Array]]] = []
+    for names, columns_of in SIGNALS:
+        name = next((one for one in names if one in found), None)
+        if name is not None:
+            parts.append((name, found[name][0], columns_of(found[name][0])))
+    motors = next((name for name in MOTORS if name in found), None)
+    if motors is not None:
+        parts.append((motors, *_motors(found[motors], motors, parameters, sentences)))
+    columns: dict[str, dict[str, Array]] = {}
+    for name, _, own in parts:  # one topic may hold two signals
+        columns.setdefault(name, {}).update(own)
+    data = {name: own for name, own, _ in parts}
+    logs = {name: _log(data[name], own, path, (*said, *sentences)) for name, own in columns.items() if own}
+    if not logs:
+        raise _lacks(path, ())
+    return logs
+
+
+def _log(data: Dataset, columns: Mapping[str, Array], path: Path, said: tuple[str, ...]) -> Log:
+    """Raw columns at the times of the topic, s since the vehicle started."""
+    signals = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+    t = np.asarray(data["timestamp"], dtype=np.float64) * 1e-6
+    return replace(raw_log(signals, path.name, said), t=t)
+
+
+def _rates(data: Dataset) -> dict[str, Array]:
+    return _body(data, ("xyz", "gyro_rad"), "gyro", "rad/s")
+
+
+def _force(data: Dataset) -> dict[str, Array]:
+    return _body(data, ("accelerometer_m_s2", "xyz"), "acc", "m/s^2")
+
+
+def _body(data: Dataset, stems: Sequence[str], word: str, unit: str) -> dict[str, Array]:
+    """A vector in the body frame, from forward, right, down to forward, left, up."""
+    stem = next((one for one in stems if f"{one}[0]" in data), None)
+    if stem is None:
+        return {}
+    signs = (1.0, -1.0, -1.0)
+    return {f"{word}_{a} [{unit}]": signs[i] * data[f"{stem}[{i}]"] for i, a in enumerate(AXES)}
+
+
+def _orientation(data: Dataset) -> dict[str, Array]:
+    if "q[3]" not in data:
+        return {}
+    q = np.stack([np.asarray(data[f"q[{i}]"], dtype=np.float64) for i in range(4)], axis=1)
+    q = turned(q)
+    # the same attitude has two signs: neighbours are to have the same, since they are interpolated
+    flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
+    q[1:] *= flips[:, None]
+    return {f"quat_{part}": q[:, i] for i, part in enumerate("wxyz")}
+
+
+def turned(q: Array) -> Array:
+    """(T, 4) w, x, y, z of (east, north, up) <- (forward, left, up) from that of PX4."""
+    return _product(_product(ENU_NED, q), FRD_FLU)
+
+
+def _product(p: Array, q: Array) -> Array:
+    pw, px, py, pz = np.moveaxis(p, -1, 0)
+    qw, qx, qy, qz = np.moveaxis(q, -1, 0)
+    rows = (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+    )
+    return np.stack(rows, axis=-1)
+
+
+def _place(data: Dataset) -> dict[str, Array]:
+    """Position and velocity, from north, east, down to east, north, up."""
+    source = (("y", 1.0), ("x", 1.0), ("z", -1.0))
+    columns = {}
+    for prefix, word, unit in (("", "position", "m"), ("v", "velocity", "m/s")):
+        if all(f"{prefix}{name}" in data for name, _ in source):
+            for axis, (name, sign) in zip(AXES, source, strict=True):
+                columns[f"{word}_{axis} [{unit}]"] = sign * data[f"{prefix}{name}"]
+    return columns
+
+
+def _motors(
+    instances: Sequence[Dataset], topic: str, parameters: Mapping[str, Any], said: list[str]
+) -> tuple[Dataset, dict[str, Array]]:
+    """Set-points of the motors, parts of full scale, numbered as PX4 does, and their topic's instance."""
+    stem = "control" if topic == "actuator_motors" else "output"
+    data = max(instances, key=lambda one: sum(_moves(one, f"{stem}[{i}]") for i in range(ROTORS)))
+    rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
+    if rate < SLOW:
+        said.append(
+            f"Topic {topic} was recorded {rate:.3g} times a second, so little of what the motors did is in "
+            "the log: set SDLOG_PROFILE on the vehicle to record it faster."
+        )
+    if topic == "actuator_motors":
+        told = [i for i in range(12) if f"control[{i}]" in data and np.isfinite(data[f"control[{i}]"]).any()]
+        return data, {f"motor_{i + 1}": data[f"control[{i}]"] for i in told}
+    count = int(parameters.get("CA_ROTOR_COUNT", 0)) or ROTORS
+    told = [i for i in range(count) if f"output[{i}]" in data]
+    said.append(f"Outputs 1 to {len(told)} of {topic} were taken for the motors.")
+    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, said) for i in told}
+
+
+def _moves(data: Dataset, name: str) -> bool:
+    values = np.asarray(data.get(name, (0.0,)), dtype=np.float64)
+    return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
+
+
+def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[str]) -> Array:
+    """Part of full scale of pulse widths in us, between the least and the largest that PX4 was set to."""
+    median = float(np.nanmedian(pulses))
+    if not PULSE[0] <= median <= PULSE[1]:
+        said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
+        return pulses
+    ends = []
+    for end, usual in (("MIN", 1000.0), ("MAX", 2000.0)):
+        names = (f"PWM_MAIN_{end}{i + 1}", f"PWM_MAIN_{end}", f"PWM_{end}")
+        ends.append(next((float(parameters[n]) for n in names if parameters.get(n, -1) > 0), usual))
+    low, high = ends
+    return (pulses - low) / max(high - low, 1.0)
+
+
+def _battery(data: Dataset) -> dict[str, Array]:
+    own = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
+    return {header: data[name] for name, header in own.items() if name in data}
+
+
+def _speed_controllers(data: Dataset) -> dict[str, Array]:
+    """What each reports; asides of a flight."""
+    own = {"esc_rpm": "esc_rpm_{}", "esc_current": "esc_current_{} [A]"}
+    return {
+        header.format(i + 1): data[f"esc[{i}].{name}"]
+        for name, header in own.items()
+        for i in range(8)
+        if _moves(data, f"esc[{i}].{name}")
+    }
+
+
+SIGNALS: Sequence[tuple[Sequence[str], Callable[[Dataset], dict[str, Array]]]] = (
+    (GYRO, _rates),
+    (FORCE, _force),
+    (("vehicle_attitude",), _orientation),
+    (("vehicle_local_position",), _place),
+    (("esc_status",), _speed_controllers),
+    (("battery_status",), _battery),
+)
+"""Topics, of which the first that is there is read, and the columns in it."""
+
+read_ulog = UlogReader()

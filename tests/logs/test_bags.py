@@ -1,0 +1,195 @@
+"""ROS 2 bags: every storage, every type with joints, and every reason to refuse one with its next step."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_examples import CHANNELS, JOINTS, LIMITS, RATE
+
+from etude.contracts import Log
+from etude.errors import DataError, UsageError
+from etude.logs.fingerprint import sha256_of_log
+from etude.logs.read import read_log
+from etude.logs.readers import read_raw
+
+pytest.importorskip("rosbags", reason="bags need the extra 'ros'")
+import bag_examples as bags
+
+LOG = bags.LOG
+
+
+def read(path: Path, *topics: str) -> Log:
+    return read_log(path, CHANNELS, rate=RATE, limits=LIMITS, topics=topics)
+
+
+def assert_right(log: Log) -> None:
+    np.testing.assert_allclose(log.t, LOG.t, atol=2e-9)
+    np.testing.assert_array_equal(log["q"], LOG["q"])
+    np.testing.assert_array_equal(log["command"], LOG["command"])
+
+
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+@pytest.mark.parametrize("compression", ["", "FILE", "MESSAGE", "STORAGE"])
+def test_every_storage_is_read(plugin: str, compression: str, tmp_path: Path) -> None:
+    if plugin == "SQLITE3" and compression == "STORAGE":
+        pytest.skip("only MCAP compresses within its storage")
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states(), plugin, compression)
+    assert_right(read(folder))
+    assert_right(read(bags.storage(folder)))
+    (folder / "metadata.yaml").unlink()  # the recorder was killed
+    assert_right(read(folder))
+
+
+@pytest.mark.parametrize(
+    "messages", [bags.controller_states, bags.dynamic_states, bags.arm_states], ids=lambda f: f.__name__
+)
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_every_type_that_holds_joints(messages: bags.Messages, plugin: str, tmp_path: Path) -> None:
+    log = read(bags.write_bag(tmp_path / "run", messages(), plugin))
+    assert_right(log)
+    if messages is bags.controller_states:
+        np.testing.assert_array_equal(log["q_des"], LOG["command"])  # the example's wanted positions
+
+
+def test_types_are_known_without_definitions_in_the_bag(tmp_path: Path) -> None:
+    """As ROS 2 Humble and older record with SQLite."""
+    for messages in (bags.joint_states, bags.controller_states, bags.dynamic_states):
+        folder = bags.write_bag(tmp_path / messages.__name__, messages(), version=8)
+        assert_right(read(_without_definitions(folder)))
+
+
+def _without_definitions(folder: Path) -> Path:
+    with sqlite3.connect(bags.storage(folder)) as database:
+        database.execute("DELETE FROM message_definitions")
+    return folder
+
+
+def test_an_unknown_type_is_named(tmp_path: Path) -> None:
+    folder = _without_definitions(bags.write_bag(tmp_path / "run", bags.arm_states()))
+    with pytest.raises(DataError, match=r"no topic with joint states.*/arm_state \(lab_msgs/msg/ArmState\)"):
+        read(folder)
+    with pytest.raises(DataError, match=r"type lab_msgs/msg/ArmState of topic /arm_state is not known.*MCAP"):
+        read(folder, "/arm_state")
+
+
+def test_a_topic_that_is_not_there_lists_those_that_are(tmp_path: Path) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    with pytest.raises(DataError, match=r"no topic /joint_state\b.*/joint_states \(sensor_msgs"):
+        read(folder, "/joint_state")
+
+
+def test_effort_in_another_topic_is_joined_by_time(tmp_path: Path) -> None:
+    """The wanted positions come from the controller's topic, all else from the joint states."""
+    messages = [*bags.joint_states(), *bags.controller_states()[::4]]
+    folder = bags.write_bag(tmp_path / "run", sorted(messages, key=lambda m: m[2]))
+    log = read(folder)
+    assert len(LOG) - len(log) < 4  # the last rows lack a wanted position
+    np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
+    np.testing.assert_allclose(log["q_des"][::4], LOG["command"][: len(log) : 4], atol=1e-12)
+    assert any("Topics /joint_states, /controller/state were joined" in s for s in log.repairs)
+
+
+def test_two_robots_are_asked_about(tmp_path: Path) -> None:
+    other = tuple(f"left_{joint}" for joint in JOINTS)
+    messages = [
+        *bags.joint_states("/right/joint_states"),
+        *bags.joint_states("/left/joint_states", names=other),
+    ]
+    folder = bags.write_bag(tmp_path / "run", sorted(messages, key=lambda m: m[2]))
+    with pytest.raises(DataError, match=r"two robots.*/right/joint_states \(.*--topic /left/joint_states"):
+        read(folder)
+    assert_right(read(folder, "/right/joint_states"))
+    with pytest.raises(DataError, match="no column for channel 'q'"):
+        read(folder, "/left/joint_states")
+
+
+def test_a_topic_without_joints_is_read_field_by_field(tmp_path: Path) -> None:
+    kind = "geometry_msgs/msg/WrenchStamped"
+    vector = "geometry_msgs/msg/Vector3"
+    messages = [
+        (
+            "/wrench",
+            kind,
+            bags.nanoseconds(t),
+            bags.made(
+                kind,
+                header=bags.header(t),
+                wrench=bags.made(
+                    "geometry_msgs/msg/Wrench",
+                    force=bags.made(vector, x=t, y=2.0, z=3.0),
+                    torque=bags.made(vector, x=0.0, y=0.0, z=0.0),
+                ),
+            ),
+        )
+        for t in (0.0, 0.5, 1.0)
+    ]
+    raw = read_raw(bags.write_bag(tmp_path / "run", messages), ("/wrench",))
+    np.testing.assert_array_equal(raw["wrench.force.x"][:, 0], [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(raw.t, [0.0, 0.5, 1.0])
+
+
+def test_stamps_that_do_not_move_give_way_to_the_recorder(tmp_path: Path) -> None:
+    start = bags.header(0.0)
+    stuck = [(name, kind, ns, replace(m, header=start)) for name, kind, ns, m in bags.joint_states()]
+    log = read(bags.write_bag(tmp_path / "run", stuck))
+    assert_right(log)
+    assert "Time is when messages were recorded." in log.repairs
+
+
+def test_an_mcap_that_was_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states(), "MCAP")
+    path = bags.storage(folder)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    log = read(path)
+    assert 0.3 < len(log) / len(LOG) < 0.7
+    np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
+    assert any("The bag was cut" in sentence for sentence in log.repairs)
+
+
+def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    path = bags.storage(folder)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"the bag cannot be read.*cut, damaged"):
+        read(folder)
+
+
+def test_a_folder_that_is_no_bag(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="this is a folder, not a log file"):
+        read(tmp_path)
+
+
+def test_the_hash_of_a_bag_is_of_its_files(tmp_path: Path) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    before = sha256_of_log(folder)
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / "notes.txt").write_text("mine")
+    assert sha256_of_log(copy) == before
+    with (copy / "metadata.yaml").open("a") as file:
+        file.write("\n")
+    assert sha256_of_log(copy) != before
+    with pytest.raises(DataError, match="no such log"):
+        sha256_of_log(tmp_path / "gone")
+
+
+def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+
+    def gone(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}")
+
+    monkeypatch.setattr("etude.logs.extras.importlib.import_module", gone)
+    with pytest.raises(UsageError, match=r"pip install 'etude\[ros\]'"):
+        bags_reader(folder)
+
+
+def bags_reader(folder: Path) -> None:
+    from etude.logs.bags import read_bag
+
+    read_bag(folder)

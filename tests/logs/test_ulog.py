@@ -1,0 +1,138 @@
+"""PX4 logs: topics joined, axes turned, set-points as parts of full scale, and what is missing named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_examples import vector
+
+from etude.contracts import Channel
+from etude.errors import DataError, UsageError
+from etude.logs.read import read_log
+from etude.logs.readers import read_raw
+from etude.logs.ulog import turned
+
+pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
+import ulog_examples as ulogs
+
+MOTORS = tuple(f"motor_{i}" for i in range(1, 5))
+CHANNELS = (
+    Channel("command", MOTORS, ("1",) * 4, "command", required=True),
+    vector("specific_force", "m/s^2", required=True),
+    vector("rates", "rad/s", required=True),
+    vector("position", "m", "aside"),
+    Channel("orientation", ("w", "x", "y", "z"), ("1",) * 4, "aside"),
+)
+FLIP = np.array([1.0, -1.0, -1.0])
+
+
+def test_body_and_motors_are_read_in_the_frames_of_etude(tmp_path: Path) -> None:
+    log = read_log(ulogs.write_ulog(tmp_path / "flight.ulg"), CHANNELS, rate=200.0)
+    own = ulogs.topics()
+    np.testing.assert_allclose(log["rates"], own["vehicle_angular_velocity"]["xyz"] * FLIP, atol=1e-6)
+    force = own["sensor_combined"]["accelerometer_m_s2"] * FLIP
+    np.testing.assert_allclose(log["specific_force"], force, atol=1e-5)
+    assert log["specific_force"][:, 2].mean() > 9.0, "at rest an accelerometer reads g upwards"
+    np.testing.assert_allclose(log["command"], own["actuator_motors"]["control"][:, :4], atol=1e-6)
+    np.testing.assert_allclose(log.t, ulogs.T, atol=1e-9)
+
+
+def test_a_level_vehicle_that_looks_north() -> None:
+    """Forward is north, the second axis of east, north, up; left is west, up is up."""
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.from_quat(turned(np.array([[1.0, 0.0, 0.0, 0.0]]))[:, [1, 2, 3, 0]]).as_matrix()[0]
+    np.testing.assert_allclose(R, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)
+
+
+def test_attitudes_are_turned_as_rotations_are() -> None:
+    """Against SciPy's rotations, and back: what the example's writer turns is turned back."""
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.random(50, rng=np.random.default_rng(0)).as_matrix()
+    q = turned(ulogs.WRITER.ned_frd(R))
+    np.testing.assert_allclose(Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix(), R, atol=1e-12)
+
+
+def test_the_sign_of_an_attitude_does_not_jump(tmp_path: Path) -> None:
+    """Of two signs PX4 may log either; interpolated between them an attitude would be anything."""
+    angle = np.linspace(0.0, 0.5, len(ulogs.T))
+    q = np.stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle], axis=1)
+    q[::2] *= -1.0
+    own = {**ulogs.topics(), "vehicle_attitude": {"timestamp": ulogs.STAMPS + 3000, "q": q}}
+    log = read_log(ulogs.write_ulog(tmp_path / "flight.ulg", own), CHANNELS, rate=200.0)
+    np.testing.assert_allclose(np.linalg.norm(log["orientation"], axis=1), 1.0, atol=1e-5)
+
+
+def test_position_is_east_north_up(tmp_path: Path) -> None:
+    place = {"x": np.full(len(ulogs.T), 1.0), "y": 2.0 + 0.0 * ulogs.T, "z": -3.0 + 0.0 * ulogs.T}
+    own = {**ulogs.topics(), "vehicle_local_position": {"timestamp": ulogs.STAMPS, **place}}
+    raw = read_raw(ulogs.write_ulog(tmp_path / "flight.ulg", own))
+    assert [raw[f"position_{a} [m]"][0, 0] for a in "xyz"] == [2.0, 1.0, 3.0]
+
+
+def test_older_logs_have_pulse_widths(tmp_path: Path) -> None:
+    own = ulogs.topics()
+    controls = own.pop("actuator_motors")["control"][:, :4]
+    pulses = np.hstack([1000.0 + 900.0 * controls, np.zeros((len(ulogs.T), 12))])
+    idle = {"timestamp": ulogs.STAMPS, "output": np.full((len(ulogs.T), 16), 900.0)}
+    own |= {
+        "actuator_outputs": idle,
+        "actuator_outputs:1": {"timestamp": ulogs.STAMPS, "output": pulses},
+    }
+    path = ulogs.write_ulog(tmp_path / "flight.ulg", own, parameters={"PWM_MAX": 1900, "PWM_MAIN_MAX2": -1})
+    log = read_log(path, CHANNELS, rate=200.0)
+    np.testing.assert_allclose(log["command"], controls, atol=1e-4)
+    assert any("Outputs 1 to 4 of actuator_outputs were taken" in sentence for sentence in log.repairs)
+
+
+def test_motors_that_were_logged_too_slowly_are_reported(tmp_path: Path) -> None:
+    own = ulogs.topics()
+    own["actuator_motors"] = {name: values[::10] for name, values in own["actuator_motors"].items()}
+    log = read_raw(ulogs.write_ulog(tmp_path / "flight.ulg", own))
+    assert any("actuator_motors was recorded 10 times a second" in sentence for sentence in log.repairs)
+
+
+def test_the_battery_is_a_column(tmp_path: Path) -> None:
+    raw = read_raw(ulogs.write_ulog(tmp_path / "flight.ulg"))
+    assert raw["battery_voltage [V]"][0, 0] == 12.5
+
+
+def test_topics_can_be_read_as_recorded(tmp_path: Path) -> None:
+    path = ulogs.write_ulog(tmp_path / "flight.ulg")
+    np.testing.assert_allclose(
+        read_raw(path, ("battery_status",))["voltage_v"][:, 0], np.linspace(12.5, 12.0, 8), rtol=1e-6
+    )
+    with pytest.raises(DataError, match=r"no topic esc_status.*It has .*battery_status"):
+        read_raw(path, ("esc_status",))
+
+
+def test_a_log_without_what_is_needed(tmp_path: Path) -> None:
+    path = ulogs.write_ulog(
+        tmp_path / "flight.ulg", {"cpuload": {"timestamp": ulogs.STAMPS, "load": ulogs.T}}
+    )
+    with pytest.raises(DataError, match=r"none of the topics needed.*SDLOG_PROFILE"):
+        read_raw(path)
+
+
+def test_a_log_cut_in_a_record_is_read_up_to_there(tmp_path: Path) -> None:
+    path = ulogs.write_ulog(tmp_path / "flight.ulg")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    log = read_log(path, CHANNELS, rate=200.0)
+    assert 0.4 < len(log) / len(ulogs.T) < 0.6
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(DataError):
+        read_raw(path)
+
+
+def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}")
+
+    monkeypatch.setattr("etude.logs.extras.importlib.import_module", gone)
+    from etude.logs.ulog import read_ulog
+
+    with pytest.raises(UsageError, match=r"pip install 'etude\[px4\]'"):
+        read_ulog(ulogs.write_ulog(tmp_path / "flight.ulg"))
