@@ -19,18 +19,20 @@ def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:
     """
     positions, speeds = (_parts(headers, words_of(channel)) for channel in ROLES)
     unit, commands = _commanded(headers)
-    names = tuple(name for name in positions if name in commands)
+    own, fast = ({name for names in found for name in names} for found in (commands, speeds))
+    names = tuple(dict.fromkeys(next((n for n in some if n in own), "") for some in positions))
+    names = tuple(name for name in names if name)
     if len(names) < FEWEST:
         return ()
     size = len(names)
     found = [Channel("q", names, ("rad",) * size, required=True)]
-    if all(name in speeds for name in names):
+    if all(name in fast for name in names):
         found.append(Channel("qd", names, ("rad/s",) * size, derivative_of="q"))
     command = Channel("command", names, (unit,) * size, "command", required=True, acts_on="q")
     return (*found, command)
 
 
-def _commanded(headers: Sequence[str]) -> tuple[str, list[str]]:
+def _commanded(headers: Sequence[str]) -> tuple[str, list[list[str]]]:
     """The unit whose words name most commands, and their joints."""
     words = {unit: (*own, "command", "tau", "u", "cmd") for unit, own in COMMANDS.items()}
     found = {unit: _parts(headers, own) for unit, own in words.items()}
@@ -38,19 +40,14 @@ def _commanded(headers: Sequence[str]) -> tuple[str, list[str]]:
     return unit, found[unit]
 
 
-def _parts(headers: Sequence[str], words: Sequence[str]) -> list[str]:
-    """What is left of the headers that begin or end with one of the words, in the file's order."""
-    parts = []
-    for header in headers:
+def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
+    """Of each header that begins or ends with one of the words: what may be left of it, longest first."""
+    found = []
+    for header in [header for header in headers if not is_time(header)]:
         text = normal(split_unit(header)[0])
-        if is_time(header):
-            continue
-        for word in sorted(words, key=len, reverse=True):
-            part = _left(text, word)
-            if part:
-                parts.append(part)
-                break
-    return list(dict.fromkeys(parts))
+        left = {part for word in words if (part := _left(text, word))}
+        found += [sorted(left, key=lambda part: (-len(part), part))] if left else []
+    return found
 
 
 def _left(text: str, word: str) -> str:

@@ -59,14 +59,26 @@ def read_log(
     """
     path = Path(path)
     with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
-        if _is_stored(path):
-            log, stated = _stored(path, channels)
-        else:
-            log, stated = _recorded(path, channels, rate, topics, config or LogConfig())
+        log, stated = matched_log(path, channels, rate, topics, config)
         if degrees:
             log = from_degrees(log, stated)
         log = clean_log(log, channels, limits, stated, settle)
         return log if own_clock else start_at_zero(log)
+
+
+def matched_log(
+    path: Path,
+    channels: Sequence[Channel],
+    rate: float,
+    topics: Sequence[str] = (),
+    config: LogConfig | None = None,
+) -> tuple[Log, set[str]]:
+    """The log in a file with its columns in place, in the units that it states, its rows as recorded; and
+    the channels whose unit is stated. Arguments and errors as `read_log`.
+    """
+    if _is_stored(path):
+        return _stored(path, channels)
+    return _recorded(path, channels, rate, topics, config or LogConfig())
 
 
 def clean_log(

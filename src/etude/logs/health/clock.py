@@ -9,6 +9,7 @@ from etude.logs.smoothing import GAP_FACTOR
 
 JITTER = 0.5  # of a step, in 95 % of the rows: beyond, linear interpolation starts to bend the motion
 REPEATED = 0.01  # of the rows
+STANDS = 20  # equal rows in a run: that is rest
 SPANS = 50  # that are marked
 
 
@@ -82,7 +83,7 @@ def _repeats(log: Log, steps: Array) -> Finding:
 
 
 def _held(log: Log) -> Mask:
-    """(T-1,) rows in which nothing that moves has changed."""
+    """(T-1,) rows in which nothing has changed, but for rest: runs of fewer than STANDS."""
     same = np.ones(max(len(log) - 1, 0), dtype=np.bool_)
     moved = False
     for name, values in log.values.items():
@@ -90,4 +91,7 @@ def _held(log: Log) -> Mask:
             varying = np.ptp(np.nan_to_num(values), axis=0) > 0
             moved = moved or bool(varying.any())
             same &= (values[1:, varying] == values[:-1, varying]).all(axis=1)
-    return same if moved else np.zeros_like(same)
+    if not moved or not len(same):
+        return np.zeros_like(same)
+    edges = np.flatnonzero(np.diff(same, prepend=~same[0], append=~same[-1]))
+    return np.asarray(same & (np.repeat(np.diff(edges), np.diff(edges)) < STANDS))

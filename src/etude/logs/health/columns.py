@@ -83,9 +83,9 @@ def _coarse(log: Log) -> Finding:
     steps = {}
     for channel in [c for c in judged(log) if c.role == "state" or not c.parts[0]]:
         for j in range(len(channel.parts)):
-            step, size = resolution(log[channel.name][:, j])
-            if step > 0.0:
-                steps[label(channel, j)] = step / size
+            quantum, size = resolution(log[channel.name][:, j])
+            if quantum > 0.0:
+                steps[label(channel, j)] = quantum / size
     if not steps:
         return Finding("quantisation", "green", "No column shows the steps of its sensor.")
     worst = max(steps, key=lambda name: steps[name])

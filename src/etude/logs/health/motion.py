@@ -94,7 +94,7 @@ def _delay(motion: Seen, path: Channel) -> Finding:
     if motion.command is None or not motion.moves.any():
         return Finding("delay", "cannot tell", "No commands of moving joints are logged.")
     own = np.flatnonzero(motion.moves)
-    log = Log(motion.step * np.arange(len(motion.t)), {}, {}, "seen")
+    log = Log(np.asarray(motion.step * np.arange(len(motion.t)), dtype=np.float64), {}, {}, "seen")
     parts = tuple(path.parts[j] for j in own)
     commands: Array = motion.command[:, own]
     log = log.put(Channel("command", parts, ("",) * len(own), "command"), commands)

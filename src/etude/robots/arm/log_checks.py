@@ -8,6 +8,7 @@ from etude.contracts import Finding, Log
 from etude.logs.steps import median_rate
 from etude.robots.arm.spec import ArmSpec
 
+CHECK = "robot rate"
 ALIKE = 1.4
 """Of rates: below, it is a clock's inaccuracy or a bus's."""
 
@@ -21,6 +22,6 @@ def _rate(spec: ArmSpec, log: Log) -> Finding:
     rate = median_rate(log.t)
     said = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
     if 1.0 / ALIKE < rate / spec.rate < ALIKE:
-        return Finding("rate", "green", said)
+        return Finding(CHECK, "green", said)
     step = "If rows were thinned or the robot file is wrong, all is well; else the clock of the log is off."
-    return Finding("rate", "yellow", said, step)
+    return Finding(CHECK, "yellow", said, step)
