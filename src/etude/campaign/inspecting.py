@@ -22,7 +22,7 @@ from etude.logs.mapping import mapping_text
 from etude.logs.read import clean_log, matched_log
 from etude.logs.readers import read_raw
 from etude.logs.truth.judge import judge_commands, judge_motion
-from etude.logs.truth.seen import seen
+from etude.logs.truth.seen import Seen, seen
 from etude.logs.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.words import is_time
 
@@ -125,13 +125,15 @@ def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
         rows = order_rows(drop_unreadable(replace(log, repairs=())))
     except EtudeError as error:
         return Inspected(None, (*found, _refused("rows", error)))
-    motion = _tried("motion", lambda: _motion(rows, known))
-    found += motion
-    if any(f.light == "red" for f in motion):
+    motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
+    told = _tried("motion", lambda: _motion(rows, known, motion))
+    found += told
+    if any(f.light == "red" for f in told):
         later = "Ranges and commands are looked at when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
     clean, ranges = _ranges(rows, known, stated)
-    found += [*ranges, *_tried("commands", lambda: _commands(clean, known))]
+    same = motion if clean.t is rows.t and not clean.repairs else None
+    found += [*ranges, *_tried("commands", lambda: _commands(clean, known, same))]
     return Inspected(rows, tuple(found))
 
 
@@ -145,13 +147,12 @@ def _columns(log: Log, known: _Known) -> Finding:
     return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *log.repairs]))
 
 
-def _motion(log: Log, known: _Known) -> tuple[Finding, ...]:
-    motion = seen(log, log.channels[known.path]) if known.path in log else None
+def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
     if motion is None:
         fact = f"The log has no {known.path} to look at, or is too short."
         return (Finding("motion", "cannot tell", fact),)
     usual = known.rate if known.kind else None
-    truth = judge_motion(log, known.path, known.channels, known.limits, usual)
+    truth = judge_motion(log, known.path, known.channels, known.limits, usual, motion)
     return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth)
 
 
@@ -174,10 +175,10 @@ def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
     return (Finding("units", "green", said),)
 
 
-def _commands(log: Log, known: _Known) -> tuple[Finding, ...]:
+def _commands(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
     if known.kind is None:
-        return judge_commands(log)
-    return (*judged_commands(known.kind, known.spec, log), *known.kind.checks(known.spec, log))
+        return judge_commands(log, motion=motion)
+    return (*judged_commands(known.kind, known.spec, log, motion), *known.kind.checks(known.spec, log))
 
 
 def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:

@@ -19,6 +19,7 @@ from etude.logs.truth.ground import CHECK as GROUND
 from etude.logs.truth.ground import without_ends
 from etude.logs.truth.judge import judge_commands, judge_motion
 from etude.logs.truth.repairs import REPAIRS, repaired
+from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable
 
 CHECKS = ("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity", GROUND)
@@ -139,11 +140,11 @@ def refusal(found: Sequence[Finding], where: str) -> DataError:
     return DataError(facts, where=where, next_step=" ".join(f.step for f in found))
 
 
-def judged_commands(kind: Kind, spec: Any, log: Log) -> tuple[Finding, ...]:
+def judged_commands(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
     """The truth tests of the commands, with the model file's word where there is one for forces."""
     if not any(c.acts_on for c in log.channels.values()):
         return ()
-    return judge_commands(log, body_of(kind, spec), kind.limit(spec))
+    return judge_commands(log, body_of(kind, spec), kind.limit(spec), motion)
 
 
 def body_of(kind: Kind, spec: Any) -> Mean | None:

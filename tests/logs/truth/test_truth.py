@@ -129,6 +129,13 @@ def test_swapped_and_inverted_at_once_are_repaired_one_after_the_other() -> None
     )
 
 
+def test_a_single_wild_position_decides_nothing() -> None:
+    log = moved()
+    wild = log["q"].copy()
+    wild[700, 1] += 40.0
+    assert told(log.put(Q, wild)) == {}
+
+
 def test_what_nothing_repairs_is_said() -> None:
     with pytest.raises(UsageError, match="nothing repairs the check 'degrees'"):
         repaired(moved(), told(in_degrees(moved(), "q"))["degrees"])

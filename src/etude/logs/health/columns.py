@@ -8,6 +8,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Index, Log, Mask
 from etude.logs.health.clock import SPANS
+from etude.logs.smoothing import GAP_FACTOR
 from etude.logs.units import Limits
 
 COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot make up for
@@ -142,9 +143,12 @@ def _at_edge(values: Array, channel: Channel, limits: Limits) -> Mask:
 def _leaping(log: Log) -> Finding:
     rows: list[int] = []
     names = []
+    between = np.diff(log.t)
+    pause = between > GAP_FACTOR * np.median(between) if len(between) else between > 0.0
     for channel in [c for c in judged(log) if c.role == "state" and not c.derivative_of]:
         step = np.nan_to_num(np.abs(np.diff(log[channel.name], axis=0)))
         usual = np.quantile(step, 0.99, axis=0) if len(step) else np.zeros(len(channel.parts))
+        step[pause] = 0.0
         leaps = (step > LEAPS * usual) & (step > 1e-2 * _range(log[channel.name])) & (usual > 0.0)
         names += [label(channel, j) for j in np.flatnonzero(leaps.any(axis=0)).tolist()]
         rows += np.flatnonzero(leaps.any(axis=1)).tolist()

@@ -6,7 +6,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Log
 from etude.logs.lag import command_lag
-from etude.logs.smoothing import auto_cutoff, median_rate, resample, smooth, uniform_grid
+from etude.logs.smoothing import median_rate, resample, smooth, uniform_grid
 from etude.logs.steps import longest_stretch
 from etude.logs.truth.seen import LEAST_ROWS, NO_MOTION, RATE, Seen
 from etude.logs.truth.words import named
@@ -20,13 +20,13 @@ LATE_S = 0.05
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
     """Of the coordinates `path` of a log whose rows are in order and hold numbers."""
-    found = [_noise(log, path), _rest(motion), _delay(motion, path)]
+    found = [_noise(log, path, motion.cutoff), _rest(motion), _delay(motion, path)]
     if path.name in limits:
         found.append(_coverage(log, path, motion, limits))
     return tuple(found)
 
 
-def _noise(log: Log, path: Channel) -> Finding:
+def _noise(log: Log, path: Channel, cutoff: float) -> Finding:
     part = longest_stretch(log)
     rate = median_rate(part.t)
     grid = uniform_grid(part.t, rate)
@@ -34,7 +34,6 @@ def _noise(log: Log, path: Channel) -> Finding:
     moved = np.ptp(q, axis=0) > NO_MOTION
     if len(grid) < 4 * LEAST_ROWS or not moved.any():
         return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
-    cutoff = auto_cutoff(grid, q)
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
     raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, cutoff)
     size = smooth(grid, q, cutoff).second.std(axis=0)

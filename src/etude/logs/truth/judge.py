@@ -19,7 +19,12 @@ from etude.logs.units import Limits
 
 
 def judge_motion(
-    log: Log, path: str, channels: Sequence[Channel], limits: Limits, usual: float | None = None
+    log: Log,
+    path: str,
+    channels: Sequence[Channel],
+    limits: Limits,
+    usual: float | None = None,
+    motion: Seen | None = None,
 ) -> tuple[Finding, ...]:
     """Clock, direction and units of the motion.
 
@@ -29,8 +34,10 @@ def judge_motion(
         channels: the robot's.
         limits: lower and upper (parts,) by channel.
         usual: Hz at which the robot is logged.
+        motion: what is seen of it, if that is known already.
     """
-    motion = seen(log, log.channels[path]) if path in log else None
+    if motion is None and path in log:
+        motion = seen(log, log.channels[path])
     if motion is None:
         return ()
     rate = median_rate(log.t)
@@ -44,15 +51,18 @@ def judge_motion(
     return (found, *(other for other in others if other is not None))
 
 
-def judge_commands(log: Log, body: Mean | None = None, limit: Array | None = None) -> tuple[Finding, ...]:
+def judge_commands(
+    log: Log, body: Mean | None = None, limit: Array | None = None, motion: Seen | None = None
+) -> tuple[Finding, ...]:
     """Order, sign and scale of the commands, of a log whose clock is right; nothing where they act on no
     joint.
 
     Args:
         body: what a model file says of the commands, by itself; None without one.
         limit: (J,) how far each command reaches.
+        motion: what is seen of it, if that is known already.
     """
-    motion = commanded(log)
+    motion = motion or commanded(log)
     if motion is None or motion.command is None:
         return ()
     path = joints(log)

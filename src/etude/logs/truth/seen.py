@@ -15,6 +15,7 @@ from etude.logs.steps import auto_cutoff, longest_stretch
 RATE = 50.0  # Hz: what a motion holds beyond is noise
 MOVING = 0.05  # of a joint's top speed: below, it stands, and friction says nothing
 LEAST_ROWS = 8  # of a stretch that can be filtered
+WILD = 10.0  # times the step that 99 % of the rows stay below: there and back again is no motion
 NO_MOTION = 1e-9  # rad or m: positions that differ by less are the same
 
 
@@ -29,6 +30,7 @@ class Seen:
         command: (n, k) through the same filter; None where commands act on something else.
         moving: (n, k) where a joint is faster than MOVING of its top speed.
         parts, units: of the positions.
+        cutoff: Hz of the filter.
     """
 
     t: Array
@@ -41,6 +43,7 @@ class Seen:
     moving: Mask
     parts: tuple[str, ...]
     units: tuple[str, ...]
+    cutoff: float
 
     @property
     def moves(self) -> Mask:
@@ -65,6 +68,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
     pieces = [piece for piece in segments(log.t) if piece.stop - piece.start >= LEAST_ROWS]
     if path.name not in log or not pieces:
         return None
+    log = _tamed(log, path.name)
     rate, cutoff = median_rate(log.t), _cutoff(log, path.name)
     keep = max(1, math.ceil(rate / RATE - 1e-6))
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
@@ -83,6 +87,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
         np.asarray((speed > MOVING * speed.max(axis=0)) & moved),
         path.parts,
         path.units,
+        cutoff,
     )
 
 
@@ -95,6 +100,20 @@ def joints(log: Log) -> Channel | None:
 def _rate_of(channel: Channel, path: Channel) -> bool:
     own = channel.derivative_of == path.name and channel.role in ("state", "aside")
     return own and channel.parts == path.parts
+
+
+def _tamed(log: Log, name: str) -> Log:
+    """The log whose single wild positions are the middle of their neighbours: none may decide a test."""
+    values = log[name]
+    step = np.diff(values, axis=0)
+    usual = WILD * np.quantile(np.abs(step), 0.99, axis=0)
+    leap = np.abs(step) > np.maximum(usual, NO_MOTION)
+    wild = leap[:-1] & leap[1:] & (step[:-1] * step[1:] < 0.0)
+    if not wild.any():
+        return log
+    middle = 0.5 * (values[:-2] + values[2:])
+    inner = np.where(wild, middle, values[1:-1])
+    return log.put(log.channels[name], np.concatenate([values[:1], inner, values[-1:]]))
 
 
 def _cutoff(log: Log, name: str) -> float:
