@@ -131,9 +131,9 @@ def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
     if any(f.light == "red" for f in told):
         later = "Ranges and commands are looked at when the motion is right."
         return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
+    found += _tried("commands", lambda: _commands(rows, known, motion))
     clean, ranges = _ranges(rows, known, stated)
-    same = motion if clean.t is rows.t and not clean.repairs else None
-    found += [*ranges, *_tried("commands", lambda: _commands(clean, known, same))]
+    found += [*ranges, *_tried("robot", lambda: _own(clean, known))]
     return Inspected(rows, tuple(found))
 
 
@@ -178,7 +178,12 @@ def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
 def _commands(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
     if known.kind is None:
         return judge_commands(log, motion=motion)
-    return (*judged_commands(known.kind, known.spec, log, motion), *known.kind.checks(known.spec, log))
+    return judged_commands(known.kind, known.spec, log, motion)
+
+
+def _own(log: Log, known: _Known) -> Sequence[Finding]:
+    """What the kind of robot looks for."""
+    return () if known.kind is None else known.kind.checks(known.spec, log)
 
 
 def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:

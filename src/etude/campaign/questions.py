@@ -77,7 +77,7 @@ class Asked:
     given: list[Given]
 
     def motion(self, log: Log) -> Log:
-        """The log whose clock and units are settled; rows in order, ranges not yet looked at.
+        """The log whose clock and the motion's units are settled; rows in order, ranges not yet looked at.
 
         Raises:
             DataError: what is found is certain, or a question that nobody answered.
@@ -93,12 +93,15 @@ class Asked:
         check_consistency(log.without(*velocities))
         return log
 
-    def commands(self, log: Log) -> Log:
-        """The cleaned log whose commands are settled, with what the kind looks for. Errors as in `motion`.
+    def whole(self, log: Log) -> Log:
+        """The same with its commands settled, before exchanged ones exceed each other's limits."""
+        return self._settled(self.motion(log), lambda log: judged_commands(self.kind, self.spec, log))
+
+    def cleaned(self, log: Log) -> Log:
+        """The cleaned log with what the kind looks for. Errors as in `motion`.
 
         What a vehicle does on the ground at either end is cut, unless that was accepted.
         """
-        log = self._settled(log, lambda log: judged_commands(self.kind, self.spec, log))
         found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
         for finding in [f for f in found if f.light == "red" and f.check not in self.answers.accept]:
             raise refusal([finding], log.source)

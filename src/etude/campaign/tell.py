@@ -175,9 +175,9 @@ def read(
         topics=topics,
         config=campaign.config.log,
         own_clock=True,
-        settle=asked.motion,
+        settle=asked.whole,
     )
-    return asked.commands(log)
+    return asked.cleaned(log)
 
 
 def _store(

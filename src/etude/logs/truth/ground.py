@@ -48,7 +48,7 @@ def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) 
         squares = ((values - mean(values)[number]) ** 2).sum(axis=1)
         return np.asarray(np.sqrt(mean(squares[:, None])[:, 0]))
 
-    rest = np.ones(count, dtype=np.bool_)
+    rest = np.asarray(np.bincount(number, minlength=count) > 1)  # one row has no deviation
     if gyro is not None:
         rest &= deviation(gyro) < TURNING
     if force is not None:

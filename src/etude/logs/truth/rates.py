@@ -78,7 +78,7 @@ def _common(seen: Seen, found: Slopes, known: Mask, rate: float, usual: float | 
         return None
     if abs(factor + 1.0) < NEAR:
         return _reversed(bool(known.sum() > 1), named(seen.parts, known))
-    if is_degrees(factor, rate, usual):
+    if "rad" in seen.units and is_degrees(factor, rate, usual):
         return _degrees(factor)
     scale = clock_factor(factor)
     if scale is None:

@@ -68,7 +68,8 @@ def seen(log: Log, path: Channel) -> Seen | None:
     pieces = [piece for piece in segments(log.t) if piece.stop - piece.start >= LEAST_ROWS]
     if path.name not in log or not pieces:
         return None
-    log = _tamed(log, path.name)
+    for name in (path.name, *(c.name for c in others.values())):
+        log = _tamed(log, name)
     rate, cutoff = median_rate(log.t), _cutoff(log, path.name)
     keep = max(1, math.ceil(rate / RATE - 1e-6))
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
@@ -103,7 +104,7 @@ def _rate_of(channel: Channel, path: Channel) -> bool:
 
 
 def _tamed(log: Log, name: str) -> Log:
-    """The log whose single wild positions are the middle of their neighbours: none may decide a test."""
+    """The log whose single wild cells are the middle of their neighbours: none may decide a test."""
     values = log[name]
     step = np.diff(values, axis=0)
     usual = WILD * np.quantile(np.abs(step), 0.99, axis=0)
