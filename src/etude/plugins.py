@@ -71,6 +71,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "bench_gp": "etude_studies.bench_gp:run",
         "bench_models": "etude_studies.bench_models:run",
         "bench_quadrotor": "etude_studies.bench_quadrotor:run",
+        "bench_truth": "etude_studies.bench_truth:run",
     },
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from etude.campaign.create import find_robot
 from etude.campaign.folder import Campaign
+from etude.campaign.questions import Answers, Asked
 from etude.contracts import Log
 from etude.logs import read as logs
 
@@ -39,6 +40,7 @@ def read_log(
         rate=known.rate,
         degrees=degrees,
         limits=known.limits,
+        settle=Asked(kind, spec, Answers(), []).motion,
         topics=topics,
         config=config,
     )

@@ -12,6 +12,7 @@ import numpy as np
 from etude.campaign.ask import speed_folder, stored_trajectory
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.questions import Answers, Asked, Given, answers_of
 from etude.campaign.state import Round, State
 from etude.contracts import Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
@@ -52,6 +53,8 @@ def tell(
     number: int | None = None,
     foreign: bool = False,
     degrees: bool = False,
+    accept: Sequence[str] = (),
+    repair: Sequence[str] = (),
     topics: Sequence[str] = (),
     learner: Learner | None = None,
     say: Say = lambda _: None,
@@ -64,13 +67,15 @@ def tell(
         number: the proposal that was run; else the newest open one that the motion fits.
         foreign: the log answers no proposal.
         degrees: the file's angles are degrees.
+        accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
         topics: of a file that holds several; none: those that campaign.toml names.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
     Raises:
-        DataError: the log cannot be used, or is of another trajectory; nothing is stored.
-        UsageError: there is no such proposal, or it has a log already.
+        DataError: the log cannot be used, is of another trajectory, or raises a question that nobody
+            answered; nothing is stored.
+        UsageError: there is no such proposal, it has a log already, or there is no such check.
     """
     path = Path(path)
     digest = sha256_of_log(path)
@@ -83,9 +88,12 @@ def tell(
             repairs = tuple((known.told or {}).get("repairs", ()))
             warnings = _warnings(campaign)
             return Told(known.number, True, known.asked is None, repairs, tuple(done), warnings)
-        log, answered, speed = _identify(campaign, state, path, number, foreign, degrees, topics)
+        given: list[Given] = []
+        answers = answers_of(state, accept, repair)
+        log = read(campaign, path, degrees=degrees, topics=topics, answers=answers, given=given)
+        log, answered, speed = _identify(campaign, state, path, number, foreign, log)
         number = answered if answered is not None else _free_number(state, number)
-        _store(campaign, number, log, path, digest, answered is None, speed)
+        _store(campaign, number, log, path, digest, answered is None, speed, given)
         done = learn_pending(campaign, learner, say)
         return Told(number, False, answered is None, log.repairs, tuple(done), _warnings(campaign))
 
@@ -98,16 +106,9 @@ def _warnings(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _identify(
-    campaign: Campaign,
-    state: State,
-    path: Path,
-    number: int | None,
-    foreign: bool,
-    degrees: bool,
-    topics: Sequence[str],
+    campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, log: Log
 ) -> tuple[Log, int | None, int]:
     """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
-    log = read(campaign, path, degrees=degrees, topics=topics)
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
         _check_asked(state, number)
@@ -144,13 +145,27 @@ def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
     return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
 
 
-def read(campaign: Campaign, path: Path, *, degrees: bool = False, topics: Sequence[str] = ()) -> Log:
+def read(
+    campaign: Campaign,
+    path: Path,
+    *,
+    degrees: bool = False,
+    topics: Sequence[str] = (),
+    answers: Answers | None = None,
+    given: list[Given] | None = None,
+) -> Log:
     """The cleaned log in a file, by its own clock.
 
+    Args:
+        answers: to the questions that it raises; `given` takes those that were of use.
+
     Raises:
-        DataError: it cannot be used; by the doctor of all logs, or by what the kind looks for.
+        DataError: it cannot be used; by the doctor of all logs, by the truth tests, or by what the kind
+            looks for.
     """
     expected = campaign.kind.expected(campaign.spec)
+    given = [] if given is None else given
+    asked = Asked(campaign.kind, campaign.spec, answers or Answers(), given)
     log = read_log(
         path,
         campaign.channels,
@@ -160,16 +175,20 @@ def read(campaign: Campaign, path: Path, *, degrees: bool = False, topics: Seque
         topics=topics,
         config=campaign.config.log,
         own_clock=True,
+        settle=asked.whole,
     )
-    found = campaign.kind.checks(campaign.spec, log)
-    for finding in found:
-        if finding.light == "red":
-            raise DataError(finding.sentence, where=path.name, next_step=finding.step)
-    return log.repaired(*(finding.sentence for finding in found if finding.light == "yellow"))
+    return asked.cleaned(log)
 
 
 def _store(
-    campaign: Campaign, number: int, log: Log, path: Path, digest: str, foreign: bool, speed: int
+    campaign: Campaign,
+    number: int,
+    log: Log,
+    path: Path,
+    digest: str,
+    foreign: bool,
+    speed: int,
+    given: Sequence[Given],
 ) -> None:
     """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
     group = np.zeros(len(log), dtype=np.int64)
@@ -193,6 +212,8 @@ def _store(
         "rows": len(log),
         "repairs": list(log.repairs),
     }
+    if given:
+        facts["answers"] = [[what, check, list(by)] for what, check, by in given]
     campaign.commit("told", number, files, **facts)
 
 

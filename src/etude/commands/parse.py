@@ -12,6 +12,7 @@ from etude.commands.ask import Ask
 from etude.commands.bench import Bench
 from etude.commands.demo import Demo
 from etude.commands.init import Init
+from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
 from etude.commands.plugins import Plugins
 from etude.commands.report import Report
@@ -30,6 +31,7 @@ AnyCommand = (
     Annotated[Init, tyro.conf.subcommand("init")]
     | Annotated[Ask, tyro.conf.subcommand("ask")]
     | Annotated[Tell, tyro.conf.subcommand("tell")]
+    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
     | Annotated[Abandon, tyro.conf.subcommand("abandon")]
     | Annotated[Status, tyro.conf.subcommand("status")]
     | Annotated[Report, tyro.conf.subcommand("report")]

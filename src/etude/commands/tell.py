@@ -27,6 +27,10 @@ class Tell(Common):
     """The log answers no proposal."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
+    accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: take the log as it is. Can be given several times."""
+    repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: put it right. Can be given several times."""
     topic: tuple[str, ...] = ()
     """Topics of a bag to read, joined by time; none: those with joint states."""
 
@@ -40,6 +44,8 @@ class Tell(Common):
             number=self.number,
             foreign=self.foreign,
             degrees=self.degrees,
+            accept=self.accept,
+            repair=self.repair,
             topics=self.topic,
             say=say,
         )

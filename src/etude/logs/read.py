@@ -5,7 +5,7 @@ Times begin at 0 unless the log itself marks its 0; `identity.align` puts it whe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from etude.logs.units import Limits, check_lengths, from_degrees, read_time, sta
 from etude.logs.words import is_time
 
 LEAST_ROWS = 50
+Settle = Callable[[Log], Log]
 
 
 def read_log(
@@ -36,6 +37,7 @@ def read_log(
     topics: Sequence[str] = (),
     config: LogConfig | None = None,
     own_clock: bool = False,
+    settle: Settle | None = None,
 ) -> Log:
     """Reads, checks and repairs a recorded motion.
 
@@ -50,29 +52,48 @@ def read_log(
         config: other names of columns, and topics if none are given.
         own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
             that answers no trajectory then needs `units.start_at_zero`.
+        settle: asks the log what is asked before ranges are looked at; see `clean_log`.
 
     Raises:
         DataError: the file cannot be used; the message says what, where and what to do.
     """
     path = Path(path)
     with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
-        if _is_stored(path):
-            log, stated = _stored(path, channels)
-        else:
-            log, stated = _recorded(path, channels, rate, topics, config or LogConfig())
+        log, stated = matched_log(path, channels, rate, topics, config)
         if degrees:
             log = from_degrees(log, stated)
-        log = clean_log(log, channels, limits, stated)
+        log = clean_log(log, channels, limits, stated, settle)
         return log if own_clock else start_at_zero(log)
 
 
+def matched_log(
+    path: Path,
+    channels: Sequence[Channel],
+    rate: float,
+    topics: Sequence[str] = (),
+    config: LogConfig | None = None,
+) -> tuple[Log, set[str]]:
+    """The log in a file with its columns in place, in the units that it states, its rows as recorded; and
+    the channels whose unit is stated. Arguments and errors as `read_log`.
+    """
+    if _is_stored(path):
+        return _stored(path, channels)
+    return _recorded(path, channels, rate, topics, config or LogConfig())
+
+
 def clean_log(
-    log: Log, channels: Sequence[Channel], limits: Limits | None = None, stated: Collection[str] = ()
+    log: Log,
+    channels: Sequence[Channel],
+    limits: Limits | None = None,
+    stated: Collection[str] = (),
+    settle: Settle | None = None,
 ) -> Log:
     """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there.
 
     Args:
         stated: names of channels whose unit the file states, which is believed.
+        settle: the log, its rows in order, to the log whose clock and rates are right; it refuses those
+            whose are not. None: rates of another unit than their positions are refused.
     """
     limits = limits or {}
     log = order_rows(drop_unreadable(log))
@@ -83,13 +104,18 @@ def clean_log(
             next_step="Was the recording cut? Export it again.",
         )
     log = note_pauses(log)
-    check_consistency(log)
+    log = _consistent(log) if settle is None else settle(log)
     # A wild cell must not decide the unit, and a wrong unit must not look like wild cells.
     if looks_scaled(log, channels, limits):
         log = drop_spikes(check_positions(log, limits), channels, limits)
     else:
         log = check_positions(drop_spikes(log, channels, limits), limits)
     return check_lengths(check_constant(check_commands(log, limits)), stated)
+
+
+def _consistent(log: Log) -> Log:
+    check_consistency(log)
+    return log
 
 
 def ending(log: Log) -> str:

@@ -10,6 +10,7 @@ from inverse_flights import SPEC, flown, log_with
 
 from etude.contracts import Array, Log, Samples
 from etude.errors import DataError, UsageError
+from etude.logs.truth.ground import without_ends
 from etude.robots.quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
 from etude.robots.quadrotor.checks import findings
 from etude.robots.quadrotor.recipe import FlightData, common_lag, flight_samples
@@ -81,14 +82,17 @@ def test_what_is_told_is_believed_and_what_nothing_tells_stays_out() -> None:
 def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     log = recorded(np.arange(600) / 100.0)
     assert [f.light for f in findings(SPEC, log)] == ["green", "green"]
-    ground = log.t < 2.0
+    ground = log.t < 2.0  # ten windows
     standing = {"rates": np.zeros(3), "specific_force": WEIGHT, "command": np.zeros(4)}
     landed = log
     for name, still in standing.items():
         landed = landed.put(log.channels[name], np.where(ground[:, None], still, log[name]))
     found = findings(SPEC, landed)[0]
     assert found.light == "yellow"
-    np.testing.assert_allclose(found.spans, [(0.0, 1.99)])
+    np.testing.assert_allclose(found.spans, [(0.0, 2.0)])
+    kept = without_ends(landed, found)
+    assert kept.t[0] == pytest.approx(2.5)
+    assert kept.repairs[-1].endswith("2.5 s at the ends were cut.")
     strong = log.put(log.channels["command"], log["command"] / 100.0)
     assert findings(SPEC, strong)[1].light == "yellow"
     assert findings(replace(SPEC, vehicle=None), log)[1].light == "cannot tell"
@@ -122,6 +126,8 @@ def test_the_lag_is_measured_only_in_logs_faster_than_the_model() -> None:
     assert common_lag([slow], SPEC, FlightData()) == 0.0
     assert common_lag([slow, fast], SPEC, FlightData()) == pytest.approx(0.1, abs=1e-3)
     assert common_lag([fast], SPEC, FlightData(lag_s=0.03)) == 0.03
+    # a robot file that states the rate of the log, as its page says, has the lag measured all the same
+    assert common_lag([fast], replace(SPEC, rate=200.0), FlightData()) == pytest.approx(0.1, abs=1e-3)
     found = samples([fast])
     assert "lags 0.1 s behind" in found.log.repairs[-1]
     still = samples([fast], FlightData(lag_s=0.0))

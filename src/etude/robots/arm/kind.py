@@ -148,8 +148,11 @@ class ArmKind:
 
         return physics_of(spec, config.data.friction_fraction, config.data.desired)
 
-    def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:  # noqa: ARG002
-        return ()
+    def checks(self, spec: ArmSpec, log: Log) -> Sequence[Finding]:
+        """Another rate than the robot file's, which may be another clock."""
+        from etude.robots.arm.log_checks import findings
+
+        return findings(spec, log)
 
     def samples(self, spec: ArmSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
         from etude.robots.arm.recipe import samples_of

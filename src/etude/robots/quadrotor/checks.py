@@ -6,15 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Finding, Log, Mask
+from etude.contracts import Finding, Log
+from etude.logs.truth.ground import CHECK, ground_finding, windows
 from etude.robots.quadrotor.spec import QuadrotorSpec
-from etude.robots.quadrotor.vehicle import GRAVITY
 
-STILL = 0.05
-"""rad/s and parts of g: motion below which a vehicle may stand."""
-IDLE = 0.05
-"""Of a command's range: motors that carry nothing."""
-LONG_S = 1.0
 HOVER = (0.5, 2.0)
 """Over the hover voltage: what the mean command of a flight may be."""
 
@@ -25,30 +20,15 @@ def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
 
 
 def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
-    """Motors that idle while nothing moves: take-off or landing is in the log, and teaches nothing."""
+    """Motors that carry nothing while nothing moves: what a take-off or a landing leaves, which teaches
+    nothing.
+    """
     low, high = np.array(spec.command_lower), np.array(spec.command_upper)
-    idle = (log["command"] <= low + IDLE * (high - low)).all(axis=1)
-    still = (np.abs(log["rates"]) < STILL).all(axis=1)
-    lift = np.linalg.norm(log["specific_force"], axis=1)
-    spans = _spans(log, idle & still & (np.abs(lift / GRAVITY - 1.0) < STILL))
-    if not spans:
-        return Finding("ground", "green", "The motors carry the vehicle throughout.")
-    seconds = sum(end - start for start, end in spans)
-    return Finding(
-        "ground",
-        "yellow",
-        f"The vehicle seems to stand on the ground for {seconds:.3g} s.",
-        "Cut take-off and landing away, or trim with first_s and last_s.",
-        flag="Does it fly throughout?",
-        spans=spans,
-    )
-
-
-def _spans(log: Log, marked: Mask) -> tuple[tuple[float, float], ...]:
-    """Stretches of time (s) that are marked for LONG_S or longer."""
-    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
-    found = [(float(log.t[a]), float(log.t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return tuple((start, end) for start, end in found if end - start >= LONG_S)
+    motors = low >= 0.0  # other commands are angles and rates, whose middle is no thrust
+    if not motors.any():
+        return Finding(CHECK, "cannot tell", "No command is that of a motor.")
+    throttle = (log["command"] - low)[:, motors] / (high - low)[motors]
+    return ground_finding(windows(log.t, log["rates"], log["specific_force"], throttle))
 
 
 def _scale(spec: QuadrotorSpec, log: Log) -> Finding:

@@ -16,9 +16,9 @@ from etude.robots.quadrotor.inputs import Acceleration, QuadrotorInputs
 from etude.robots.quadrotor.recorded import on_even_grid, with_states
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
-FAST = 2.0
-"""Samples of the log per sample of the model from which a lag can be told: of slow flights, at 10 Hz, single
-logs gave 0 to 200 ms for a vehicle that has 50."""
+FAST, FAST_HZ = 2.0, 50.0
+"""Samples of the log per sample of the model from which a lag can be told, and the rate from which it can
+whatever the model's: of slow flights, at 10 Hz, single logs gave 0 to 200 ms for a vehicle that has 50."""
 LAGGING = ("specific_force", "rates", "angular_acceleration", "body_velocity", "altitude")
 """States that tell of the motion that commands cause."""
 MOST_SATURATED = 0.95
@@ -34,7 +34,7 @@ class FlightData:
         averaged: samples are means over their interval, so that noise does not fold in; False takes single
             samples (the thesis).
         lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
-            `FAST` times the model's rate, and takes 0 where there is none.
+            `FAST` times the model's rate or of `FAST_HZ`, and takes 0 where there is none.
         first_s, last_s: trimmed from both ends, s.
         altitude, acceleration, body_velocity: the inputs, see `QuadrotorInputs`.
         trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
@@ -103,7 +103,8 @@ def common_lag(logs: Sequence[Log], spec: QuadrotorSpec, data: FlightData) -> fl
     """Seconds by which the vehicle lags behind its commands, from all its flights (with states) together."""
     if data.lag_s != "auto":
         return data.lag_s
-    return command_lag([log for log in logs if median_rate(log.t) >= FAST * spec.rate], LAGGING)
+    least = min(FAST * spec.rate, FAST_HZ)  # a robot file that states the log's own rate loses no lag
+    return command_lag([log for log in logs if median_rate(log.t) >= least], LAGGING)
 
 
 def _check_logs(logs: Sequence[Log]) -> None:

@@ -21,7 +21,7 @@ class QuadrotorSpec:
         command_names: the four learned outputs, for example the motors.
         command_unit: "V", or "1" for normalised set-points.
         command_lower, command_upper: limits of each command, in that unit.
-        rate: of the log, Hz.
+        rate: of the samples that a model learns from, Hz; logs may be faster.
         radius: of a cylinder about the z axis inside the box, m; None without one.
         tilt: largest angle of the thrust from the vertical, rad; None without limit.
         thrust: least and largest thrust per mass, m/s^2; None without limits.

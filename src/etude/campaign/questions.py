@@ -1,0 +1,156 @@
+"""What a log is asked before it is learned: what is false is refused, what is likely is a question.
+
+A question is answered by its check's name: accepted, the log is taken as it is; repaired, it is put right
+with a sentence. Answers stand in the journal, and hold for later logs of which the same is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from etude.campaign.config import preset_config
+from etude.campaign.state import State
+from etude.contracts import Finding, Kind, Log, Mean
+from etude.errors import DataError, UsageError
+from etude.logs.ranges import check_consistency
+from etude.logs.truth.ground import CHECK as GROUND
+from etude.logs.truth.ground import without_ends
+from etude.logs.truth.judge import judge_commands, judge_motion
+from etude.logs.truth.repairs import REPAIRS, repaired
+from etude.logs.truth.seen import Seen
+from etude.logs.truth.words import Mendable
+
+CHECKS = ("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity", GROUND)
+"""What may be accepted."""
+Given = tuple[str, str, tuple[float, ...]]
+"""An answer: "accept" or "repair", the check, and what was found of it (`Mendable.by`)."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a user says to questions.
+
+    Attributes:
+        accept, repair: names of checks.
+        before: answers that earlier logs of the campaign were told with.
+    """
+
+    accept: tuple[str, ...] = ()
+    repair: tuple[str, ...] = ()
+    before: tuple[Given, ...] = ()
+
+    def to(self, finding: Finding) -> str:
+        """ "accept", "repair" or "": not answered."""
+        if finding.check in self.accept:
+            return "accept"
+        if finding.check in self.repair:
+            return "repair"
+        return next((what for what, check, by in self.before if (check, by) == _what(finding)), "")
+
+
+def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> Answers:
+    """The answers given now, and those in the journal.
+
+    Raises:
+        UsageError: there is no such check, or nothing repairs it.
+    """
+    for flag, given, known in (("--accept", accept, CHECKS), ("--repair", repair, tuple(REPAIRS))):
+        for check in set(given) - set(known):
+            raise UsageError(
+                f"there is no check '{check}'", where=flag, next_step=f"Known: {', '.join(known)}."
+            )
+    rounds = sorted(state.rounds.values(), key=lambda r: -r.number)  # the newest answer counts
+    facts = [r.told or {} for r in rounds if r.told and not r.abandoned]
+    before = [(what, check, tuple(by)) for told in facts for what, check, by in told.get("answers", ())]
+    return Answers(tuple(accept), tuple(repair), tuple(before))
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The questions of one log as it is read; `given` collects the answers that were of use."""
+
+    kind: Kind
+    spec: Any
+    answers: Answers
+    given: list[Given]
+
+    def motion(self, log: Log) -> Log:
+        """The log whose clock and the motion's units are settled; rows in order, ranges not yet looked at.
+
+        Raises:
+            DataError: what is found is certain, or a question that nobody answered.
+        """
+        known = self.kind.expected(self.spec)
+
+        def judged(log: Log) -> Sequence[Finding]:
+            channels = self.kind.channels(self.spec)
+            return judge_motion(log, self.kind.path, channels, known.limits, known.rate)
+
+        log = self._settled(log, judged)
+        velocities = [n for n, c in log.channels.items() if c.derivative_of == self.kind.path]
+        check_consistency(log.without(*velocities))
+        return log
+
+    def whole(self, log: Log) -> Log:
+        """The same with its commands settled, before exchanged ones exceed each other's limits."""
+        return self._settled(self.motion(log), lambda log: judged_commands(self.kind, self.spec, log))
+
+    def cleaned(self, log: Log) -> Log:
+        """The cleaned log with what the kind looks for. Errors as in `motion`.
+
+        What a vehicle does on the ground at either end is cut, unless that was accepted.
+        """
+        found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
+        for finding in [f for f in found if f.light == "red" and f.check not in self.answers.accept]:
+            raise refusal([finding], log.source)
+        grounded = [f for f in found if f.check == GROUND and GROUND not in self.answers.accept]
+        for finding in grounded:
+            log = without_ends(log, finding)
+        return log.repaired(*(f.sentence for f in found if f not in grounded))
+
+    def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:
+        """Repairs what is to be, one finding at a time, since one spoils the next; then asks the rest."""
+        for _ in CHECKS:
+            open_ = [f for f in judged(log) if f.flag or f.light == "red"]
+            mended = next((f for f in open_ if f.flag and self.answers.to(f) == "repair"), None)
+            if mended is None:
+                break
+            log = repaired(log, mended)
+            self._note("repair", mended)
+        else:
+            open_ = []
+        for finding in [f for f in open_ if f.flag and self.answers.to(f) == "accept"]:
+            self._note("accept", finding)
+            log = log.repaired(f"{finding.sentence} Taken as it is, as asked.")
+            open_.remove(finding)
+        if open_:
+            raise refusal(open_, log.source)
+        return log
+
+    def _note(self, what: str, finding: Finding) -> None:
+        self.given.append((what, *_what(finding)))
+
+
+def _what(finding: Finding) -> tuple[str, tuple[float, ...]]:
+    return finding.check, finding.by if isinstance(finding, Mendable) else ()
+
+
+def refusal(found: Sequence[Finding], where: str) -> DataError:
+    """All that speaks against a log as one error."""
+    facts = " ".join(f.sentence for f in found).rstrip(".")
+    return DataError(facts, where=where, next_step=" ".join(f.step for f in found))
+
+
+def judged_commands(kind: Kind, spec: Any, log: Log, motion: Seen | None = None) -> tuple[Finding, ...]:
+    """The truth tests of the commands, with the model file's word where there is one for forces."""
+    if not any(c.acts_on for c in log.channels.values()):
+        return ()
+    return judge_commands(log, body_of(kind, spec), kind.limit(spec), motion)
+
+
+def body_of(kind: Kind, spec: Any) -> Mean | None:
+    """What the model file says of the commands by itself; None without one, or for other units."""
+    found = kind.physics(spec, preset_config(kind, "default"))
+    return found["nominal"](None) if "nominal" in found else None

@@ -1,0 +1,1 @@
+"""How well was it recorded? One module a subject: the clock, the columns, the motion."""

@@ -1,0 +1,119 @@
+"""Exchanged command columns, found without a model: friction and inertia tie a command to its own joint.
+
+C_jk = n_eff / 2 log(residual variance / variance) of command k, regressed on (1, qdd_j, qd_j, tanh(qd_j /
+5 % of its top)) over the moving samples of joint j; the least sum over all assignments (Kuhn 1955) against
+that of the order given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Finding, Index, Mask
+from etude.logs.truth.seen import MOVING, Seen
+from etude.logs.truth.sign import SURE
+from etude.logs.truth.words import Mendable, accepted, named
+
+CHECK = "swapped"
+MARGIN = 10.0  # log likelihood: right logs of arms stay below 3
+APART_S = 0.5  # s between independent samples
+LEAST_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """Which command belongs to which joint.
+
+    Attributes:
+        best: (k,) the column of the command that fits each joint.
+        margin: how much likelier that is than the order given, in log likelihood; 0 where it is the same.
+        rubbed: (k,) whether the command that fits has the joint's friction in it: only then it is named.
+    """
+
+    best: Index
+    margin: float
+    rubbed: Mask
+
+    @property
+    def moved(self) -> Mask:
+        """(k,) joints that another command fits better."""
+        return np.asarray(self.best != np.arange(len(self.best)))
+
+    @property
+    def named(self) -> bool:
+        """Whether the order is known, and not only that the one given is wrong."""
+        return self.margin > MARGIN and bool(self.rubbed[self.moved].all())
+
+
+def order_of(seen: Seen, torque: Array | None = None) -> Order | None:
+    """The best assignment; None where fewer than two joints move under a command.
+
+    Args:
+        torque: (n, k) what a model file says of each joint's command, as one more regressor.
+    """
+    own = np.flatnonzero(seen.moves & (seen.moving.sum(axis=0) >= LEAST_ROWS))
+    if seen.command is None or len(own) < 2:
+        return None
+    from scipy.optimize import linear_sum_assignment
+
+    C = np.array([_costs(seen, int(j), torque)[own] for j in own])
+    chosen = linear_sum_assignment(C)[1]
+    best = np.arange(len(seen.parts))
+    best[own] = own[chosen]
+    margin = float(np.trace(C) - C[np.arange(len(own)), chosen].sum())
+    return Order(best, margin, _rubbed(seen, best))
+
+
+def _costs(seen: Seen, j: int, torque: Array | None) -> Array:
+    """(k,) of each command, for joint j."""
+    assert seen.command is not None
+    rows = seen.moving[:, j]
+    speed = seen.qd[rows, j]
+    columns = [np.ones_like(speed), seen.qdd[rows, j], speed]
+    columns.append(np.tanh(speed / (MOVING * np.abs(speed).max())))
+    if torque is not None:
+        columns.append(torque[rows, j])
+    Q = np.linalg.qr(np.column_stack(columns))[0]
+    Y = seen.command[rows] - seen.command[rows].mean(axis=0)
+    whole = (Y * Y).sum(axis=0)
+    left = whole - ((Q.T @ Y) ** 2).sum(axis=0)
+    count = seen.seconds[j] / APART_S
+    share = np.where(whole > 0.0, left / np.where(whole > 0.0, whole, 1.0), 1.0)
+    return np.asarray(0.5 * count * np.log(np.clip(share, 1e-9, 1.0)))
+
+
+def _rubbed(seen: Seen, best: Index) -> Mask:
+    """(k,) where the power of the command that fits is friction's, of either sign."""
+    assert seen.command is not None
+    power = np.where(seen.moving, seen.command[:, best] * seen.qd, 0.0)
+    total = np.abs(power).sum(axis=0)
+    return np.asarray(np.abs(power.sum(axis=0)) > SURE * np.where(total > 0.0, total, np.inf))
+
+
+def swap_finding(seen: Seen, torque: Array | None = None) -> Finding:
+    """Whether columns of commands are exchanged; a question, with the order where it is known."""
+    found = order_of(seen, torque)
+    if found is None:
+        return Finding(
+            CHECK, "cannot tell", "Fewer than two joints move under a command: none can be swapped."
+        )
+    if found.margin <= MARGIN:
+        return Finding(CHECK, "green", "Every command fits the joint that it is named after.")
+    moved, names = found.moved, named(seen.parts, found.moved)
+    if not found.named:
+        fact = f"The commands of some of {names} seem to be swapped; which, friction is too small to tell."
+        step = f"Check the order of the columns; {accepted(CHECK)}."
+        return Finding(CHECK, "yellow", fact, step, flag=CHECK)
+    pairs = ", ".join(
+        f"{seen.parts[j]} fits the column of {seen.parts[found.best[j]]}" for j in np.flatnonzero(moved)
+    )
+    return Mendable(
+        CHECK,
+        "yellow",
+        f"The commands of {names} are very probably swapped: {pairs} (likelihood e^{found.margin:.0f}).",
+        f"Tell it with --repair {CHECK} to put them into this order; {accepted(CHECK)}.",
+        flag=CHECK,
+        by=tuple(found.best.astype(np.float64).tolist()),
+    )

@@ -1,0 +1,184 @@
+"""`etude bench truth`: which wrong logs the truth tests tell, and which right ones they suspect.
+
+Every real log at hand and 200 simulated ones are put wrong by mutation and pass what `etude tell` asks. A
+wrong joint (sign), pair of joints (swapped) or log (the others) ends as told right, told wrong (another
+cause), missed, or "cannot tell". Finished logs are files in results/truth and are not run again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from etude.campaign.questions import Answers, Asked, judged_commands
+from etude.contracts import Finding, Log
+from etude.errors import EtudeError
+from etude.logs.read import clean_log
+from etude.logs.truth.judge import judge_motion
+from etude.logs.truth.seen import seen
+from etude.logs.truth.words import Mendable
+from etude.storage import write_atomic
+from etude_studies.engines.each import each
+from etude_studies.rows import Row, rows_json, table
+from etude_studies.truth_logs import Source, as_recorded, load, real_sources, simulated_sources
+from etude_studies.truth_wrong import Wrong, wrongs
+from etude_studies.world import World
+
+FOLDER = Path("results/truth")
+SIMULATED, QUICK, WORKERS = 200, 40, 2
+ENDS = ("right", "wrong", "missed", "cannot tell")
+ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground")
+
+
+class Ended(msgspec.Struct, frozen=True):
+    """What became of one log.
+
+    Attributes:
+        counts: error -> end -> how many.
+        flagged: checks that suspect the right log, with their sentences.
+        sentences: one of each error that was told.
+        missing: what was missed or told wrong, for people.
+    """
+
+    counts: dict[str, dict[str, int]]
+    flagged: dict[str, str]
+    sentences: dict[str, str]
+    missing: list[str]
+
+
+def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | None = None) -> list[Row]:
+    """Judges all logs and prints the rows; `quick` with 40 simulated logs instead of 200. `logs` is a folder
+    with further recordings (`truth_logs`).
+    """
+    simulated = simulated_sources(QUICK if quick else SIMULATED, seed)
+    sources = [*real_sources(logs), *simulated]
+    found = dict(zip(sources, each(partial(kept, folder=FOLDER), sources, WORKERS), strict=True))
+    rows = truth_rows(found)
+    if json:
+        command = "etude bench truth" + " --quick" * quick + " --logs FOLDER" * (logs is not None) + " --json"
+        print(rows_json(rows, command))  # noqa: T201
+    else:
+        table(rows, "truth tests")
+    return rows
+
+
+def kept(source: Source, folder: Path) -> Ended:
+    """What became of one log, from its file if it was judged before."""
+    path = folder / f"{source.key}.json"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, msgspec.json.encode(judged(source)))
+    return msgspec.json.decode(path.read_bytes(), type=Ended)
+
+
+def judged(source: Source) -> Ended:
+    """Judges the right log and every wrong one that is made of it."""
+    world, log = load(source)
+    log = as_recorded(log)
+    right = findings(world, log)
+    flagged = {f.check: f.sentence for f in right if f.flag or f.light == "red"}
+    path = world.kind.path
+    motion = seen(log, log.channels[path]) if path in log else None
+    moves = np.zeros(1, dtype=np.bool_) if motion is None else motion.moves
+    counts: dict[str, Counter[str]] = {}
+    sentences: dict[str, str] = {}
+    missing = []
+    for wrong in wrongs(log, path, moves):
+        found = findings(world, wrong.made(log))
+        end, sentence = ending(wrong, found, right)
+        counts.setdefault(wrong.error, Counter())[end] += 1
+        if end == "right":
+            sentences.setdefault(wrong.error, sentence)
+        elif end != "cannot tell":
+            missing.append(f"{wrong.error} of {wrong.part}: {end}: {sentence}")
+    return Ended({error: dict(own) for error, own in counts.items()}, flagged, sentences, missing)
+
+
+def findings(world: World, log: Log) -> list[Finding]:
+    """All that `tell` asks of a log; a refusal for another reason is a red finding, "refused"."""
+    kind, spec = world.kind, world.spec
+    known, channels = kind.expected(spec), kind.channels(spec)
+    with np.errstate(all="ignore"):
+        motion = list(judge_motion(log, kind.path, channels, known.limits, known.rate))
+        if any(f.flag for f in motion):
+            return motion
+        commands = list(judged_commands(kind, spec, log))
+        if any(f.flag for f in commands):
+            return [*motion, *commands]
+        try:
+            clean = clean_log(log, channels, known.limits, (), Asked(kind, spec, Answers(), []).motion)
+        except EtudeError as error:
+            return [*motion, *commands, Finding("refused", "red", error.fact)]
+        return [*motion, *commands, *kind.checks(spec, clean)]
+
+
+def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[str, str]:
+    """Which of ENDS, and the sentence that says so. What the right log shows already is no detection."""
+    before = {f.sentence for f in right}
+    told = [f for f in found if (f.flag or f.light == "red" or f.check == "ground") and f.light != "green"]
+    news = [f for f in told if f.sentence not in before]
+    mine = [f for f in news if _names(wrong, f)]
+    if mine:
+        return "right", mine[0].sentence
+    if news:
+        return "wrong", news[0].sentence
+    asked = [f for f in found if f.check in (wrong.check, *INSTEAD.get(wrong.check, ()))]
+    unsure = not asked or any(f.light == "cannot tell" for f in asked) or _unsure(wrong, asked)
+    return ("cannot tell" if unsure else "missed"), ""
+
+
+INSTEAD = {"time": ("velocity",), "direction": ("velocity", "sign")}
+"""The checks of which one stands where nothing was found."""
+
+
+def _unsure(wrong: Wrong, asked: list[Finding]) -> bool:
+    """Whether a green finding leaves this joint out: its sentence names those of which it cannot be told."""
+    return wrong.error == "sign" and any("cannot be told" in f.sentence for f in asked)
+
+
+def _names(wrong: Wrong, finding: Finding) -> bool:
+    """Whether a finding says what was done."""
+    if wrong.error == "sign":
+        return finding.check == "sign" and isinstance(finding, Mendable)
+    if wrong.error == "swapped":
+        order = tuple(int(j) for j in finding.by) if isinstance(finding, Mendable) else wrong.order
+        return finding.check == "swapped" and order == wrong.order
+    return any(words in finding.sentence for words in wrong.says)
+
+
+def truth_rows(found: dict[Source, Ended]) -> list[Row]:
+    """`<set>_<error>_<end>`, of all simulated logs and of each real one, and false alarms."""
+    rows = []
+    for name, own in groups(found).items():
+        for error in ERRORS:
+            counts: Counter[str] = Counter()
+            for ended in own:
+                counts.update(ended.counts.get(error, {}))
+            total = sum(counts.values())
+            rows += [
+                Row(f"{name}_{error}_{end.replace(' ', '_')}", counts[end], "1", "of", total)
+                for end in ENDS
+                if total
+            ]
+        alarms = sum(len(ended.flagged) for ended in own)
+        rows.append(Row(f"{name}_right_logs_suspected", alarms, "1", "logs", len(own)))
+    return rows
+
+
+def groups(found: dict[Source, Ended]) -> dict[str, list[Ended]]:
+    """Simulated logs by robot and velocities, real ones by name."""
+    grouped: dict[str, list[Ended]] = {}
+    for source, ended in found.items():
+        name = source.key if source.real else source.name.rsplit("_", 1)[0] + source.key[len(source.name) :]
+        grouped.setdefault(name, []).append(ended)
+    return grouped
+
+
+def texts(found: Iterable[Ended]) -> dict[str, str]:
+    """A sentence of each error that was told."""
+    return {error: text for ended in found for error, text in ended.sentences.items()}

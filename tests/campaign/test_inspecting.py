@@ -1,0 +1,153 @@
+"""inspect says what it sees of any file, with or without a robot, and never breaks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_robot import ROBOT, random_motion, write_log
+
+from etude.campaign.folder import Campaign
+from etude.campaign.inspecting import Inspected, inspect
+from etude.cli import main
+
+LIGHTS = ("green", "yellow", "red", "cannot tell")
+Rows = np.ndarray
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    path = tmp_path / "pair.toml"
+    path.write_text(ROBOT)
+    return path
+
+
+@pytest.fixture
+def right(campaign: Campaign, tmp_path: Path) -> Path:
+    return write_log(tmp_path / "right.csv", random_motion(campaign, 1), 1, start=0.0)
+
+
+def edited(path: Path, change) -> Path:
+    """The log with its rows (T, 5) changed: t, q (2), tau (2)."""
+    lines = path.read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    text = [lines[0], *(",".join(map(repr, row)) for row in change(rows).tolist())]
+    other = path.with_name("edited.csv")
+    other.write_text("\n".join(text) + "\n")
+    return other
+
+
+def lights(found: Inspected) -> dict[str, str]:
+    return {f.check: f.light for f in found.findings}
+
+
+def test_a_right_log_is_green_with_and_without_a_robot(right: Path, robot: Path) -> None:
+    described, guessed = inspect(right, robot), inspect(right)
+    assert not described.refused
+    assert not guessed.refused
+    assert {
+        "rate",
+        "gaps",
+        "repeats",
+        "jumps",
+        "noise",
+        "rest",
+        "coverage",
+        "delay",
+        "sign",
+        "swapped",
+    } <= set(lights(described))
+    assert "coverage" not in lights(guessed)
+    assert "guessed from the headers, q (hip, knee)" in guessed.findings[0].sentence
+
+
+def step(rows: Rows, row: slice, column: int | slice, value: float) -> Rows:
+    rows = rows.copy()
+    rows[row, column] = value
+    return rows
+
+
+FAULTS = {
+    "the clock jumps back": (lambda r: step(r, slice(300, 303), 0, 1.0), "order", "yellow"),
+    "the clock jumps ahead": (lambda r: r[(r[:, 0] < 4) | (r[:, 0] > 5)], "gaps", "yellow"),
+    "rows repeat": (lambda r: np.repeat(r, 2, axis=0), "repeats", "yellow"),
+    "a joint never moves": (lambda r: step(r, slice(None), 1, 0.2), "rest", "yellow"),
+    "in the brake": (lambda r: step(r, slice(None), slice(1, 3), 0.2), "rest", "red"),
+    "a command is dead": (lambda r: step(r, slice(None), 4, 0.0), "dead", "red"),
+    "empty cells": (lambda r: step(r, slice(10, 60), 2, np.nan), "empty", "yellow"),
+    "an empty column": (lambda r: step(r, slice(None), 3, np.nan), "empty", "red"),
+    "coarse": (
+        lambda r: np.column_stack([r[:, :1], np.round(r[:, 1:3], 2), r[:, 3:]]),
+        "quantisation",
+        "yellow",
+    ),
+    "a wild cell": (lambda r: step(r, slice(300, 301), 1, 0.9), "jumps", "yellow"),
+    "clipped": (lambda r: np.clip(r, -1.2, 100.0), "saturation", "yellow"),
+    "late": (lambda r: np.column_stack([r[:-6, :1], r[:-6, 1:3], r[6:, 3:]]), "delay", "yellow"),
+    "sign": (lambda r: r * [1, 1, 1, -1, 1], "sign", "yellow"),
+    "backwards": (lambda r: np.column_stack([r[:, 0], r[::-1, 1:]]), "sign", "yellow"),
+    "swapped": (lambda r: r[:, [0, 1, 2, 4, 3]], "swapped", "yellow"),
+    "one row": (lambda r: r[:1], "columns", "red"),
+    "nothing but a header": (lambda r: r[:0], "columns", "red"),
+    "stamps of nothing": (lambda r: step(r, slice(None), 0, 5.0), "columns", "red"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_has_its_light_and_its_sentence(name: str, right: Path, robot: Path) -> None:
+    change, check, light = FAULTS[name]
+    path = edited(right, change)
+    for found in (inspect(path, robot), inspect(path)):
+        assert all(f.light in LIGHTS and f.sentence for f in found.findings)
+    assert light in [f.light for f in inspect(path, robot).findings if f.check == check], inspect(path, robot)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00\xff\x00", b"a,b\n1,2\n", b"t,q_hip\n0,nan\n1,inf\n", b"PK\x03\x04"]
+)
+def test_a_file_that_is_no_log_is_a_finding(content: bytes, tmp_path: Path, robot: Path) -> None:
+    path = tmp_path / "no.csv"
+    path.write_bytes(content)
+    assert inspect(path).findings
+    assert inspect(path, robot).refused
+
+
+def test_random_damage_never_breaks_it(right: Path, robot: Path) -> None:
+    data, rng = right.read_bytes(), np.random.default_rng(3)
+    path = right.with_name("damaged.csv")
+    for _ in range(10):
+        raw = bytearray(data[: int(rng.integers(40, len(data)))])
+        for place in rng.integers(0, len(raw), 20):
+            raw[place] = int(rng.integers(0, 256))
+        path.write_bytes(bytes(raw))
+        assert inspect(path, robot).findings
+
+
+def test_the_command_says_draws_and_ends_with_its_code(
+    right: Path, robot: Path, tmp_path: Path, capsys
+) -> None:
+    picture = tmp_path / "log.svg"
+    assert main(["inspect", str(right), "--robot", str(robot), "--picture", str(picture)]) == 0
+    assert "tell would take this log as it is" in capsys.readouterr().out
+    assert picture.read_text().startswith("<svg")
+    wrong = edited(right, FAULTS["sign"][0])
+    assert main(["inspect", str(wrong), "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert found["refused"]
+    assert [f["flag"] for f in found["findings"] if f["flag"]] == ["sign"]
+    assert main(["inspect", str(tmp_path / "none.csv")]) == 3
+
+
+def test_marked_spans_are_drawn(right: Path, robot: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "log.svg"
+    wrong = edited(right, FAULTS["the clock jumps ahead"][0])
+    main(["inspect", str(wrong), "--robot", str(robot), "--picture", str(picture)])
+    assert "marked: gaps" in picture.read_text()
+
+
+def test_a_mapping_is_written_for_a_robot(right: Path, robot: Path, capsys) -> None:
+    assert main(["inspect", str(right), "--robot", str(robot), "--write-mapping"]) == 0
+    assert '"q_hip" = "q_hip"' in capsys.readouterr().out
+    assert main(["inspect", str(right), "--write-mapping"]) == 2

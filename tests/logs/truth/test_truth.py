@@ -1,0 +1,232 @@
+"""Wrong logs are told by name and with their sentence; right ones are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command_of, moved
+
+from etude.contracts import Array, Finding, Log
+from etude.errors import UsageError
+from etude.logs.truth import rates, scale, sign, swapped
+from etude.logs.truth.judge import commanded, judge_commands, judge_motion
+from etude.logs.truth.repairs import REPAIRS, repaired
+
+
+def told(log: Log, usual: float | None = RATE) -> dict[str, Finding]:
+    """What is flagged, by check; the commands only where the motion is right."""
+    motion = judge_motion(log, "q", CHANNELS, LIMITS, usual)
+    flagged = [f for f in motion if f.flag] or [f for f in judge_commands(log) if f.flag]
+    return {f.check: f for f in flagged}
+
+
+def with_command(log: Log, columns: Array) -> Log:
+    return log.put(COMMAND, np.asarray(columns))
+
+
+def turned_rows(log: Log) -> Log:
+    return replace(log, values={name: part[::-1].copy() for name, part in log.values.items()})
+
+
+def in_degrees(log: Log, *names: str) -> Log:
+    return replace(log, values={n: np.rad2deg(v) if n in names else v for n, v in log.values.items()})
+
+
+WRONG: dict[str, tuple[Callable[[Log], Log], str, str]] = {
+    "sign of one": (
+        lambda log: with_command(log, log["command"] * [1, -1, 1]),
+        "sign",
+        "commands of knee take",
+    ),
+    "all signs": (lambda log: with_command(log, -log["command"]), "sign", "hip, knee and toe"),
+    "half the rate": (lambda log: replace(log, t=2.0 * log.t), "time", "2 times too slow"),
+    "twice the rate": (lambda log: replace(log, t=0.5 * log.t), "time", "2 times too fast"),
+    "seconds as minutes": (lambda log: replace(log, t=60.0 * log.t), "time", "60 times too slow"),
+    "minutes as seconds": (lambda log: replace(log, t=log.t / 60.0), "time", "60 times too fast"),
+    "milliseconds": (lambda log: replace(log, t=1e3 * log.t), "time", "1000 times too slow"),
+    "reversed": (turned_rows, "direction", "run backwards in time"),
+    "positions in degrees": (lambda log: in_degrees(log, "q"), "degrees", "positions are in degrees"),
+    "velocities in degrees": (lambda log: in_degrees(log, "qd"), "degrees", "velocities are in degrees"),
+    "all in degrees": (lambda log: in_degrees(log, "q", "qd"), "degrees", "look like degrees"),
+    "commands swapped": (
+        lambda log: with_command(log, log["command"][:, [1, 0, 2]]),
+        "swapped",
+        "hip fits the",
+    ),
+    "commands rotated": (
+        lambda log: with_command(log, log["command"][:, [1, 2, 0]]),
+        "swapped",
+        "hip fits the",
+    ),
+    "velocities swapped": (lambda log: log.put(QD, log["qd"][:, [0, 2, 1]]), "velocity", "it is that of toe"),
+    "one velocity's sign": (lambda log: log.put(QD, log["qd"] * [1, 1, -1]), "velocity", "the opposite sign"),
+    "one velocity's unit": (lambda log: log.put(QD, log["qd"] * [1, 57.3, 1]), "velocity", "57.3 times the"),
+}
+WITHOUT = {
+    "seconds as minutes": "60 times too slow",
+    "minutes as seconds": "60 times too fast",
+    "reversed": "or the rows run backwards in time",
+    "positions in degrees": "look like degrees",
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("velocities", [True, False])
+def test_a_right_log_raises_no_question(velocities: bool, seed: int) -> None:
+    assert told(moved(velocities=velocities, seed=seed)) == {}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_every_wrong_log_has_its_sentence(name: str) -> None:
+    change, check, sentence = WRONG[name]
+    found = told(change(moved()))
+    assert list(found) == [check]
+    assert sentence in found[check].sentence
+    assert f"--accept {check}" in found[check].step
+
+
+@pytest.mark.parametrize("name", WITHOUT)
+def test_without_velocities_limits_and_power_remain(name: str) -> None:
+    found = told(WRONG[name][0](moved(velocities=False)))
+    assert any(WITHOUT[name] in finding.sentence for finding in found.values())
+
+
+def test_twice_the_time_is_not_seen_without_velocities_and_not_claimed() -> None:
+    assert told(replace(moved(velocities=False), t=2.0 * moved().t)) == {}
+
+
+def test_57_and_60_are_told_apart_by_the_usual_rate() -> None:
+    """A driver's filter takes 4 % off the velocities, so the factor alone does not tell."""
+    log = moved()
+    slack = log.put(QD, 0.955 * log["qd"])
+    assert "time" in told(replace(slack, t=60.0 * slack.t))
+    assert "degrees" in told(log.put(QD, np.rad2deg(1.045 * log["qd"])))
+
+
+@pytest.mark.parametrize("name", [n for n, (_, check, _) in WRONG.items() if check in REPAIRS])
+def test_a_repair_gives_the_right_log_back(name: str) -> None:
+    change, check, _ = WRONG[name]
+    log = moved()
+    mended = repaired(change(log), told(change(log))[check])
+    np.testing.assert_allclose(mended.t, log.t, rtol=1e-12, atol=1e-12)
+    for part in log.values:
+        np.testing.assert_array_equal(mended[part], log[part])
+    assert mended.repairs[-1].endswith("as asked.")
+
+
+def test_swapped_and_inverted_at_once_are_repaired_one_after_the_other() -> None:
+    log = moved()
+    wrong = with_command(log, (log["command"] * [1, -1, 1])[:, [1, 0, 2]])
+    once = repaired(wrong, told(wrong)["swapped"])
+    assert list(told(once)) == ["sign"]
+    np.testing.assert_array_equal(repaired(once, told(once)["sign"])["command"], log["command"])
+    # the sign's repair alone turns the column that is wrong, wherever it stands
+    np.testing.assert_array_equal(
+        repaired(wrong, told(wrong)["sign"])["command"], log["command"][:, [1, 0, 2]]
+    )
+
+
+def test_a_single_wild_position_decides_nothing() -> None:
+    log = moved()
+    wild = log["q"].copy()
+    wild[700, 1] += 40.0
+    assert told(log.put(Q, wild)) == {}
+
+
+def test_what_nothing_repairs_is_said() -> None:
+    with pytest.raises(UsageError, match="nothing repairs the check 'degrees'"):
+        repaired(moved(), told(in_degrees(moved(), "q"))["degrees"])
+
+
+def test_the_power_of_friction_alone_is_all_of_it() -> None:
+    """Dry friction's power equals its absolute value; a spring's cancels over whole periods."""
+    log = moved(velocities=False)
+    seen = commanded(log)
+    assert seen is not None
+    rubbing = replace(seen, command=np.sign(seen.qd))
+    np.testing.assert_allclose(sign.agreement(rubbing), 1.0)
+    springy = sign.agreement(replace(seen, command=seen.q - seen.q.mean(axis=0)))
+    assert np.abs(springy).max() < 0.05
+    assert sign.sign_finding(replace(seen, command=seen.q)).light == "cannot tell"
+
+
+def test_slope_and_correlation_are_those_of_least_squares() -> None:
+    log = moved()
+    noisy = log.put(QD, 1.5 * log["qd"])
+    seen = commanded(noisy)
+    assert seen is not None
+    found = rates.Slopes.of(seen)
+    assert found is not None
+    np.testing.assert_allclose(found.beta, 1.5, atol=2e-3)
+    np.testing.assert_allclose(found.r, 1.0, atol=1e-4)
+
+
+def test_a_short_motion_says_nothing_of_signs() -> None:
+    seen = commanded(moved().take(slice(0, 400)))
+    assert seen is not None
+    assert sign.sign_finding(seen).light == "cannot tell"
+
+
+def test_joints_that_stand_are_left_out() -> None:
+    log = moved()
+    still = log["q"].copy()
+    still[:, 2] = 0.3
+    log = log.put(Q, still).put(QD, log["qd"] * [1, 1, 0])
+    assert told(log) == {}
+    seen = commanded(log)
+    assert seen is not None
+    assert np.isnan(sign.agreement(seen)[2])
+    order = swapped.order_of(seen)
+    assert order is not None
+    assert order.best[2] == 2
+
+
+class Body:
+    """What a model file would say of the made motion: all but friction."""
+
+    def __init__(self, masses: float = 1.0) -> None:
+        self.masses = masses
+
+    def predict(self, log: Log) -> Array:
+        q, zero = log["q"], np.zeros_like(log["q"])
+        rigid = command_of(q, zero, log["qdd"])
+        return np.asarray(self.masses * rigid)
+
+    def static(self, log: Log) -> Array:
+        return np.asarray(self.masses * GRAVITY * np.sin(log["q"]))
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1e-3, "kN m"), (1e3, "thousandths of N m"), (1.0 / 120.0, "a gear of about")],
+)
+def test_another_unit_of_the_commands_is_named(factor: float, words: str) -> None:
+    log = with_command(moved(), factor * moved()["command"])
+    found = {f.check: f for f in judge_commands(log, Body())}  # type: ignore[arg-type]
+    assert found["scale"].light == "yellow"
+    assert words in found["scale"].sentence
+
+
+def test_percents_of_the_limit_are_named() -> None:
+    limit = np.array([20.0, 30.0, 8.0])
+    log = with_command(moved(), 100.0 * moved()["command"] / limit)
+    found = {f.check: f for f in judge_commands(log, Body(), limit)}  # type: ignore[arg-type]
+    assert "percents of the limit" in found["scale"].sentence
+
+
+def test_gravity_that_is_taken_out_is_named() -> None:
+    log = moved()
+    left = with_command(log, log["command"] - GRAVITY * np.sin(log["q"]))
+    found = {f.check: f for f in judge_commands(left, Body(5.0))}  # type: ignore[arg-type]
+    assert found["gravity"].flag == "gravity"
+    assert "taken out" in found["gravity"].sentence
+
+
+def test_the_right_unit_is_green() -> None:
+    found = {f.check: f for f in judge_commands(moved(), Body())}  # type: ignore[arg-type]
+    assert found["scale"].light == "green"
+    slope, like = scale.slopes(2.0 * np.eye(3)[:, :1], np.eye(3)[:, :1])
+    assert (slope, like) == (pytest.approx([2.0]), pytest.approx([1.0]))
