@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from etude.errors import UsageError
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
-from etude.models.score import figures
+from etude.models.score import figures, while_any_moves
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row
 
@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row]:
     """For every recording that is there, figures of the default model without a rigid body.
 
-    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all_points` conditioned on
+    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all` with the samples at which
+    that joint stands while another moves; `nmse_<log>_all_points` conditioned on
     all samples, where these are more than the default's cap; `nmse_<log>_ladder` of the default choice for a
-    robot with a model file. Means over the joints, on samples where that joint moves. A log that should be
+    robot with a model file. Means over the joints, else on samples where that joint moves. A log that should be
     there and is not has no row but a message on stderr; so has every output that linear regression predicts
     better.
 
@@ -59,7 +60,11 @@ def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list
     for message in model.warnings:
         say(f"{name}, {message}")
     linear = LinearPhysics(model.inputs)(data.train).predict(test.log)
-    rows = accuracy_rows(name, test.command, model.mean(test.log), linear, use, data.raw)
+    mean = model.mean(test.log)
+    rows = accuracy_rows(name, test.command, mean, linear, use, data.raw)
+    if not use.all():
+        every = while_any_moves(test)
+        rows.append(accuracy_rows(f"{name}_all", test.command, mean, linear, every)[0])
 
     def row(more: str, other: LearnedModel) -> Row:
         return accuracy_rows(f"{name}_{more}", test.command, other.mean(test.log), linear, use)[0]
