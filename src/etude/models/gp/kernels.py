@@ -165,8 +165,21 @@ def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     Raises:
         UsageError: several commands, or inputs without the joint or its friction columns.
     """
-    posture = tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == columns[0][0] and not op)
-    motion = tuple(i for i, column in enumerate(columns) if i not in posture and column[3] not in AT_REST)
+    posture = _posture(columns)
+    return (
+        SquaredExponential(posture)
+        + own_friction(columns, commands)
+        + SquaredExponential((*posture, *_motion(columns)))
+    )
+
+
+def own_friction(columns: Sequence[Column], commands: tuple[str, ...]) -> Sum:
+    """SE(q_j) + friction_j · SE(q_j) + linear(all but positions), for the command of joint j.
+
+    Raises:
+        UsageError: several commands, or inputs without the joint or its friction columns.
+    """
+    posture, motion = _posture(columns), _motion(columns)
     own = tuple(i for i in posture if commands == (columns[i][1],))
     steps = tuple(i for i in motion if columns[i][3] and commands == (columns[i][1],))
     if not own or not steps:
@@ -176,12 +189,19 @@ def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
             next_step="Turn the friction columns on, or set kernel = 'ard_se'.",
         )
     return (
-        SquaredExponential(posture)
-        + SquaredExponential(own, share=OWN_SHARE)
+        SquaredExponential(own, share=OWN_SHARE)
         + Linear(steps) * SquaredExponential(own, unit=True, share=OWN_SHARE)
         + Linear(motion)
-        + SquaredExponential((*posture, *motion))
     )
+
+
+def _posture(columns: Sequence[Column]) -> tuple[int, ...]:
+    return tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == columns[0][0] and not op)
+
+
+def _motion(columns: Sequence[Column]) -> tuple[int, ...]:
+    posture = _posture(columns)
+    return tuple(i for i, column in enumerate(columns) if i not in posture and column[3] not in AT_REST)
 
 
 def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
