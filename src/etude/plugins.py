@@ -41,6 +41,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
+        "standing": "etude.models.gp.rest:standing",
+        "gip_lin": "etude.models.lagrangian.kernel:gip_lin",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {

@@ -94,7 +94,10 @@ def test_a_score_is_over_moving_samples_and_beside_them_over_all_while_any_joint
     data = replace(data, usable=data.t[:, None] + np.zeros(2) > 3.0)
     mean, variance = data.command + 0.3, np.full_like(data.command, 0.09)
     found = score(data, mean, variance, data)
-    for own, use in ((found, data.usable & data.moving), (found.usable, data.usable & data.moving.any(axis=1)[:, None])):
+    for own, use in (
+        (found, data.usable & data.moving),
+        (found.usable, data.usable & data.moving.any(axis=1)[:, None]),
+    ):
         expected = [0.09 / data.command[k, j].var() for j, k in enumerate(use.T)]
         np.testing.assert_allclose(own.nmse, expected)
         np.testing.assert_allclose(own.z2, 1.0)

@@ -81,7 +81,9 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
     return [
         f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {_in_use(found)}):",
         _by_output(found, scores),
-        *_standing(found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}),
+        *_standing(
+            found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}
+        ),
     ]
 
 

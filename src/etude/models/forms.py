@@ -16,6 +16,7 @@ from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
 from etude.models.gp.plugin_kernel import PluginKernel
+from etude.models.gp.rest import RestNoise
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 from etude.models.lwpr.posterior import LWPRPosterior
@@ -176,6 +177,8 @@ def kernel_words(kernel: Kernel) -> Words:
         }
     if isinstance(kernel, Linear):
         return {"type": "Linear", "dims": list(kernel.dims)}
+    if isinstance(kernel, RestNoise):
+        return {"type": "RestNoise", "column": kernel.column}
     raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
 
 
@@ -197,4 +200,6 @@ def kernel_of(words: Words) -> Kernel:
         return SquaredExponential(tuple(words["dims"]), bool(words["unit"]), float(words["share"]))
     if kind == "Linear":
         return Linear(tuple(words["dims"]))
+    if kind == "RestNoise":
+        return RestNoise(int(words["column"]))
     raise ValueError(f"unknown kernel {kind!r}")

@@ -103,10 +103,11 @@ class Posteriors:
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
         """Means and variances with noise (k, m) at the samples `own` from those of other folds.
 
-        In closed form if the process is exact on the samples kept, else by learning again without the fold.
+        In closed form if the process is exact on the samples kept and these are some of them, else by learning
+        again without the fold.
 
         Args:
-            own: positions of samples that were kept, all in one fold.
+            own: positions of samples, all in one fold.
             Y: (n, m) outputs to predict from, if not those that it was taught.
 
         Raises:
@@ -116,7 +117,7 @@ class Posteriors:
             raise UsageError("a stored process cannot be held out", next_step="Learn the logs again.")
         fit, taught, shared = self.teaching.fit, self.teaching.taught, self.shared
         outputs = fit.Y if Y is None else Y
-        if shared is not None and taught is fit.kept:
+        if shared is not None and taught is fit.kept and np.isin(own, taught).all():
             places = np.searchsorted(taught, own)
             mean, variance = shared.held_out(places, None if Y is None else outputs[taught])
             return mean, np.repeat(variance[:, None], len(self.own), axis=1)

@@ -19,6 +19,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
+from etude.models.contracts import Offered, share_of
 from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
@@ -152,7 +153,14 @@ def _candidate_words(
 ) -> dict[str, Any]:
     for name in ("weights", "units", "calibration"):
         shelf.put(f"{prefix}/{name}", getattr(candidate, name))
-    words: dict[str, Any] = {"rung": candidate.rung, "commands": candidate.commands, "mean": None}
+    shelf.put(f"{prefix}/share", share_of(candidate))
+    name = getattr(candidate, "name", "default")
+    words: dict[str, Any] = {
+        "rung": candidate.rung,
+        "commands": candidate.commands,
+        "mean": None,
+        "name": name,
+    }
     if candidate.mean is not None:
         base = candidate.rung.removesuffix("+gp")
         words["mean"] = means.setdefault(id(candidate.mean), base)
@@ -191,7 +199,7 @@ def _candidate(
         own = _under(arrays, f"{prefix}/silent")
         numbers = (own["calibration"], own["least"], own["prior"])
         process = Silent(process, *numbers, grows=bool(own["grows"]))
-    return Candidate(
+    return Offered(
         rung=words["rung"],
         commands=tuple(words["commands"]),
         weights=arrays[f"{prefix}/weights"],
@@ -199,6 +207,8 @@ def _candidate(
         process=cast("Process", process),
         units=arrays[f"{prefix}/units"],
         calibration=arrays[f"{prefix}/calibration"],
+        name=words.get("name", "default"),
+        share=arrays.get(f"{prefix}/share"),
     )
 
 

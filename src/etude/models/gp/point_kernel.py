@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.rest import RestNoise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -77,7 +78,8 @@ def kernel_terms(kernel: Kernel, theta: Array, inputs: int) -> Terms:
 def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
     """The factors of each term, with their own hyperparameters."""
     if isinstance(kernel, Sum):
-        return [term for part, own in _split(kernel.parts, theta) for term in _summands(part, own)]
+        pairs = [pair for pair in _split(kernel.parts, theta) if not isinstance(pair[0], RestNoise)]
+        return [term for part, own in pairs for term in _summands(part, own)]  # noise is shared with no other
     if isinstance(kernel, Product):
         return [_split(kernel.parts, theta)]
     return [[(kernel, theta)]]

@@ -77,4 +77,8 @@ def remembering(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
             where=f"commands {', '.join(commands)}",
             next_step="Set data.presliding, or leave the candidate 'standing' out.",
         )
-    return Linear(memory) + Linear(own) * SquaredExponential(position, unit=True, share=0.25) + RestNoise(rest[0])
+    return (
+        Linear(memory)
+        + Linear(own) * SquaredExponential(position, unit=True, share=0.25)
+        + RestNoise(rest[0])
+    )

@@ -274,9 +274,7 @@ def _chain_back(work: Array, before: int, joint: int, w: float) -> float:
 
 
 @_inline
-def _factor_gradients(
-    work: Array, at: int, j: int, p: Array, F: Array, i: int, dF: Array, dp: Array
-) -> None:
+def _factor_gradients(work: Array, at: int, j: int, p: Array, F: Array, i: int, dF: Array, dp: Array) -> None:
     """From the adjoints of c², (c²)_x, (c²)_z, (c²)_xz at rows `at` to a, b and row i's S and C of joint j."""
     joint = BLOCKS + j * SIZE
     s0, c0, s1, c1, s2, c2, s3, c3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

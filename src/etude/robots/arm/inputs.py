@@ -186,17 +186,17 @@ class ArmInputs:
     def arrays(self) -> dict[str, Array]:
         """What `tuned` has set, to be stored with a model."""
         found = {"stick_velocity": self.stick_velocity}
-        if self.play is not None and self.slow is not None:
-            found |= {"play": self.play, "slow": self.slow}
+        if self.presliding is not None and self.play is not None and self.slow is not None:
+            found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
         return found
 
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
         """The same inputs with what `arrays` holds; a model without a memory has none."""
         found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
-        if "play" not in arrays or self.presliding is None:
-            return replace(found, presliding=None, play=None, slow=None)
-        play, slow = (np.asarray(arrays[name], dtype=float) for name in ("play", "slow"))
-        return replace(found, play=play, slow=slow)
+        names = ("presliding", "play", "slow")
+        return replace(
+            found, **{n: np.asarray(arrays[n], dtype=float) if n in arrays else None for n in names}
+        )
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002
         return None
