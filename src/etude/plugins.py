@@ -29,6 +29,7 @@ _MEMBERS = (
     "sogp",
     "local_gp",
     "lwpr",
+    "all_lin",
 )
 _CRITERIA = ("mean_variance", "ivr", "log_ivr", "sum_log", "info_gain", "mi_region", "d_opt")
 
@@ -41,6 +42,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
+        "gip_lin": "etude.models.lagrangian.kernel:gip_lin",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {
