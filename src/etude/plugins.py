@@ -29,6 +29,7 @@ _MEMBERS = (
     "sogp",
     "local_gp",
     "lwpr",
+    "all_lin",
 )
 _CRITERIA = ("mean_variance", "ivr", "log_ivr", "sum_log", "info_gain", "mi_region", "d_opt")
 

@@ -81,6 +81,7 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 CANDIDATES: dict[str, Recipe] = {
     "standing": Recipe("standing", rungs=("gp", "identified+gp"), standing=True, offered=_rests),
     "gip_lin": Recipe("gip_lin", fit_points=110, offered=_few),
+    "all_lin": Recipe("ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves),
 }
 """Beside "default", by the name that `model.candidates` gives."""
 
@@ -152,7 +153,7 @@ def everywhere(folds: Folds, learned: Learned, base: Base | None) -> tuple[Array
     stands = np.any(while_any_moves(folds.samples)[:, own] & ~np.isfinite(error), axis=1)
     stands &= ~np.any(folds.samples.moving[:, own] & np.isfinite(error), axis=1)
     rest = np.flatnonzero(stands & ~folds.samples.moving[:, own].all(axis=1))
-    if len(rest) and process is not None:
+    if len(rest) and len(own) == 1 and process is not None:  # what learns together has held out all entries
         rows = replace(learned.rows, kept=rest)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
         told = np.isnan(error) & np.isfinite(more.error)

@@ -86,7 +86,7 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
         )
     kept = spread_points(samples.t, samples.group, use, config.points, 0.0, rng)
     spacing = config.fit_spacing_s
-    if config.kernel in OF_FEW:
+    if config.kernel in OF_FEW or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
     told: Mask = use
     if config.schedule == "first":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.gp.rest import RestNoise
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.models.lagrangian.joints import Joints
+from etude.models.lagrangian.kernel import Lagrangian
 from etude.models.lwpr.posterior import LWPRPosterior
 
 Arrays = dict[str, NDArray[Any]]
@@ -179,6 +181,8 @@ def kernel_words(kernel: Kernel) -> Words:
         return {"type": "Linear", "dims": list(kernel.dims)}
     if isinstance(kernel, RestNoise):
         return {"type": "RestNoise", "column": kernel.column}
+    if isinstance(kernel, Lagrangian):
+        return {"type": "Lagrangian", "joints": asdict(kernel.joints), "own": kernel.own}
     raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
 
 
@@ -202,4 +206,7 @@ def kernel_of(words: Words) -> Kernel:
         return Linear(tuple(words["dims"]))
     if kind == "RestNoise":
         return RestNoise(int(words["column"]))
+    if kind == "Lagrangian":
+        joints = {name: tuple(values) for name, values in words["joints"].items()}
+        return Lagrangian(Joints(**joints), int(words["own"]))
     raise ValueError(f"unknown kernel {kind!r}")

@@ -16,6 +16,7 @@ from etude import plugins
 from etude.contracts import Array, FitData, Member, Posterior
 from etude.models.gp.exact import columns_of
 from etude.models.hyperparameters import before, columns, counted, initial_process, trained_process, weak
+from etude.models.lagrangian.member import all_lin
 from etude.models.plugin_member import PluginMember
 from etude.models.process import Posteriors, Teaching, restored, taught
 from etude.models.thesis_dictionary import thesis_dictionary
@@ -211,6 +212,7 @@ MEMBERS: dict[str, Member] = {
     "sogp": sogp,
     "local_gp": local_gp,
     "lwpr": lwpr,
+    "all_lin": all_lin,
 }
 """The members by the name that `model.process` gives."""
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
+from etude.models.candidates import CANDIDATES
 from etude.models.contracts import Offered, share_of
 from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
@@ -193,7 +194,9 @@ def _candidate(
             raise ValueError(f"the robot has no {base} physics")
         means[base] = physics[base].restore(_under(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
-        processes[number] = member_named(member).restore(_under(arrays, f"p{number}"))
+        recipe = CANDIDATES.get(words.get("name", "default"))
+        own_member = member if recipe is None else recipe.process
+        processes[number] = member_named(own_member).restore(_under(arrays, f"p{number}"))
     process: Any = None if number is None else processes[number]
     if words["silent"]:
         own = _under(arrays, f"{prefix}/silent")

@@ -70,10 +70,6 @@ class Kernel(ABC):
         """k(X, Z), (n, m)."""
         return self.cross(theta, X, Z)[0]
 
-    def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]:
-        """x (D,) -> k(x, Z) (m,): for one input at a time, often. Override it if that can be prepared."""
-        return lambda x: self.value(theta, x[None], Z)[0]
-
     def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
         """Gradient (P,) of sum(G * k(X, X)) with respect to theta; G is (n, n)."""
         return self.gram(theta, X)[1](G)

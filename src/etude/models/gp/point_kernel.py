@@ -9,7 +9,8 @@ stores.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numba import njit
@@ -88,6 +89,27 @@ def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
 def _split(parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
     ends = np.cumsum([part.size for part in parts])
     return list(zip(parts, np.split(theta, ends[:-1]), strict=True))
+
+
+@runtime_checkable
+class Pointwise(Protocol):
+    """A kernel with compiled covariances of its own: x (D,) -> k(x, Z) (m,)."""
+
+    def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]: ...
+
+
+def pointwise_parts(kernel: Kernel, theta: Array) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
+    """What `kernel_terms` is for, with its hyperparameters, and the summands that answer for themselves."""
+    terms, others = [], []
+    parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]
+    for part, own in parts:
+        if isinstance(part, Pointwise):
+            others.append((part, own))
+        else:
+            terms.append((part, own))
+    if not terms:
+        return None, np.zeros(0), others
+    return Sum(tuple(part for part, _ in terms)), np.concatenate([own for _, own in terms]), others
 
 
 LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 6.93147180369123816490e-01, 1.90821492927058770002e-10

@@ -94,6 +94,7 @@ class Lagrangian(Kernel):
         return self.joints.pulled(F, dF, X.shape[1])
 
     def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]:
+        """x (D,) -> k(x, Z) (m,), for one input at a time, often."""
         from etude.models.lagrangian.one_output import EVERY
 
         p, fixed = self._packed(theta, Z)
