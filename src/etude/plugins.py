@@ -29,7 +29,6 @@ _MEMBERS = (
     "sogp",
     "local_gp",
     "lwpr",
-    "all_lin",
 )
 _CRITERIA = ("mean_variance", "ivr", "log_ivr", "sum_log", "info_gain", "mi_region", "d_opt")
 
@@ -38,7 +37,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "arm": "etude.robots.arm.kind:KIND",
         "quadrotor": "etude.robots.quadrotor.kind:KIND",
     },
-    "etude.models": {name: f"etude.models.members:{name}" for name in _MEMBERS},
+    "etude.models": {
+        **{name: f"etude.models.members:{name}" for name in _MEMBERS},
+        "all_lin": "etude.models.lagrangian.member:all_lin",
+    },
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",

@@ -1,4 +1,4 @@
-"""Inputs, hyperparameters and reference values of the Lagrangian prior, computed once to sixty digits elsewhere."""
+"""Inputs, hyperparameters and reference values of the Lagrangian prior, to sixty digits from elsewhere."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ X = np.array([[0.3, -0.7, 0.5, 1.1, -2.0, 0.4]])
 Z = np.array([[-0.4, 0.9, -0.8, 0.6, 1.5, -1.2]])
 # u0, √a and √b of the potential, v_00, v_10, v_11, √a and √b of the kinetic energy
 THETA = np.log(
-    np.concatenate([[2.0], *np.sqrt([[0.8, 1.5], [1.2, 0.6]]), [0.5, 0.9, 0.4], *np.sqrt([[0.7, 1.1], [1.3, 0.9]])])
+    np.concatenate(
+        [[2.0], *np.sqrt([[0.8, 1.5], [1.2, 0.6]]), [0.5, 0.9, 0.4], *np.sqrt([[0.7, 1.1], [1.3, 0.9]])]
+    )
 )
 V_00 = 5
 ALONE = (THETA, np.delete(THETA, V_00))

@@ -180,7 +180,11 @@ def test_single_points_and_dictionaries_say_the_same() -> None:
     """Alone, with friction, and beside a posterior of another kernel."""
     rng = np.random.default_rng(3)
     inputs, outputs = rng.normal(size=(70, len(COLUMNS))), rng.normal(size=70)
-    kernels = (gip_lin(COLUMNS, ("base",)), structured(COLUMNS, ("lift",)), gip_lin(COLUMNS, ("wrist",)).parts[0])
+    kernels = (
+        gip_lin(COLUMNS, ("base",)),
+        structured(COLUMNS, ("lift",)),
+        gip_lin(COLUMNS, ("wrist",)).parts[0],
+    )
     processes = [ExactGP(k, k.initial(np.ones(len(COLUMNS)), 1.0), -1.0) for k in kernels]
     posteriors = [gp.condition(inputs[: 70 - 9 * i], outputs[: 70 - 9 * i]) for i, gp in enumerate(processes)]
     mean, new = PointMean(posteriors), rng.normal(size=(5, len(COLUMNS)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from etude import plugins
 from etude.contracts import Array, FitData, Member, Posterior
 from etude.models.gp.exact import columns_of
 from etude.models.hyperparameters import before, columns, counted, initial_process, trained_process, weak
-from etude.models.lagrangian.member import all_lin
 from etude.models.plugin_member import PluginMember
 from etude.models.process import Posteriors, Teaching, restored, taught
 from etude.models.thesis_dictionary import thesis_dictionary
@@ -212,9 +211,8 @@ MEMBERS: dict[str, Member] = {
     "sogp": sogp,
     "local_gp": local_gp,
     "lwpr": lwpr,
-    "all_lin": all_lin,
 }
-"""The members by the name that `model.process` gives."""
+"""The members that learn commands one by one, by the name that `model.process` gives."""
 
 
 def member_named(name: str) -> Member:
@@ -225,4 +223,6 @@ def member_named(name: str) -> Member:
     """
     if name in MEMBERS:
         return MEMBERS[name]
+    if name in plugins.BUILT_IN["etude.models"]:  # loaded only when it is asked for
+        return cast("Member", plugins.load("etude.models", name))
     return PluginMember.of(name, plugins.load("etude.models", name))

@@ -98,7 +98,9 @@ class Pointwise(Protocol):
     def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]: ...
 
 
-def pointwise_parts(kernel: Kernel, theta: Array) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
+def pointwise_parts(
+    kernel: Kernel, theta: Array
+) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
     """What `kernel_terms` is for, with its hyperparameters, and the summands that answer for themselves."""
     terms, others = [], []
     parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]

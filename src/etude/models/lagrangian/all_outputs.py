@@ -29,7 +29,8 @@ A_U, B_U, A_T, B_T, LINKS = 0, 1, 2, 3, 4
 P, D, DZ, E, S, TAU = 0, 1, 2, 3, 4, 7
 AT, ATZ, AS, AX, ALL, Q, AQ, TOTAL, BLOCKS = 8, 9, 10, 11, 12, 13, 14, 15, 19
 # rows of a joint's block: inputs; c, c_x, c_z, c_xz; ρ, ρ', σ; the same seven of U; α, α', a, a' and y, y';
-# four sums over weights that know no v, four that do; adjoints of c..c_xz, of ρ, ρ', σ, of the link's P, d, d', e
+# four sums over weights that know no v, four that do; adjoints of c..c_xz, of ρ, ρ', σ, of the link's P, d,
+# d', e
 FIELDS, C, R, RZ, SG, CU, RU, RUZ, QU, LINK = 0, 4, 8, 9, 10, 11, 15, 16, 17, 18
 FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43
 
@@ -204,7 +205,12 @@ def _bound_sums(work: Array, values: int, J: int, link: int, p: Array, F: Array,
             work[one + BOUND + 2, x] = 0.0
             work[one + BOUND + 3, x] = 0.0
         for m in range(link + 1):
-            v, across, down, other = p[LINKS + link, m], values + k * J + m, values + m * J + k, BLOCKS + m * SIZE
+            v, across, down, other = (
+                p[LINKS + link, m],
+                values + k * J + m,
+                values + m * J + k,
+                BLOCKS + m * SIZE,
+            )
             vw, vu = v * F[2, m, i], v * F[3, m, i]
             for x in range(WIDTH):
                 g, h = work[across, x], v * work[down, x]
@@ -236,7 +242,9 @@ def _link_totals(work: Array, values: int, J: int, link: int, p: Array, F: Array
             work[AX, x] += 2.0 * v * g
             work[ATZ, x] -= 2.0 * gb * r
             work[AT, x] -= 2.0 * gbz * rz
-            work[AS, x] += 2.0 * (s * (r * work[one + FREE, x] + g * sg) - sg * (gb * work[one + 2, x] + gbz * w))
+            work[AS, x] += 2.0 * (
+                s * (r * work[one + FREE, x] + g * sg) - sg * (gb * work[one + 2, x] + gbz * w)
+            )
             work[ALL, x] += 2.0 * v * work[one + 2, x] * gb
         for x in range(WIDTH):
             s, b, gb = work[S, x], v * work[one + 2, x], work[one + BOUND, x]
@@ -244,7 +252,9 @@ def _link_totals(work: Array, values: int, J: int, link: int, p: Array, F: Array
             gy = work[S + 1, x] * work[one + FREE, x] + s * work[one + FREE + 1, x]
             total = work[one + LINK + 3, x] * ga + (work[E, x] * b - work[one + LINK + 4, x]) * gb - b * gy
             total += work[diagonal, x] * v * (work[TAU, x] + s * work[E, x])
-            total += 0.5 * s * s * (work[one + R, x] * work[one + FREE, x] + work[diagonal, x] * work[one + SG, x])
+            total += (
+                0.5 * s * s * (work[one + R, x] * work[one + FREE, x] + work[diagonal, x] * work[one + SG, x])
+            )
             work[at, x] += 2.0 * work[P, x] * total
     for x in range(WIDTH):
         work[AS, x] = work[P, x] * (work[AS, x] + work[E, x] * work[AX, x])
@@ -263,7 +273,7 @@ def _link_joints(
     for k in range(link + 1):
         one, v, w, diagonal = BLOCKS + k * SIZE, p[LINKS + link, k], F[2, k, i], values + k * J + k
         for x in range(WIDTH):
-            q, s, sg, wz = work[P, x], work[S, x], work[one + SG, x], work[one + 2, x]
+            q, s, wz = work[P, x], work[S, x], work[one + 2, x]
             yb, yz = -2.0 * q * work[one + BOUND, x], -2.0 * q * work[one + BOUND + 2, x]
             work[one + BR, x] += yb * work[S + 2, x] + q * s * s * work[one + FREE, x]
             work[one + BRZ, x] += yz * work[S + 1, x] + q * s * s * work[one + FREE + 2, x]
@@ -515,7 +525,9 @@ def _link_means(work: Array, weights: int, link: int, p: Array, F: Array, i: int
         for x in range(WIDTH):
             s, e, b = work[S, x], work[E, x], v * work[one + 2, x]
             value = 2.0 * work[one + LINK + 3, x] * work[TOTAL + 1, x]
-            value += 2.0 * (e * b - work[one + LINK + 4, x]) * work[TOTAL + 2, x] - 2.0 * b * work[TOTAL + 3, x]
+            value += (
+                2.0 * (e * b - work[one + LINK + 4, x]) * work[TOTAL + 2, x] - 2.0 * b * work[TOTAL + 3, x]
+            )
             value += s * s * work[one + R, x] * work[TOTAL, x]
             own = 2.0 * v * (work[TAU, x] + s * e) + s * s * work[one + SG, x]
             total += work[P, x] * (value + work[weights + k, x] * own)

@@ -1,10 +1,10 @@
 """The Lagrangian prior of one command as a kernel of the family, and what it needs beside it on real robots.
 
 Kinetic and potential energy are polynomials in sin q, cos q (q itself of a slide) and the velocities, drawn
-from a Gaussian process; the command is what Lagrange's equation makes of them. Sources: Giacomuzzo, Carli,
-Romeres and Dalla Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for Robot
-Inverse Dynamics Identification, T-RO 2024; here in closed form, and links share the factors of their kinetic
-energy.
+from a Gaussian process; the command is what Lagrange's equation makes of them. Source: Giacomuzzo, Carli,
+Romeres and Dalla Libera, A Black-Box Physics-Informed Estimator Based on Gaussian Process Regression for
+Robot Inverse Dynamics Identification, T-RO 2024; here in closed form, and links share the factors of their
+kinetic energy.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ class Lagrangian(Kernel):
 def gip_lin(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """The Lagrangian prior of the command of joint j, with friction: SE(q_j) + friction_j · SE(q_j) + linear.
 
-    Friction is not conservative, so that the prior alone is useless on a geared robot. All joints take part in
-    the linear term, since the wrists of some robots are coupled.
+    Friction is not conservative, so that the prior alone is useless on a geared robot. All joints take part
+    in the linear term, since the wrists of some robots are coupled.
 
     Raises:
         UsageError: several commands, or inputs without joints or friction columns.

@@ -31,7 +31,8 @@ class JointHyperparameters:
     """All that training moves, and the floors under it.
 
     Attributes:
-        theta: (P,) of the prior. log_noise, floor: (J,): sn² = floor² + exp(2 log_noise), as an exact process.
+        theta: (P,) of the prior.
+        log_noise, floor: (J,): sn² = floor² + exp(2 log_noise), as of an exact process.
     """
 
     theta: Array

@@ -259,4 +259,3 @@ def _places(own: Index, rows: Index) -> Index:
     """Where each of `rows` stands in `own`, increasing; -1 where it does not."""
     place = np.minimum(np.searchsorted(own, rows), len(own) - 1)
     return np.where(own[place] == rows, place, -1)
-
