@@ -57,6 +57,7 @@ class Recipe:
             kernel=self.kernel,
             process=self.process,
             fit_points=min(self.fit_points or config.fit_points, config.fit_points),
+            inducing=0,  # noise at rest, and the price of a Lagrangian, are for exact regression
             points=min(self.points or config.points, config.points),
             steps=self.steps or config.steps,
         )
@@ -81,7 +82,9 @@ def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
 CANDIDATES: dict[str, Recipe] = {
     "standing": Recipe("standing", rungs=("gp", "identified+gp"), standing=True, offered=_rests),
     "gip_lin": Recipe("gip_lin", fit_points=110, offered=_few),
-    "all_lin": Recipe("ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves),
+    "all_lin": Recipe(
+        "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
+    ),
 }
 """Beside "default", by the name that `model.candidates` gives."""
 

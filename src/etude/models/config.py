@@ -37,6 +37,7 @@ LEAST = {
     "process_from": 1,
     "warm_from": 1,
     "warm_steps": 0,
+    "inducing": 0,
 }
 
 
@@ -56,6 +57,8 @@ class ModelConfig:
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.
+        inducing: where more samples count than `points`, exact processes learn from all of them through so many
+            evenly spread ones, if these are fewer; 0: from `points` alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
@@ -93,6 +96,7 @@ class ModelConfig:
     sharing: Literal["separate", "shared"] = "separate"
     process: str = "exact"
     points: int = 600
+    inducing: int = 1000
     basis: int = 100
     fit_points: int = 300
     fit_spacing_s: float = 0.5

@@ -84,7 +84,8 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
             if len(own) == 1
             else "Excite all together, or set model.sharing = 'separate'.",
         )
-    kept = spread_points(samples.t, samples.group, use, config.points, 0.0, rng)
+    most = max(config.points, config.inducing) if config.process == "exact" else config.points
+    kept = spread_points(samples.t, samples.group, use, most, 0.0, rng)
     spacing = config.fit_spacing_s
     if config.kernel in OF_FEW or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)

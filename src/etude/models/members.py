@@ -60,8 +60,19 @@ def _together(gp: ExactGP) -> Callable[[Array, Array], tuple[Posterior, ...]]:
 
 
 def _exact(fit: FitData) -> Teaching:
-    """Exact regression on the samples kept: downsampling is in their choice."""
-    return Teaching(fit, _together(trained_process(fit)), fit.kept)
+    """Exact regression on the samples kept: downsampling is in their choice.
+
+    Where these are `inducing` ones of more, all teach through them, and an exact process on `points` guides.
+    """
+    gp, every = trained_process(fit), counted(fit)
+    if not fit.config.inducing or len(every) <= len(fit.kept):
+        return Teaching(fit, _together(gp), fit.kept)
+    from etude.models.induced import Induced
+
+    kept, points = fit.kept, min(fit.config.points, len(fit.kept))
+    guided = kept[np.arange(points) * len(kept) // points]
+    guides = _together(gp)(fit.X[guided], fit.Y[guided])
+    return Teaching(fit, Induced(gp, fit.X[kept], fit.X[every], every, fit.fold), every, guides)
 
 
 def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:

@@ -1,0 +1,39 @@
+"""All samples through fixed inducing inputs: VFE's own posterior, exact with all of them, folds in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.models.gp.exact import ExactGP
+from etude.models.gp.fixed_inducing import FixedInducing
+from etude.models.gp.inducing import InducingGP
+from etude.models.gp.kernels import SquaredExponential
+
+RNG = np.random.default_rng(0)
+X, AT = RNG.normal(size=(60, 2)), RNG.normal(size=(9, 2))
+Y = np.sin(2.0 * X[:, 0]) + X[:, 1] ** 2 + 0.1 * RNG.normal(size=60)
+GP = ExactGP(SquaredExponential((0, 1)), np.array([0.3, -0.2, 0.1]), np.log(0.1))
+
+
+def test_it_is_the_variational_posterior_at_those_inputs() -> None:
+    Z = X[::4]
+    found = FixedInducing(GP, Z, X).posterior(Y)
+    other = InducingGP(GP.kernel, GP.theta, GP.log_noise, Z).condition(X, Y)
+    for mine, theirs in zip(found.predict(AT), other.predict(AT), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-8)
+
+
+def test_through_all_samples_it_is_exact_regression() -> None:
+    found, exact = FixedInducing(GP, X, X).posterior(Y), GP.condition(X, Y)
+    for mine, theirs in zip(found.predict(AT), exact.predict(AT), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-5)
+
+
+def test_a_fold_left_out_is_conditioning_without_it() -> None:
+    Z, out, at = X[::4], np.arange(20, 35), np.array([21, 24, 33])
+    mean, variance = FixedInducing(GP, Z, X).held_out(Y, out, at)
+    kept = np.setdiff1d(np.arange(60), out)
+    other = InducingGP(GP.kernel, GP.theta, GP.log_noise, Z).condition(X[kept], Y[kept])
+    theirs, latent = other.predict(X[at])
+    np.testing.assert_allclose(mean, theirs, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-6)
