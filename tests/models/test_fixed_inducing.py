@@ -1,4 +1,4 @@
-"""All samples through fixed inducing inputs: VFE's own posterior, exact with all of them, folds in closed form."""
+"""All samples through fixed inducing inputs: VFE's posterior, exact with all of them, folds in closed form."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from etude.models.gp.exact import ExactGP
 from etude.models.gp.fixed_inducing import FixedInducing
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.shared_exact import condition_shared
 
 RNG = np.random.default_rng(0)
 X, AT = RNG.normal(size=(60, 2)), RNG.normal(size=(9, 2))
@@ -31,9 +32,18 @@ def test_through_all_samples_it_is_exact_regression() -> None:
 
 def test_a_fold_left_out_is_conditioning_without_it() -> None:
     Z, out, at = X[::4], np.arange(20, 35), np.array([21, 24, 33])
-    mean, variance = FixedInducing(GP, Z, X).held_out(Y, out, at)
+    mean, variance = FixedInducing(GP, Z, X).held_out(Y, out, X[at])
     kept = np.setdiff1d(np.arange(60), out)
     other = InducingGP(GP.kernel, GP.theta, GP.log_noise, Z).condition(X[kept], Y[kept])
     theirs, latent = other.predict(X[at])
     np.testing.assert_allclose(mean, theirs, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-6)
+
+
+def test_an_exact_process_predicts_anything_without_a_fold_in_closed_form() -> None:
+    out = np.array([3, 4, 5, 40])
+    kept = np.setdiff1d(np.arange(60), out)
+    mean, variance = condition_shared(GP, X, Y[:, None]).elsewhere(out, AT)
+    theirs, latent = GP.condition(X[kept], Y[kept]).predict(AT)
+    np.testing.assert_allclose(mean[:, 0], theirs, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)

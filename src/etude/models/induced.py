@@ -32,16 +32,14 @@ class Induced:
         seen = _seen(self) if X.shape == self.X.shape else FixedInducing(self.gp, self.Z, X)
         return tuple(seen.posterior(np.ascontiguousarray(y)) for y in Y.T)
 
-    def held_out(self, own: Index, Y: Array) -> tuple[Array, Array]:
-        """Means and variances with noise (k, m) of the samples at `own`, which taught, without their fold.
+    def held_out(self, own: Array, fold: Index, Y: Array) -> tuple[Array, Array]:
+        """Means and variances with noise (k, m) at inputs own (k, D) from the samples of other folds.
 
         Args:
-            Y: (N, m) outputs of every sample.
+            fold: numbers of those left out. Y: (N, m) outputs of every sample.
         """
-        out = np.flatnonzero(np.isin(self.fold[self.taught], np.unique(self.fold[own])))
-        at = np.searchsorted(self.taught, own)
-        seen = _seen(self)
-        pairs = [seen.held_out(y, out, at) for y in np.ascontiguousarray(Y[self.taught].T)]
+        out = np.flatnonzero(np.isin(self.fold[self.taught], fold))
+        pairs = [_seen(self).held_out(y, out, own) for y in np.ascontiguousarray(Y[self.taught].T)]
         return np.stack([mean for mean, _ in pairs], axis=1), np.stack([v for _, v in pairs], axis=1)
 
 

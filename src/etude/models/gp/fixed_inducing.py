@@ -1,8 +1,7 @@
 """All samples through a few of them as fixed inducing inputs (Titsias 2009), with hyperparameters as given.
 
-Nothing is optimised, so a fold is left out in closed form: with V = L^-1 K_uf, s² the noise and
-H = V_Fᵀ (I + V Vᵀ / s²)^-1 V_F / s², the mean of the fold's samples F is (I - H)^-1 m, m what the rest's sums
-alone give, and their covariance s² (I - H)^-1 beside what the inducing inputs cannot express.
+Nothing is optimised, so a fold is left out in closed form. With V = L^-1 K_uf and A = I + V Vᵀ / s², of noise s²,
+its samples F go out of A by Woodbury's identity with the small matrix I - V_Fᵀ A^-1 V_F / s².
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dpotrs
 
 from etude.contracts import Array, Index
 from etude.models.gp.basis_posterior import BasisPosterior
@@ -70,21 +68,19 @@ class FixedInducing:
         gp = self.gp
         return BasisPosterior(gp.kernel, gp.theta, gp.noise_variance, signal, self.Z, weights, half)
 
-    def held_out(self, y: Array, out: Index, at: Index) -> tuple[Array, Array]:
-        """Means and variances with noise of the samples `at`, some of `out`, from those that are not in `out`."""
-        noise = self.gp.noise_variance
+    def held_out(self, y: Array, out: Index, at: Array) -> tuple[Array, Array]:
+        """Means and variances with noise (k,) at inputs (k, D), from the samples that are not in `out`."""
+        noise, gp = self.gp.noise_variance, self.gp
+        V = self.L_inverse @ gp.kernel.value(gp.theta, self.Z, at)
         with threads_for(len(self.Z)):
-            V = self.V[:, out]
-            half = self.root_inverse @ V
-            left = np.eye(len(out)) - half.T @ half / noise
-            root, _ = factorise(np.asfortranarray(left), 0.0, announce=False)
-            told = V.T @ self._solved(self.V @ y - V @ y[out]) / noise
-            mean, _ = dpotrs(root, told, lower=1)
-            inverse = triangular_inverse(root)
-        own = np.searchsorted(out, at)
-        prior = self.gp.kernel.diagonal(self.gp.theta, self.X[at])
-        missing = np.maximum(prior - np.einsum("un,un->n", self.V[:, at], self.V[:, at]), 0.0)
-        return mean[own], missing + noise * np.einsum("ij,ij->j", inverse, inverse)[own]
+            fold, here = self.root_inverse @ self.V[:, out], self.root_inverse @ V
+            told = self.root_inverse @ (self.V @ y - self.V[:, out] @ y[out]) / noise
+            left, _ = factorise(np.asfortranarray(-(fold.T @ fold) / noise), 1.0, announce=False)
+            back = triangular_inverse(left) @ fold.T
+            lost, missing = back @ here, gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
+            mean = here.T @ told + lost.T @ (back @ told) / noise
+        spread = np.einsum("un,un->n", here, here) + np.einsum("kn,kn->n", lost, lost) / noise
+        return mean, np.maximum(missing, 0.0) + spread + noise
 
     def _solved(self, b: Array) -> Array:
         return np.asarray(self.root_inverse.T @ (self.root_inverse @ b))
