@@ -8,6 +8,7 @@ from etude.models.gp.exact import ExactGP
 from etude.models.gp.fixed_inducing import FixedInducing
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.models.gp.rest import RestNoise
 from etude.models.gp.shared_exact import condition_shared
 
 RNG = np.random.default_rng(0)
@@ -47,3 +48,19 @@ def test_an_exact_process_predicts_anything_without_a_fold_in_closed_form() -> N
     theirs, latent = GP.condition(X[kept], Y[kept]).predict(AT)
     np.testing.assert_allclose(mean[:, 0], theirs, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)
+
+
+def test_noise_at_rest_is_each_sample_s_own() -> None:
+    kernel = SquaredExponential((0, 1)) + RestNoise(2)
+    rest = np.abs(RNG.normal(size=(60, 1)))
+    gp = ExactGP(kernel, np.array([0.3, -0.2, 0.1, np.log(0.5)]), np.log(0.1))
+    data, at = np.hstack([X, rest]), np.hstack([AT, 0.3 * np.ones((9, 1))])
+    found, exact = FixedInducing(gp, data, data), gp.condition(data, Y)
+    for mine, theirs in zip(found.posterior(Y).predict(at), exact.predict(at), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-5)
+    out = np.arange(5, 15)
+    kept = np.setdiff1d(np.arange(60), out)
+    theirs, latent = gp.condition(data[kept], Y[kept]).predict(at)
+    mean, variance = found.held_out(Y, out, at)
+    np.testing.assert_allclose(mean, theirs, atol=1e-5)
+    np.testing.assert_allclose(variance, latent + gp.noise_variance, atol=1e-5)

@@ -1,4 +1,4 @@
-"""What several candidates of a rung say, averaged for each command by how well they predicted held-out samples."""
+"""What several candidates of a rung say, averaged for each command by how well they predicted held-out data."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from etude.models.held_out import Base, HeldOut
 from etude.models.rungs import Learned
 
 EXPONENT = 4.0
-"""Weights go as exp(4 · mean log density). 1, 2, 8 and 50 were within 8 % of it on four real logs, which chose
-it."""
+"""Weights go as exp(4 · mean log density). 1, 2, 8 and 50 were within 8 % of it on four real logs, by which it
+was chosen."""
 LEAST = 0.02
 """A candidate that weighs less for every command is left out."""
 
@@ -35,7 +35,7 @@ class Average:
 
 
 def averaged(
-    folds: Folds, rung: str, defaults: Sequence[Learned], others: Sequence[Learned], base: Base | None
+    folds: Folds, defaults: Sequence[Learned], others: Sequence[Learned], base: Base | None
 ) -> Average:
     """The candidates of a rung, weighed for each command by their density over what all of them predicted."""
     parts, J = [*defaults, *others], len(folds.commands)
@@ -56,14 +56,14 @@ def averaged(
 
 
 def weighed(error: Array, variance: Array) -> Array:
-    """(C,) weights of candidates by errors and variances (C, n), NaN where not predicted; rows without any: 0.
+    """(C,) weights of candidates by errors and variances (C, n), NaN where not predicted; 0 if nowhere.
 
     The first alone where no sample was predicted by all.
     """
     there = np.isfinite(error).any(axis=1)
     use = np.isfinite(error[there]).all(axis=0)
     weights = np.zeros(len(error))
-    if not use.any():
+    if not there.any() or not use.any():
         weights[np.flatnonzero(there)[:1]] = 1.0
         return weights
     e, v = error[there][:, use], variance[there][:, use]
@@ -74,7 +74,7 @@ def weighed(error: Array, variance: Array) -> Array:
 
 
 def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
-    """Error and variance (n, J) of the average of errors and variances (C, n, J): sum w (v + (m - average)^2).
+    """Error and variance (n, J) of the average of those (C, n, J): sum w (v + (m - average)^2).
 
     Where a candidate predicted nothing the others share its weight.
     """
@@ -105,5 +105,5 @@ def averages(
     for rung in dict.fromkeys(other.candidate.rung for other in others):
         defaults = [group[rung] for group in groups if rung in group]
         beside = [other for other in others if other.candidate.rung == rung]
-        found[rung] = averaged(folds, rung, defaults, beside, bases.get(rung.removesuffix("+gp")))
+        found[rung] = averaged(folds, defaults, beside, bases.get(rung.removesuffix("+gp")))
     return found

@@ -57,7 +57,7 @@ class Recipe:
             kernel=self.kernel,
             process=self.process,
             fit_points=min(self.fit_points or config.fit_points, config.fit_points),
-            inducing=0,  # noise at rest, and the price of a Lagrangian, are for exact regression
+            inducing=config.inducing if self.standing else 0,  # a Lagrangian is for few samples
             points=min(self.points or config.points, config.points),
             steps=self.steps or config.steps,
         )

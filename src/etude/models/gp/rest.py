@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Column
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
+from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential, own_columns, structured
 
 
@@ -55,6 +55,16 @@ class RestNoise(Kernel):
         if X.ndim != 2 or X.shape[1] <= self.column:
             raise UsageError(f"a kernel on column {self.column} needs more than inputs of shape {X.shape}")
         return np.asarray(X[:, self.column])
+
+
+def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
+    """(n,) what noise at rest adds to each sample's own variance, in a sum of kernels."""
+    parts, found = kernel.parts if isinstance(kernel, Sum) else (kernel,), np.zeros(len(X))
+    ends = np.cumsum([part.size for part in parts])
+    for part, own in zip(parts, np.split(theta, ends[:-1]), strict=True):
+        if isinstance(part, RestNoise):
+            found += part.diagonal(own, X)
+    return found
 
 
 def standing(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
