@@ -58,7 +58,9 @@ def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averag
         parts.append((c.weights[0], (c.units[0] + c.units[1] * output)[:, 0], spread[:, 0]))
     average = sum(w * m for w, m, _ in parts)
     np.testing.assert_allclose(mean[:, 1], average, rtol=1e-10)
-    np.testing.assert_allclose(variance[:, 1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9)
+    np.testing.assert_allclose(
+        variance[:, 1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
+    )
 
 
 def test_designs_see_the_default_alone(averaged) -> None:
@@ -85,14 +87,19 @@ def test_the_default_alone_is_what_it_was() -> None:
     plain = ladder(data, SMALL).model.predict(new)
     found = ladder(data, BOTH).model
     alone = replace(
-        found, candidates=tuple(replace(c, weights=np.full(1, float(c.name == "default"))) for c in found.candidates)
+        found,
+        candidates=tuple(
+            replace(c, weights=np.full(1, float(c.name == "default"))) for c in found.candidates
+        ),
     )
     for mine, theirs in zip(alone.predict(new), plain, strict=True):
         np.testing.assert_array_equal(mine, theirs)
 
 
 def test_many_samples_need_no_prior_of_mechanics() -> None:
-    found = ladder(trajectories(2), replace(BOTH, fit_points=250, points=250, fit_spacing_s=0.0, steps=1)).model
+    found = ladder(
+        trajectories(2), replace(BOTH, fit_points=250, points=250, fit_spacing_s=0.0, steps=1)
+    ).model
     assert {c.name for c in found.candidates} == {"default"}
 
 

@@ -1,4 +1,4 @@
-"""All samples through fixed inducing inputs: VFE's posterior, exact with all of them, folds in closed form."""
+"""All samples through fixed inducing inputs: VFE's posterior, exact with all, folds in closed form."""
 
 from __future__ import annotations
 

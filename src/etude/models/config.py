@@ -57,8 +57,8 @@ class ModelConfig:
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.
-        inducing: where more samples count than `points`, exact processes learn from all of them through so many
-            evenly spread ones, if these are fewer; 0: from `points` alone.
+        inducing: where more samples count than `points`, exact processes learn from all of them through so
+            many evenly spread ones, if these are fewer; 0: from `points` alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
@@ -68,8 +68,8 @@ class ModelConfig:
             `candidates.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
             or, if negative, evaluations of the likelihood (see `training.fit`).
-        warm_from: trajectories from which training goes on from the last model, as `schedule` says; with fewer
-            the first ones' bad optimum would be kept.
+        warm_from: trajectories from which training goes on from the last model, as `schedule` says; with
+            fewer the first ones' bad optimum would be kept.
         warm_steps: of a training that goes on; 0: as many as `steps`.
         starts: of the training; the best end wins.
         schedule: what becomes of the hyperparameters of the last model (thesis 6.1): "update" trains on from

@@ -26,8 +26,9 @@ class LearnedModel:
     Attributes:
         inputs: of all processes, with the facts that the samples told.
         candidates: every rung that was trained, group by group, the default's first; for the commands that a
-            rung was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of physics and linear regression alone have a process too, which says nothing
-            but where the robot has not been.
+            rung was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of
+            physics and linear regression alone have a process too, which says nothing but where the robot
+            has not been.
         commands: names of the J commands.
         ranges: (2, D) least and largest of each input trained on.
         calibrated: whether enough trajectories were held out for the variances to be believed.

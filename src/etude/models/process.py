@@ -103,8 +103,8 @@ class Posteriors:
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
         """Means and variances with noise (k, m) at the samples `own` from those of other folds.
 
-        In closed form if the process is exact, or sees all samples through some; else by learning again without
-        the fold.
+        In closed form if the process is exact, or sees all samples through some; else by learning again
+        without the fold.
 
         Args:
             own: positions of samples, all in one fold.

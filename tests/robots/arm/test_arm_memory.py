@@ -1,4 +1,4 @@
-"""What friction remembers: golden numbers, gradients, and the laws of inputs that hold it; when a joint stands."""
+"""What friction remembers: golden numbers, gradients, laws of inputs; and when a joint stands."""
 
 from __future__ import annotations
 
@@ -24,10 +24,26 @@ INPUTS = replace(
 Q = np.array([0.0, 0.001, 0.004, 0.004, 0.0035, 0.002, 0.0021, 0.006])[:, None]
 LENGTH = np.array([0.01])
 GOLDEN = {
-    0.0: [0.0, 0.095162581964, 0.329679953964, 0.329679953964, 0.26483069738, 0.0886498700619]
-    + [0.0977179553675, 0.389103738945],
-    0.0005: [0.0, 0.0487705754993, 0.295311910281, 0.295311910281, 0.295311910281, 0.17204668445]
-    + [0.17204668445, 0.386637097967],
+    0.0: [
+        0.0,
+        0.095162581964,
+        0.329679953964,
+        0.329679953964,
+        0.26483069738,
+        0.0886498700619,
+        0.0977179553675,
+        0.389103738945,
+    ],
+    0.0005: [
+        0.0,
+        0.0487705754993,
+        0.295311910281,
+        0.295311910281,
+        0.295311910281,
+        0.17204668445,
+        0.17204668445,
+        0.386637097967,
+    ],
 }
 
 
@@ -50,7 +66,9 @@ def test_memory_goes_on_from_where_it_was_and_knows_no_time() -> None:
 
 def test_noise_at_rest_does_not_forget() -> None:
     rng = np.random.default_rng(0)
-    q = np.concatenate([np.linspace(0.0, 0.5, 500), np.full(6000, 0.5)])[:, None] + 1e-4 * rng.normal(size=(6500, 1))
+    q = np.concatenate([np.linspace(0.0, 0.5, 500), np.full(6000, 0.5)])[:, None] + 1e-4 * rng.normal(
+        size=(6500, 1)
+    )
     kept = {r: remembered(q, np.array([r]), LENGTH)[-1, 0, 0] for r in (0.0, 1e-4 * PLAY)}
     assert abs(kept[0.0]) < 0.3
     assert kept[1e-4 * PLAY] > 0.9
@@ -115,7 +133,9 @@ def test_pull_is_the_gradient_in_the_whole_motion() -> None:
 
 def test_a_model_keeps_what_its_inputs_remember_with() -> None:
     again = ArmInputs.of(SPEC, 0.02).restore(INPUTS.arrays())
-    np.testing.assert_array_equal(again.of_log(INPUTS.states(motion())), INPUTS.of_log(INPUTS.states(motion())))
+    np.testing.assert_array_equal(
+        again.of_log(INPUTS.states(motion())), INPUTS.of_log(INPUTS.states(motion()))
+    )
     bare = ArmInputs.of(SPEC, 0.02)
     assert INPUTS.restore(bare.arrays()).columns == bare.columns
 
@@ -137,7 +157,8 @@ def test_a_joint_that_is_held_stands_however_slow_the_log() -> None:
     assert not found.moving[:, 1].any()
     before = samples_of(SPEC, ArmData(presliding=0.0), [held_log()], groups)
     assert before.moving[:, 1].mean() > 0.5  # what a threshold relative to its own top speed makes of it
-    assert MEMORY in found.log and MEMORY not in before.log
+    assert MEMORY in found.log
+    assert MEMORY not in before.log
 
 
 def test_memory_is_that_of_the_whole_log_before_thinning() -> None:

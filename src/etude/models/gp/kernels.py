@@ -160,7 +160,8 @@ def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     q are the columns of the first channel; joint j is the part with the command's name; friction columns have
     an op. Gravity and transmission depend on the posture; cogging and friction on the joint's own position,
     often over a short distance, so these two terms start from a short length: one sweep of the joint teaches
-    them for all postures. Inputs of joints at rest (`AT_REST`) are not looked at. Viscous, inertial and friction terms are linear, and a remainder sees everything.
+    them for all postures. Inputs of joints at rest (`AT_REST`) are not looked at. Viscous, inertial and
+    friction terms are linear, and a remainder sees everything.
 
     Raises:
         UsageError: several commands, or inputs without the joint or its friction columns.

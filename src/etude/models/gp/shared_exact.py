@@ -143,7 +143,6 @@ class SharedPosterior:
             half = triangular_inverse(block)
             return targets[own] - half.T @ (half @ alpha), np.einsum("ij,ij->j", half, half)
 
-
     def elsewhere(self, out: NDArray[np.int64], X: Array, Y: Array | None = None) -> tuple[Array, Array]:
         """Means (k, m) at X (k, D) from all samples but those at `out`, and variances (k,) with noise.
 

@@ -1,9 +1,9 @@
 """What a model of an arm looks at: x = [q, qd, qdd, tanh(qd / (s v0)) ...] (thesis 6.1 and friction).
 
 A smooth kernel spends its data on the Coulomb step at qd = 0; the tanh columns hand it the step. Samples of a
-joint that stands still will be masked, which a plan knows as a smooth weight. Where friction is remembered, two
-more columns for each joint say what holds it at rest, and how much it rests: sigma e and e = exp(-|qd| / v0), for
-kernels that look at them.
+joint that stands still will be masked, which a plan knows as a smooth weight. Where friction is remembered,
+two more columns for each joint say what holds it at rest, and how much it rests: sigma e and e = exp(-|qd| /
+v0), for kernels that look at them.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ SECOND_DIFFERENCE = 0.6745 * math.sqrt(6.0)
 def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
     """(J,) r: the half width that noise and steps of a recorded position q (T, J) do not leave, rad or m.
 
-    The encoder's step is `quantum` where it is known, else the least difference between two positions that were
-    recorded. Noise of less than that is none.
+    The encoder's step is `quantum` where it is known, else the least difference between two positions that
+    were recorded. Noise of less than that is none.
     """
     if len(q) < 3:
         return np.zeros(q.shape[1])
