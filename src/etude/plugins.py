@@ -37,10 +37,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "arm": "etude.robots.arm.kind:KIND",
         "quadrotor": "etude.robots.quadrotor.kind:KIND",
     },
-    "etude.models": {name: f"etude.models.members:{name}" for name in _MEMBERS},
+    "etude.models": {
+        **{name: f"etude.models.members:{name}" for name in _MEMBERS},
+        "all_lin": "etude.models.lagrangian.member:all_lin",
+    },
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
+        "standing": "etude.models.gp.rest:standing",
+        "gip_lin": "etude.models.lagrangian.kernel:gip_lin",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {

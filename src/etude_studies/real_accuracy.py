@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import joined_samples
 from etude.errors import UsageError
+from etude.models.config import ModelConfig
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
-from etude.models.score import figures
+from etude.models.score import figures, while_any_moves
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row
 
@@ -25,11 +27,12 @@ Array = NDArray[np.float64]
 def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row]:
     """For every recording that is there, figures of the default model without a rigid body.
 
-    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all_points` conditioned on
+    `nmse_<log>`, `nmse_<log>_raw` and `nmse_<log>_worst_vs_linear`; `nmse_<log>_all` with the samples at
+    which that joint stands while another moves; `nmse_<log>_all_points` conditioned on
     all samples, where these are more than the default's cap; `nmse_<log>_ladder` of the default choice for a
-    robot with a model file. Means over the joints, on samples where that joint moves. A log that should be
-    there and is not has no row but a message on stderr; so has every output that linear regression predicts
-    better.
+    robot with a model file. Means over the joints, else on samples where that joint moves. A log that should
+    be there and is not has no row but a message on stderr; so has every output that linear regression
+    predicts better.
 
     Args:
         logs: folder with recordings that are not part of the project.
@@ -59,17 +62,37 @@ def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list
     for message in model.warnings:
         say(f"{name}, {message}")
     linear = LinearPhysics(model.inputs)(data.train).predict(test.log)
-    rows = accuracy_rows(name, test.command, model.mean(test.log), linear, use, data.raw)
+    mean = model.mean(test.log)
+    rows = accuracy_rows(name, test.command, mean, linear, use, data.raw)
+    if not use.all():
+        every = while_any_moves(test)
+        rows.append(accuracy_rows(f"{name}_all", test.command, mean, linear, every)[0])
 
     def row(more: str, other: LearnedModel) -> Row:
         return accuracy_rows(f"{name}_{more}", test.command, other.mean(test.log), linear, use)[0]
 
+    if data.quarters:
+        rows.append(quarters_row(name, data, config, rng))
     if len(data.train) > config.points:  # what the cap on the samples conditioned on costs
-        every = replace(config, points=len(data.train))
+        every = replace(config, points=len(data.train), inducing=0)
         rows.append(row("all_points", world.learned(data.train, every, rng, body=False).model))
     if world.kind.physics(world.spec, world.config):
         rows.append(row("ladder", world.learned(data.train, config, rng).model))
     return rows
+
+
+def quarters_row(name: str, data: Recording, config: ModelConfig, rng: np.random.Generator) -> Row:
+    """nMSE over all quarters together, each predicted from the other three."""
+    tests, means, linears = [], [], []
+    for train, test in data.quarters:
+        model = data.world.learned(train, config, rng, body=False).model
+        tests.append(test)
+        means.append(model.mean(test.log))
+        linears.append(LinearPhysics(model.inputs)(train).predict(test.log))
+    test = joined_samples(tests)
+    use = test.usable & test.moving
+    whole = (np.concatenate(means), np.concatenate(linears))
+    return accuracy_rows(f"{name}_quarters", test.command, *whole, use)[0]
 
 
 def accuracy_rows(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Log, Samples
-from etude.models.held_out import split_blocks
+from etude.models.held_out import near, split_blocks
 from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.world import World
 
@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 PLACES = (Path(__file__).parents[1] / "etude" / "examples", Path(__file__).parents[2] / "examples")
 EXAMPLES = next((place for place in PLACES if place.is_dir()), PLACES[0])
 """In a package, and in a checkout."""
+QUARTERS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Recording:
         world: the robot.
         train, test: blocks 3, 8, 13 and 18 of 20 are the test. Training samples within one period of the
             filter's cutoff of a test sample are left out: their filtered commands hold the test's noise.
+        quarters: training and test samples with each quarter in turn as the test, with the same gap: a new
+            piece of motion, where blocks lie between training ones. Empty if it is not asked.
         raw: (n, J) commands at the test samples as they were recorded, interpolated; None without a filter.
     """
 
@@ -40,6 +43,7 @@ class Recording:
     train: Samples
     test: Samples
     raw: Array | None
+    quarters: tuple[tuple[Samples, Samples], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,9 +95,17 @@ def arm_log(name: str, path: Path) -> tuple[Log, World]:
 
 def recording(log: Log, world: World) -> Recording:
     """A cleaned log through the default preset of a campaign, divided into blocks."""
-    train, test = split_blocks(world.samples(log), gap_s=1.0 / filter_cutoff(log, world.config.data))
+    samples, gap = world.samples(log), 1.0 / filter_cutoff(log, world.config.data)
+    train, test = split_blocks(samples, gap)
     raw = np.column_stack([np.interp(test.t, log.t, column) for column in log["command"].T])
-    return Recording(world, train, test, raw)
+    return Recording(world, train, test, raw, quarters(samples, gap))
+
+
+def quarters(samples: Samples, gap_s: float) -> tuple[tuple[Samples, Samples], ...]:
+    """Training and test samples, each quarter of one log in the order of time from the other three."""
+    place = np.argsort(np.argsort(samples.t, kind="stable")) * QUARTERS // len(samples)
+    tests = [place == number for number in range(QUARTERS)]
+    return tuple((samples.take(~own & ~near(samples.t, own, gap_s)), samples.take(own)) for own in tests)
 
 
 def panda(path: Path) -> Recording:

@@ -7,6 +7,8 @@ import pytest
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured
+from etude.models.lagrangian.joints import Joints
+from etude.models.lagrangian.kernel import Lagrangian, gip_lin
 
 D = 8
 COLUMNS = [
@@ -23,6 +25,9 @@ KERNELS: dict[str, Kernel] = {
     "product": Linear((5,)) * SquaredExponential((0, 1), unit=True),
     "product of three": Linear((5,)) * SquaredExponential((0, 1)) * (Linear((1, 2)) + Linear((3,))),
     "structured": structured(COLUMNS, ("b",)),
+    "lagrangian": Lagrangian(Joints((0, 1), (2, 3), (4, 5), (False, False)), 0),
+    "lagrangian with a slide": Lagrangian(Joints((3, 1), (2, 0), (6, 5), (True, False)), 1),
+    "lagrangian and friction": gip_lin(COLUMNS, ("b",)),
 }
 ROWS = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
 

@@ -141,7 +141,9 @@ def test_what_is_offered_is_there() -> None:
             assert list(offered) == sorted(offered)
 
 
-@pytest.mark.parametrize(("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"})])
+@pytest.mark.parametrize(
+    ("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"}), ("lagrangian", {"lagrangian", "gp"})]
+)
 def test_processes_know_no_robot(own: str, allowed: set[str]) -> None:
     for path in sorted((SOURCE / "models" / own).glob("*.py")):
         rooms = {name.split(".")[2] for name in imported(path) if name.startswith("etude.models.")}

@@ -19,7 +19,16 @@ from etude.models.rows import in_order
 
 NAMES = ("a", "b")
 LIMIT = np.full(2, 40.0)
-SMALL = ModelConfig(rung="gp", points=90, fit_points=60, steps=12)
+SMALL = ModelConfig(
+    rung="gp",
+    points=90,
+    fit_points=60,
+    steps=12,
+    candidates=("default",),
+    inducing=0,
+    warm_from=1,
+    warm_steps=0,
+)
 # a shared kernel, standardised outputs, floors of the deviation: what a quadrotor learns with
 TOGETHER = replace(
     SMALL, kernel="ard_se", sharing="shared", floor_of="deviation", noise_floor=0.15, choose_by="absolute"

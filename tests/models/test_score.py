@@ -88,17 +88,25 @@ def test_shapes_must_agree() -> None:
         figures(np.zeros((3, 2)), np.zeros((3, 1)), None, np.ones((3, 2), dtype=bool))
 
 
-def test_a_score_is_over_moving_samples_and_beside_them_over_all_usable_ones() -> None:
+def test_a_score_is_over_moving_samples_and_beside_them_over_all_while_any_joint_moves() -> None:
     data = trajectories(2)
+    data = replace(data, moving=data.moving & (data.t[:, None] < 20.0))
     data = replace(data, usable=data.t[:, None] + np.zeros(2) > 3.0)
     mean, variance = data.command + 0.3, np.full_like(data.command, 0.09)
     found = score(data, mean, variance, data)
-    for own, use in ((found, data.usable & data.moving), (found.usable, data.usable)):
+    for own, use in (
+        (found, data.usable & data.moving),
+        (found.usable, data.usable & data.moving.any(axis=1)[:, None]),
+    ):
         expected = [0.09 / data.command[k, j].var() for j, k in enumerate(use.T)]
         np.testing.assert_allclose(own.nmse, expected)
         np.testing.assert_allclose(own.z2, 1.0)
         np.testing.assert_array_equal(own.coverage, 1.0)
     assert not np.allclose(found.nmse, found.usable.nmse)
+    standing = ~data.moving.any(axis=1)
+    assert standing.any()
+    spoiled = score(data, np.where(standing[:, None], 1e6, mean), variance, data)
+    np.testing.assert_array_equal(spoiled.usable.nmse, found.usable.nmse)
 
 
 def test_the_log_loss_is_beside_a_normal_distribution_of_the_training_commands() -> None:

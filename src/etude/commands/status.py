@@ -70,6 +70,7 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
     return [
         f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}:",
         _by_output(found, held_out["nmse"]),
+        *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
     ]
 
 
@@ -80,7 +81,18 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
     return [
         f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {_in_use(found)}):",
         _by_output(found, scores),
+        *_standing(
+            found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}
+        ),
     ]
+
+
+def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
+    """The same with the samples of standing joints, if there were any."""
+    told = {kind: values for kind, values in every.items() if values}
+    if not told or all(values == moving.get(kind) for kind, values in told.items()):
+        return []
+    return ["The same, joints at rest included while others move:", _by_output(found, told)]
 
 
 def _in_use(found: Mapping[str, Any]) -> str:

@@ -152,14 +152,15 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
 def _chosen(model: Model) -> dict[int, int]:
     """The place of the candidate with a process through which each command is seen.
 
-    The one in use; if that has no process, the same rung with one, then the identified one, then the first.
+    The default's of the rung in use; if that has no process, the same rung with one, then the identified one,
+    then the first.
     """
     places: dict[int, int] = {}
     for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
         own = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
         in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].rung
         ranked = [
-            (_weight(c, command), c.rung == f"{in_use}+gp", c.rung == "identified+gp", -i)
+            (c.rung == in_use, c.rung == f"{in_use}+gp", c.rung == "identified+gp", -i)
             for i, c in own
             if c.process is not None
         ]

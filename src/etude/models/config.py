@@ -27,7 +27,18 @@ each from the optimum of the last: a high floor has one smooth optimum, where a 
 that are too short."""
 SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 """Members that stand for the squared exponential kernel alone."""
-LEAST = {"points": 2, "fit_points": 2, "basis": 1, "starts": 1, "process_from": 1}
+OFFERED = ("default", "standing", "gip_lin", "all_lin")
+"""Names of `candidates`."""
+LEAST = {
+    "points": 2,
+    "fit_points": 2,
+    "basis": 1,
+    "starts": 1,
+    "process_from": 1,
+    "warm_from": 1,
+    "warm_steps": 0,
+    "inducing": 0,
+}
 
 
 @dataclass(frozen=True)
@@ -46,13 +57,20 @@ class ModelConfig:
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.
+        inducing: where more samples count than `points`, exact processes learn from all of them through so
+            many evenly spread ones, if these are fewer; 0: from `points` alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
             likelihood then takes their agreement for precision. With the structured kernel less, where short
             logs would leave fewer than 100.
+        candidates: beside "default", processes that are averaged with it in its rung: names in
+            `candidates.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
             or, if negative, evaluations of the likelihood (see `training.fit`).
+        warm_from: trajectories from which training goes on from the last model, as `schedule` says; with
+            fewer the first ones' bad optimum would be kept.
+        warm_steps: of a training that goes on; 0: as many as `steps`.
         starts: of the training; the best end wins.
         schedule: what becomes of the hyperparameters of the last model (thesis 6.1): "update" trains on from
             them (with several starts: beside fresh ones), with spectral points if there are such; "constant"
@@ -78,10 +96,14 @@ class ModelConfig:
     sharing: Literal["separate", "shared"] = "separate"
     process: str = "exact"
     points: int = 600
+    inducing: int = 1000
     basis: int = 100
     fit_points: int = 300
     fit_spacing_s: float = 0.5
-    steps: int = 60
+    candidates: tuple[str, ...] = ("default", "standing", "gip_lin", "all_lin")
+    steps: int = 30
+    warm_from: int = 3
+    warm_steps: int = 10
     method: Literal["lbfgs", "minimize"] = "lbfgs"
     starts: int = 1
     schedule: Schedule = "update"
@@ -100,6 +122,12 @@ class ModelConfig:
         _one_of("schedule", self.schedule, SCHEDULES)
         _one_of("prior", self.prior, ("weak", "none"))
         _one_of("floor_of", self.floor_of, ("limit", "deviation"))
+        for name in self.candidates:
+            _one_of("candidates", name, OFFERED)
+        if "default" not in self.candidates:
+            raise UsageError(
+                "the default is always a candidate", where=f"model.candidates = {self.candidates}"
+            )
         _plugin("kernel", self.kernel, "etude.kernels")
         _plugin("process", self.process, "etude.models")
         self._check_numbers()
@@ -114,6 +142,17 @@ class ModelConfig:
     def standardised(self) -> bool:
         """Whether processes learn standardised outputs; else outputs that are centred, in command units."""
         return self.floor_of == "deviation" or self.sharing == "shared"
+
+    @property
+    def averages(self) -> bool:
+        """Whether other candidates than the default can take part."""
+        own = (self.kernel, self.process, self.sharing) == ("structured", "exact", "separate")
+        return own and set(self.candidates) != {"default"}
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a candidate looks at what friction remembers."""
+        return self.averages and "standing" in self.candidates
 
     def _check_numbers(self) -> None:
         for name, least in LEAST.items():

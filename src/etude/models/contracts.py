@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Posterior
+from etude.contracts import Candidate, Posterior
 
 if TYPE_CHECKING:
     from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Offered(Candidate):
+    """A candidate with its place among those of its rung.
+
+    Attributes:
+        name: "default", or one of `candidates.CANDIDATES`.
+        share: (m,) weight within the rung, whatever rung a command has; None: 1, there is no other.
+    """
+
+    name: str = "default"
+    share: Array | None = None
+
+
+def share_of(candidate: Candidate) -> Array:
+    """(m,) weight of a candidate within its rung."""
+    share = getattr(candidate, "share", None)
+    return np.ones(len(candidate.commands)) if share is None else share
 
 
 @runtime_checkable

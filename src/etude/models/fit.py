@@ -16,6 +16,8 @@ from etude.models.rows import seconds_of, spread_points
 
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
+OF_FEW = ("structured", "standing", "gip_lin")
+"""Kernels with many hyperparameters."""
 LEAST_FIT = 100
 """Samples for the hyperparameters of the structured kernel at least; it has some 80 of these for six joints.
 Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
@@ -65,14 +67,15 @@ class Rows:
     chosen: Index
 
 
-def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator) -> Rows:
-    """The rows of a group of commands: samples at which each of them says something.
+def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, any_of: bool = False) -> Rows:
+    """The rows of a group of commands: samples at which each of them, or with `any_of` one, says something.
 
     Raises:
         DataError: there are fewer than two.
     """
     samples, config, own = folds.samples, folds.config, list(group)
-    use: Mask = np.all((samples.usable & samples.moving)[:, own], axis=1)
+    telling = (samples.usable & samples.moving)[:, own]
+    use: Mask = np.any(telling, axis=1) if any_of else np.all(telling, axis=1)
     if np.count_nonzero(use) < 2:
         raise DataError(
             "the axis hardly moves, so nothing of it can be learned",
@@ -81,9 +84,10 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator) -> R
             if len(own) == 1
             else "Excite all together, or set model.sharing = 'separate'.",
         )
-    kept = spread_points(samples.t, samples.group, use, config.points, 0.0, rng)
+    most = max(config.points, config.inducing) if config.process == "exact" else config.points
+    kept = spread_points(samples.t, samples.group, use, most, 0.0, rng)
     spacing = config.fit_spacing_s
-    if config.kernel == "structured":
+    if config.kernel in OF_FEW or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
     told: Mask = use
     if config.schedule == "first":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,11 @@ from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
 from etude.models.gp.plugin_kernel import PluginKernel
+from etude.models.gp.rest import RestNoise
 from etude.models.gp.spectral_features import SpectralFeatures
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+from etude.models.lagrangian.joints import Joints
+from etude.models.lagrangian.kernel import Lagrangian
 from etude.models.lwpr.posterior import LWPRPosterior
 
 Arrays = dict[str, NDArray[Any]]
@@ -176,6 +179,10 @@ def kernel_words(kernel: Kernel) -> Words:
         }
     if isinstance(kernel, Linear):
         return {"type": "Linear", "dims": list(kernel.dims)}
+    if isinstance(kernel, RestNoise):
+        return {"type": "RestNoise", "column": kernel.column}
+    if isinstance(kernel, Lagrangian):
+        return {"type": "Lagrangian", "joints": asdict(kernel.joints), "own": kernel.own}
     raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
 
 
@@ -197,4 +204,9 @@ def kernel_of(words: Words) -> Kernel:
         return SquaredExponential(tuple(words["dims"]), bool(words["unit"]), float(words["share"]))
     if kind == "Linear":
         return Linear(tuple(words["dims"]))
+    if kind == "RestNoise":
+        return RestNoise(int(words["column"]))
+    if kind == "Lagrangian":
+        joints = {name: tuple(values) for name, values in words["joints"].items()}
+        return Lagrangian(Joints(**joints), int(words["own"]))
     raise ValueError(f"unknown kernel {kind!r}")

@@ -51,9 +51,14 @@ def is_held(fit: FitData) -> bool:
 
 
 def on_schedule(fit: FitData) -> FitData:
-    """The data with what the schedule leaves to do: held hyperparameters come with no steps, no floor."""
+    """The data with what the schedule leaves to do: held hyperparameters come with no steps, no floor; fewer
+    steps go on from earlier ones.
+    """
     if not is_held(fit):
-        return fit
+        warm = fit.config.warm_steps
+        if not warm or hyperparameters(fit) is None:
+            return fit
+        return replace(fit, config=replace(fit.config, steps=warm))
     return replace(fit, config=replace(fit.config, steps=0), floor=np.zeros_like(fit.floor))
 
 

@@ -15,8 +15,11 @@ import numpy as np
 
 from etude.contracts import Array, Inputs, Physics, Samples
 from etude.errors import DataError, UsageError
+from etude.models.averaging import Average, averages
+from etude.models.candidates import beside_default
 from etude.models.choice import TRAJECTORIES, choices, warnings_of
 from etude.models.config import ModelConfig
+from etude.models.contracts import Offered
 from etude.models.fit import Folds, Rows, rows_of
 from etude.models.held_out import Base, HeldOut, fitted_base, fold_numbers, independence
 from etude.models.linear import LinearPhysics
@@ -88,7 +91,8 @@ def train_ladder(
     for group in folds.groups:
         rows = rows_of(folds, group, rng)
         groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
-    return _assembled(folds, groups, baseline)
+    more = beside_default(folds, groups, bases, rng, previous)
+    return _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
 
 
 def prequential(model: LearnedModel, new: Samples, trained: Samples | None = None) -> dict[str, Score]:
@@ -203,19 +207,27 @@ def _loses(
     return bool(np.any(errors["linear"] < best))
 
 
-def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: HeldOut) -> Ladder:
+def _assembled(
+    folds: Folds,
+    groups: Sequence[Mapping[str, Learned]],
+    averaged: Mapping[str, Average],
+    baseline: HeldOut,
+) -> Ladder:
     """The model of all groups, with the choice for each command."""
     config, pairs = folds.config, list(zip(folds.groups, groups, strict=True))
     held, calibrated = _joined(folds, pairs)
+    held |= {rung: average.held for rung, average in averaged.items()}
+    calibrated |= {rung: average.held.variance for rung, average in averaged.items()}
     kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
     held.setdefault("linear", baseline.at(kept))
     trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
     chosen = choices(folds, trained, held)
-    candidates = [
-        replace(learned.candidate, weights=np.array([float(chosen[j] == rung) for j in group]))
-        for group, own in pairs
-        for rung, learned in own.items()
-    ]
+    parts = {
+        id(own): (own, np.ones(len(own.candidate.commands))) for group in groups for own in group.values()
+    }
+    for average in averaged.values():
+        parts |= {id(own): (own, share) for own, share in zip(average.parts, average.shares, strict=True)}
+    candidates = [_weighed(own.candidate, share, chosen) for own, share in parts.values()]
     error = np.column_stack([held[rung].error[:, j] for j, rung in enumerate(chosen)])
     spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
     model = LearnedModel(
@@ -236,6 +248,12 @@ def _assembled(folds: Folds, groups: Sequence[Mapping[str, Learned]], baseline: 
         for rung, own in held.items()
     }
     return Ladder(model, errors, held, scores)
+
+
+def _weighed(candidate: Offered, share: Array, chosen: Sequence[str]) -> Offered:
+    """With its part of the answer of the commands that were given its rung."""
+    weights = share * np.array([float(chosen[j] == candidate.rung) for j in candidate.commands])
+    return replace(candidate, weights=weights, share=share)
 
 
 def _joined(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -60,8 +60,19 @@ def _together(gp: ExactGP) -> Callable[[Array, Array], tuple[Posterior, ...]]:
 
 
 def _exact(fit: FitData) -> Teaching:
-    """Exact regression on the samples kept: downsampling is in their choice."""
-    return Teaching(fit, _together(trained_process(fit)), fit.kept)
+    """Exact regression on the samples kept: downsampling is in their choice.
+
+    Where these are `inducing` ones of more, all teach through them, and an exact process on `points` guides.
+    """
+    gp, every = trained_process(fit), counted(fit)
+    if not fit.config.inducing or len(every) <= len(fit.kept):
+        return Teaching(fit, _together(gp), fit.kept)
+    from etude.models.induced import Induced
+
+    kept, points = fit.kept, min(fit.config.points, len(fit.kept))
+    guided = kept[np.arange(points) * len(kept) // points]
+    guides = _together(gp)(fit.X[guided], fit.Y[guided])
+    return Teaching(fit, Induced(gp, fit.X[kept], fit.X[every], every, fit.fold), every, guides)
 
 
 def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
@@ -212,7 +223,7 @@ MEMBERS: dict[str, Member] = {
     "local_gp": local_gp,
     "lwpr": lwpr,
 }
-"""The members by the name that `model.process` gives."""
+"""The members that learn commands one by one, by the name that `model.process` gives."""
 
 
 def member_named(name: str) -> Member:
@@ -223,4 +234,6 @@ def member_named(name: str) -> Member:
     """
     if name in MEMBERS:
         return MEMBERS[name]
+    if name in plugins.BUILT_IN["etude.models"]:  # loaded only when it is asked for
+        return cast("Member", plugins.load("etude.models", name))
     return PluginMember.of(name, plugins.load("etude.models", name))

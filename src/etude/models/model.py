@@ -10,6 +10,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Log, Mean, Posterior
 from etude.errors import UsageError
+from etude.models.contracts import share_of
 from etude.models.given import as_log
 from etude.models.linear import at_rest
 from etude.models.student_t import StudentT
@@ -24,9 +25,10 @@ class LearnedModel:
 
     Attributes:
         inputs: of all processes, with the facts that the samples told.
-        candidates: every rung that was trained, group by group; weight 1 for the commands it was chosen for,
-            0 elsewhere. Those of physics and linear regression alone have a process too, which says nothing
-            but where the robot has not been.
+        candidates: every rung that was trained, group by group, the default's first; for the commands that a
+            rung was chosen for the weights of its candidates add up to 1, and are 0 elsewhere. Those of
+            physics and linear regression alone have a process too, which says nothing but where the robot
+            has not been.
         commands: names of the J commands.
         ranges: (2, D) least and largest of each input trained on.
         calibrated: whether enough trajectories were held out for the variances to be believed.
@@ -54,13 +56,12 @@ class LearnedModel:
     @property
     def chosen(self) -> tuple[str, ...]:
         """The rung of each command."""
-        heaviest = ["" for _ in self.commands]
-        weight = np.zeros(len(self.commands))
+        found = ["" for _ in self.commands]
         for candidate in self.candidates:
             for place, j in enumerate(candidate.commands):
-                if candidate.weights[place] > weight[j]:
-                    heaviest[j], weight[j] = candidate.rung, candidate.weights[place]
-        return tuple(heaviest)
+                if candidate.weights[place] > 0.0:
+                    found[j] = candidate.rung
+        return tuple(found)
 
     def of_rung(self, rung: str) -> LearnedModel:
         """The same model with one rung for all commands.
@@ -68,9 +69,7 @@ class LearnedModel:
         Raises:
             UsageError: the rung was not trained for all commands.
         """
-        found = tuple(
-            replace(c, weights=np.full(len(c.commands), float(c.rung == rung))) for c in self.candidates
-        )
+        found = tuple(replace(c, weights=share_of(c) * float(c.rung == rung)) for c in self.candidates)
         told = {j for c in found if c.rung == rung for j in c.commands}
         if len(told) < len(self.commands):
             raise UsageError(
@@ -90,12 +89,14 @@ class LearnedModel:
         return np.asarray(np.sqrt(variance))
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
-        """What a design sees: posteriors of the candidates in use, each with the commands that it is for."""
-        found = []
-        for candidate, own in self._in_use():
-            assert candidate.process is not None
+        """What a design sees: a posterior for each command, the default's of the rung in use."""
+        found, chosen = [], self.chosen
+        for candidate in self.candidates:
+            if candidate.process is None or getattr(candidate, "name", "default") != "default":
+                continue
             for posterior, places in candidate.process.latents():
-                used = tuple(own[p] for p in places if candidate.weights[p] > 0.0)
+                own = [candidate.commands[p] for p in places]
+                used = tuple(j for j in own if chosen[j] == candidate.rung)
                 found += [(posterior, used)] if used else []
         return found
 

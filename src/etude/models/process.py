@@ -103,10 +103,11 @@ class Posteriors:
     def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
         """Means and variances with noise (k, m) at the samples `own` from those of other folds.
 
-        In closed form if the process is exact on the samples kept, else by learning again without the fold.
+        In closed form if the process is exact, or sees all samples through some; else by learning again
+        without the fold.
 
         Args:
-            own: positions of samples that were kept, all in one fold.
+            own: positions of samples, all in one fold.
             Y: (n, m) outputs to predict from, if not those that it was taught.
 
         Raises:
@@ -116,11 +117,19 @@ class Posteriors:
             raise UsageError("a stored process cannot be held out", next_step="Learn the logs again.")
         fit, taught, shared = self.teaching.fit, self.teaching.taught, self.shared
         outputs = fit.Y if Y is None else Y
-        if shared is not None and taught is fit.kept:
+        if shared is not None and taught is fit.kept and np.isin(own, taught).all():
             places = np.searchsorted(taught, own)
             mean, variance = shared.held_out(places, None if Y is None else outputs[taught])
             return mean, np.repeat(variance[:, None], len(self.own), axis=1)
-        other = taught[~np.isin(fit.fold[taught], np.unique(fit.fold[own]))]
+        numbers = np.unique(fit.fold[own])
+        if shared is not None and taught is fit.kept:
+            out = np.flatnonzero(np.isin(fit.fold[taught], numbers))
+            mean, variance = shared.elsewhere(out, fit.X[own], None if Y is None else outputs[taught])
+            return mean, np.repeat(variance[:, None], len(self.own), axis=1)
+        closed = getattr(self.teaching.condition, "held_out", None)
+        if closed is not None:
+            return cast("tuple[Array, Array]", closed(fit.X[own], numbers, outputs))
+        other = taught[~np.isin(fit.fold[taught], numbers)]
         without = self.teaching.on(other, outputs)
         mean, latent = without.predict(fit.X[own])
         return mean, latent + without.noise_variance

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Candidate
+from etude.models.contracts import Offered
 from etude.models.fit import Folds, Rows, fit_data, floor_of, units_of
 from etude.models.held_out import Base, HeldOut, process_held_out
 from etude.models.hyperparameters import is_held, on_schedule
@@ -19,8 +20,9 @@ from etude.models.process import Silent
 class Learned:
     """A rung of one group of commands, and what it says of samples held out."""
 
-    candidate: Candidate
+    candidate: Offered
     held: HeldOut
+    rows: Rows
 
 
 def base_of(rung: str) -> str:
@@ -37,12 +39,18 @@ def rows_only(held: HeldOut, group: tuple[int, ...], rows: Rows) -> HeldOut:
 
 
 def earlier_of(
-    previous: LearnedModel | None, rung: str, group: tuple[int, ...], folds: Folds
+    previous: LearnedModel | None, rung: str, group: tuple[int, ...], folds: Folds, name: str = "default"
 ) -> Candidate | None:
-    """Last round's candidate of the same rung and commands, if it had the same inputs."""
+    """Last round's candidate of the same rung, name and commands, if it had the same inputs.
+
+    None too where there are too few trajectories to go on from fewer.
+    """
     if previous is None or list(previous.inputs.columns) != list(folds.inputs.columns):
         return None
-    return next((c for c in previous.candidates if c.rung == rung and c.commands == group), None)
+    if folds.trajectories < folds.config.warm_from:
+        return None
+    own = [c for c in previous.candidates if c.rung == rung and c.commands == group]
+    return next((c for c in own if getattr(c, "name", "default") == name), None)
 
 
 def with_process(
@@ -77,8 +85,8 @@ def with_process(
         density = held.density(scale)
         if found is None or density > best:
             mean = None if base is None else base.mean
-            candidate = Candidate(rung, group, np.zeros(len(group)), mean, process, units, scale)
-            found, best = Learned(candidate, held), density
+            candidate = Offered(rung, group, np.zeros(len(group)), mean, process, units, scale)
+            found, best = Learned(candidate, held, rows), density
         if held_fast:  # the noise is held too
             break
         if config.floor_of == "deviation":
@@ -103,5 +111,5 @@ def alone(
     nothing, ones = np.zeros(len(own)), np.ones(len(own))
     units = np.stack([nothing, factor])
     return Learned(
-        Candidate(rung, group, nothing, base.mean, silent, units, ones), rows_only(held, group, rows)
+        Offered(rung, group, nothing, base.mean, silent, units, ones), rows_only(held, group, rows), rows
     )

@@ -40,7 +40,9 @@ class Figures:
 
 @dataclass(frozen=True)
 class Score(Figures):
-    """Figures over the samples at which the command's joint moved; `usable`: over all that say something."""
+    """Figures over the samples at which the command's joint moved; `usable`: over all that say something, as
+    long as any joint moves. Where all stand, nothing is predicted: friction holds what it likes.
+    """
 
     usable: Figures
 
@@ -54,9 +56,14 @@ def score(
         trained: what was trained on, for the log loss.
     """
     trivial = None if trained is None else trivial_prediction(trained)
-    command, usable = samples.command, samples.usable
-    moving = figures(command, mean, variance, usable & samples.moving, trivial)
-    return Score(**vars(moving), usable=figures(command, mean, variance, usable, trivial))
+    command = samples.command
+    moving = figures(command, mean, variance, samples.usable & samples.moving, trivial)
+    return Score(**vars(moving), usable=figures(command, mean, variance, while_any_moves(samples), trivial))
+
+
+def while_any_moves(samples: Samples) -> Mask:
+    """(n, J) which commands say something while any joint moves, those of standing joints too."""
+    return np.asarray(samples.usable & samples.moving.any(axis=1, keepdims=True))
 
 
 def trivial_prediction(trained: Samples) -> Array:

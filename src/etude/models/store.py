@@ -19,6 +19,8 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
+from etude.models.candidates import CANDIDATES
+from etude.models.contracts import Offered, share_of
 from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
@@ -152,7 +154,14 @@ def _candidate_words(
 ) -> dict[str, Any]:
     for name in ("weights", "units", "calibration"):
         shelf.put(f"{prefix}/{name}", getattr(candidate, name))
-    words: dict[str, Any] = {"rung": candidate.rung, "commands": candidate.commands, "mean": None}
+    shelf.put(f"{prefix}/share", share_of(candidate))
+    name = getattr(candidate, "name", "default")
+    words: dict[str, Any] = {
+        "rung": candidate.rung,
+        "commands": candidate.commands,
+        "mean": None,
+        "name": name,
+    }
     if candidate.mean is not None:
         base = candidate.rung.removesuffix("+gp")
         words["mean"] = means.setdefault(id(candidate.mean), base)
@@ -185,13 +194,15 @@ def _candidate(
             raise ValueError(f"the robot has no {base} physics")
         means[base] = physics[base].restore(_under(arrays, f"mean/{base}"))
     if number is not None and number not in processes:
-        processes[number] = member_named(member).restore(_under(arrays, f"p{number}"))
+        recipe = CANDIDATES.get(words.get("name", "default"))
+        own_member = member if recipe is None else recipe.process
+        processes[number] = member_named(own_member).restore(_under(arrays, f"p{number}"))
     process: Any = None if number is None else processes[number]
     if words["silent"]:
         own = _under(arrays, f"{prefix}/silent")
         numbers = (own["calibration"], own["least"], own["prior"])
         process = Silent(process, *numbers, grows=bool(own["grows"]))
-    return Candidate(
+    return Offered(
         rung=words["rung"],
         commands=tuple(words["commands"]),
         weights=arrays[f"{prefix}/weights"],
@@ -199,6 +210,8 @@ def _candidate(
         process=cast("Process", process),
         units=arrays[f"{prefix}/units"],
         calibration=arrays[f"{prefix}/calibration"],
+        name=words.get("name", "default"),
+        share=arrays.get(f"{prefix}/share"),
     )
 
 

@@ -14,6 +14,9 @@ from etude.models.gp.kernel_algebra import Array, Kernel, Product, Pull, Role, S
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""
 
+AT_REST = ("memory", "rest")
+"""Ops of inputs that say what holds a joint at rest, for kernels of standing joints (`rest.standing`)."""
+
 __all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "ard_se", "structured"]
 
 BLOCK = 512
@@ -146,19 +149,38 @@ def ard_se(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:  # n
     return SquaredExponential(tuple(range(len(columns))))
 
 
+def own_columns(columns: Sequence[Column], commands: tuple[str, ...], op: str) -> tuple[int, ...]:
+    """Places of the columns of one command's joint with that op."""
+    return tuple(i for i, column in enumerate(columns) if column[3] == op and commands == (column[1],))
+
+
 def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
     """SE(q) + SE(q_j) + friction_j · SE(q_j) + linear(all others) + SE(all), for the command of joint j.
 
     q are the columns of the first channel; joint j is the part with the command's name; friction columns have
     an op. Gravity and transmission depend on the posture; cogging and friction on the joint's own position,
     often over a short distance, so these two terms start from a short length: one sweep of the joint teaches
-    them for all postures. Viscous, inertial and friction terms are linear, and a remainder sees everything.
+    them for all postures. Inputs of joints at rest (`AT_REST`) are not looked at. Viscous, inertial and
+    friction terms are linear, and a remainder sees everything.
 
     Raises:
         UsageError: several commands, or inputs without the joint or its friction columns.
     """
-    posture = tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == columns[0][0] and not op)
-    motion = tuple(i for i in range(len(columns)) if i not in posture)
+    posture = _posture(columns)
+    return (
+        SquaredExponential(posture)
+        + own_friction(columns, commands)
+        + SquaredExponential((*posture, *_motion(columns)))
+    )
+
+
+def own_friction(columns: Sequence[Column], commands: tuple[str, ...]) -> Sum:
+    """SE(q_j) + friction_j · SE(q_j) + linear(all but positions), for the command of joint j.
+
+    Raises:
+        UsageError: several commands, or inputs without the joint or its friction columns.
+    """
+    posture, motion = _posture(columns), _motion(columns)
     own = tuple(i for i in posture if commands == (columns[i][1],))
     steps = tuple(i for i in motion if columns[i][3] and commands == (columns[i][1],))
     if not own or not steps:
@@ -168,12 +190,19 @@ def structured(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
             next_step="Turn the friction columns on, or set kernel = 'ard_se'.",
         )
     return (
-        SquaredExponential(posture)
-        + SquaredExponential(own, share=OWN_SHARE)
+        SquaredExponential(own, share=OWN_SHARE)
         + Linear(steps) * SquaredExponential(own, unit=True, share=OWN_SHARE)
         + Linear(motion)
-        + SquaredExponential((*posture, *motion))
     )
+
+
+def _posture(columns: Sequence[Column]) -> tuple[int, ...]:
+    return tuple(i for i, (channel, _, _, op) in enumerate(columns) if channel == columns[0][0] and not op)
+
+
+def _motion(columns: Sequence[Column]) -> tuple[int, ...]:
+    posture = _posture(columns)
+    return tuple(i for i, column in enumerate(columns) if i not in posture and column[3] not in AT_REST)
 
 
 def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:

@@ -9,7 +9,8 @@ stores.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.rest import RestNoise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -77,7 +79,8 @@ def kernel_terms(kernel: Kernel, theta: Array, inputs: int) -> Terms:
 def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
     """The factors of each term, with their own hyperparameters."""
     if isinstance(kernel, Sum):
-        return [term for part, own in _split(kernel.parts, theta) for term in _summands(part, own)]
+        pairs = [pair for pair in _split(kernel.parts, theta) if not isinstance(pair[0], RestNoise)]
+        return [term for part, own in pairs for term in _summands(part, own)]  # noise is shared with no other
     if isinstance(kernel, Product):
         return [_split(kernel.parts, theta)]
     return [[(kernel, theta)]]
@@ -86,6 +89,29 @@ def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
 def _split(parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
     ends = np.cumsum([part.size for part in parts])
     return list(zip(parts, np.split(theta, ends[:-1]), strict=True))
+
+
+@runtime_checkable
+class Pointwise(Protocol):
+    """A kernel with compiled covariances of its own: x (D,) -> k(x, Z) (m,)."""
+
+    def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]: ...
+
+
+def pointwise_parts(
+    kernel: Kernel, theta: Array
+) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
+    """What `kernel_terms` is for, with its hyperparameters, and the summands that answer for themselves."""
+    terms, others = [], []
+    parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]
+    for part, own in parts:
+        if isinstance(part, Pointwise):
+            others.append((part, own))
+        else:
+            terms.append((part, own))
+    if not terms:
+        return None, np.zeros(0), others
+    return Sum(tuple(part for part, _ in terms)), np.concatenate([own for _, own in terms]), others
 
 
 LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 6.93147180369123816490e-01, 1.90821492927058770002e-10

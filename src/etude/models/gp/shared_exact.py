@@ -143,6 +143,23 @@ class SharedPosterior:
             half = triangular_inverse(block)
             return targets[own] - half.T @ (half @ alpha), np.einsum("ij,ij->j", half, half)
 
+    def elsewhere(self, out: NDArray[np.int64], X: Array, Y: Array | None = None) -> tuple[Array, Array]:
+        """Means (k, m) at X (k, D) from all samples but those at `out`, and variances (k,) with noise.
+
+        With W the inverse of all, that of the rest is W - W_o W_oo^-1 W_oᵀ.
+        """
+        first = self.outputs[0]
+        targets = np.column_stack([posterior.y for posterior in self.outputs]) if Y is None else Y
+        with threads_for(len(first.X)):
+            W, K = first.inverse, first.kernel.value(first.theta, X, first.X)
+            block, _ = factorise(np.asfortranarray(W[np.ix_(out, out)]), 0.0)
+            half = triangular_inverse(block) @ W[out]
+            left = K @ half.T
+            mean = K @ (W @ targets) - left @ (half @ targets)
+            explained = np.einsum("kn,kn->k", K @ W, K) - np.einsum("ko,ko->k", left, left)
+        latent = np.maximum(first.kernel.diagonal(first.theta, X) - explained, 0.0)
+        return mean, latent + first.noise_variance
+
 
 def condition_shared(gp: ExactGP, X: Array, Y: Array) -> SharedPosterior:
     """The processes given X (n, D) and centred outputs Y (n, m); errors as `ExactGP.condition`."""

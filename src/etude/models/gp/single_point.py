@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.point_kernel import Terms, kernel_terms, means_at
+from etude.models.gp.kernel_algebra import Kernel
+from etude.models.gp.point_kernel import Terms, kernel_terms, means_at, pointwise_parts
 
 Array = NDArray[np.float64]
+
+
+class Expansion(Protocol):
+    """A mean Σ_i alpha_i k(x, x_i): what an exact posterior has of it, X (n, D) and alpha (n,)."""
+
+    @property
+    def kernel(self) -> Kernel: ...
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def X(self) -> Array: ...
+    @property
+    def alpha(self) -> Array: ...
 
 
 class PointMean:
@@ -19,7 +33,7 @@ class PointMean:
 
     Choose it where one input at a time has to be answered, and no variance: `ExactPosterior.predict` spends
     most of such a call on checks and small arrays, and would do so m times. Kernels may be any sum of
-    squared exponentials, linear parts and their products: `structured_kernel` is one.
+    squared exponentials, linear parts, their products, and kernels with compiled covariances of their own.
 
     Args:
         posteriors: one per output.
@@ -28,7 +42,7 @@ class PointMean:
         UsageError: no posterior, inputs of different widths, or a kernel with other parts.
     """
 
-    def __init__(self, posteriors: Sequence[ExactPosterior]) -> None:
+    def __init__(self, posteriors: Sequence[Expansion]) -> None:
         widths = {posterior.X.shape[1] for posterior in posteriors}
         if len(widths) != 1:
             raise UsageError(f"posteriors must share their inputs, one at least; widths: {sorted(widths)}")
@@ -39,7 +53,13 @@ class PointMean:
         for j, posterior in enumerate(posteriors):
             self._Z[j, :, : len(posterior.X)] = posterior.X.T
             self._alpha[j, : len(posterior.X)] = posterior.alpha
-        self._terms = _stacked([kernel_terms(p.kernel, p.theta, D) for p in posteriors])
+        self._others: list[tuple[int, Callable[[Array], Array], Array]] = []
+        terms = []
+        for j, posterior in enumerate(posteriors):
+            kernel, theta, others = pointwise_parts(posterior.kernel, posterior.theta)
+            terms.append(_none(D) if kernel is None else kernel_terms(kernel, theta, D))
+            self._others += [(j, part.at(own, posterior.X), posterior.alpha) for part, own in others]
+        self._terms = _stacked(terms)
         self._k, self._space = np.empty(most), np.empty((3, most))
 
     def __call__(self, x: Array) -> Array:
@@ -48,7 +68,15 @@ class PointMean:
             raise UsageError(f"expected one input of shape {self._Z.shape[1:2]}, got {x.shape}")
         out = np.empty(len(self._Z))
         means_at(x, self._Z, self._alpha, self._counts, self._terms, self._k, self._space, out)
+        for j, covariances, alpha in self._others:
+            out[j] += covariances(x) @ alpha
         return out
+
+
+def _none(inputs: int) -> Terms:
+    """No term at all."""
+    no = np.zeros(0, dtype=np.bool_)
+    return Terms(np.zeros((0, inputs)), np.zeros(0), np.zeros((0, inputs)), no, no)
 
 
 def _stacked(terms: Sequence[Terms]) -> Terms:

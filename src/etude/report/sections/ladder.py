@@ -31,10 +31,11 @@ def _newest(record: Record, last: Round) -> list[Html]:
     rungs = [rung for rung in scored_rungs(record) if score(last.trained, rung, "nmse") is not None]
     rows = [[rung_name(rung), *_rung(last.trained, rung)] for rung in rungs]
     names = (f"nMSE {name}" for name in record.outputs)
-    header = ["model", "nMSE, mean", *names, "z², mean", "coverage, mean"]
+    header = ["model", "nMSE, mean", *names, "nMSE with standing joints, mean", "z², mean", "coverage, mean"]
     text = paragraph(
         f"Scored on log {last.number} before it was learned. nMSE is the mean squared error over the "
-        "variance of the command; lower is better; GP is the Gaussian process. In use now: ",
+        "variance of the command where its joint moves, beside it where any joint does; lower is better; GP "
+        "is the Gaussian process. In use now: ",
         element("b", rung_name(chosen)),
         ".",
     )
@@ -92,6 +93,7 @@ def _rung(trained: Facts | None, rung: str) -> list[object]:
     return [
         mean("nmse"),
         *(map(float, nmse) if nmse is not None else ()),
+        mean("nmse_all"),
         mean("z2"),
         mean("coverage"),
     ]

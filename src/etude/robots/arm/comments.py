@@ -18,6 +18,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
         "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
         "friction_fraction": "width of the friction input, fraction of the velocity limit; 0 for none",
+        "presliding": "rad over which friction turns round (m: a tenth): it is remembered; 0: it is not",
         "offset": 'where thinning begins: "spread", elsewhere in each log, or at the "first" sample',
     },
 }

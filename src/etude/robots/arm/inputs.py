@@ -1,7 +1,9 @@
 """What a model of an arm looks at: x = [q, qd, qdd, tanh(qd / (s v0)) ...] (thesis 6.1 and friction).
 
 A smooth kernel spends its data on the Coulomb step at qd = 0; the tanh columns hand it the step. Samples of a
-joint that stands still will be masked, which a plan knows as a smooth weight.
+joint that stands still will be masked, which a plan knows as a smooth weight. Where friction is remembered,
+two more columns for each joint say what holds it at rest, and how much it rests: sigma e and e = exp(-|qd| /
+v0), for kernels that look at them.
 """
 
 from __future__ import annotations
@@ -13,18 +15,26 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import UsageError
-from etude.robots.arm.spec import ORDERS, PATH, PLAN, ArmSpec
+from etude.robots.arm.memory import pulled, remembered
+from etude.robots.arm.spec import MEMORY, ORDERS, PATH, PLAN, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
 """Multiples of v0 with a friction column each: a curve over speed; static may exceed kinetic friction.
 
 With one column, identification stalls at twice the tracking error on an arm with Stribeck friction.
 """
+MEMORY_RATE = 25.0
+"""Hz: at 5 rad/s^2 a motion turns within 1 mrad between two samples, a tenth of the way that friction turns
+round in."""
+SLOW = 0.02
+"""v0 of e as a part of the joint's top speed."""
+SLOWEST = 0.05
+"""Least top speed that a log may tell, a part of the velocity limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmInputs:
-    """Implements `contracts.Inputs`; stateless, so any times will do.
+    """Implements `contracts.Inputs`; without a memory any times will do.
 
     Attributes:
         channels: by name, of q, qd, qdd and their plans.
@@ -32,6 +42,8 @@ class ArmInputs:
         friction_velocity: (J,) v0 > 0 in rad/s, or None for the thesis's plain inputs.
         friction_scales: multiples s of v0, one column for each and each axis.
         desired: look at the plan (thesis) instead of at what was measured.
+        presliding: (J,) way over which friction turns round, rad or m; None: nothing is remembered.
+        play: (J,) half width that a position has to leave to count as motion. slow: (J,) v0 of e, rad/s.
     """
 
     channels: Mapping[str, Channel]
@@ -39,6 +51,9 @@ class ArmInputs:
     friction_velocity: Array | None = None
     friction_scales: tuple[float, ...] = FRICTION_SCALES
     desired: bool = False
+    presliding: Array | None = None
+    play: Array | None = None
+    slow: Array | None = None
 
     def __post_init__(self) -> None:
         v0 = self.friction_velocity
@@ -51,11 +66,20 @@ class ArmInputs:
             )
 
     @classmethod
-    def of(cls, spec: ArmSpec, friction_fraction: float, desired: bool = False) -> ArmInputs:
-        """v0 of the friction columns is a part of the velocity limits; 0 for no such columns."""
+    def of(
+        cls, spec: ArmSpec, friction_fraction: float, desired: bool = False, presliding: float = 0.0
+    ) -> ArmInputs:
+        """v0 of the friction columns is a part of the velocity limits; 0 for no such columns.
+
+        presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
+        """
         channels = {c.name: c for c in spec.channels() if c.name in (*PATH, *PLAN)}
         v0 = friction_fraction * spec.velocity if friction_fraction else None
-        return cls(channels, np.zeros(spec.dof), v0, desired=desired)
+        found = cls(channels, np.zeros(spec.dof), v0, desired=desired)
+        if not presliding:
+            return found
+        length = spec.presliding(presliding)
+        return replace(found, presliding=length, play=np.zeros(spec.dof), slow=SLOW * spec.velocity)
 
     @property
     def names(self) -> tuple[str, str, str]:
@@ -71,13 +95,15 @@ class ArmInputs:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """One block of J columns after another: q, qd, qdd, then friction from the narrowest step on."""
+        """One block of J columns after another: q, qd, qdd, then friction from the narrowest step on, and
+        what it remembers."""
         found: list[Column] = []
         for name in self.names:
             channel = self.channels[name]
             found += [(name, part, unit, "") for part, unit in zip(channel.parts, channel.units, strict=True)]
         speed = self.channels[self.names[1]]
-        return (*found, *((speed.name, part, "1", "tanh") for _ in self.thresholds for part in speed.parts))
+        ops = ["tanh" for _ in self.thresholds] + (["memory", "rest"] if self.presliding is not None else [])
+        return (*found, *((speed.name, part, "1", op) for op in ops for part in speed.parts))
 
     @property
     def orders(self) -> int:
@@ -85,7 +111,7 @@ class ArmInputs:
 
     @property
     def rate(self) -> float:
-        return 0.0
+        return 0.0 if self.presliding is None else MEMORY_RATE
 
     def states(self, motion: Motion) -> Log:
         """Measured as planned: what a perfect run leaves."""
@@ -95,22 +121,37 @@ class ArmInputs:
 
     def of_log(self, log: Log) -> Array:
         """X (T, D). KeyError where the log lacks a channel."""
-        return self._columns(*(log[name] for name in self.names))
+        q, qd, qdd = (log[name] for name in self.names)
+        known = log.get(MEMORY)
+        return self._columns(q, qd, qdd, self._sigma(q) if known is None else known)
 
     def plan(self, motion: Motion, keep: Index | None = None) -> Planned:
         """X (T, D), signed stick gains (T, J), and the way back to q, qd and qdd."""
-        q, qd, qdd = motion.orders[:ORDERS] if keep is None else motion.orders[:ORDERS, keep]
+        rows = slice(None) if keep is None else keep
+        whole = motion.orders[0]
+        q, qd, qdd = motion.orders[:ORDERS, rows]
         gains, slopes = stick_gains(qd, self.stick_velocity)
+        sigma = self._sigma(whole)
 
         def pull(in_X: Array, in_gains: Array) -> Array:
-            return self._pulled(qd, in_X) + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
+            found = np.zeros((ORDERS, *whole.shape), dtype=motion.orders.dtype)
+            own, on_sigma = self._pulled(qd, in_X, sigma[rows])
+            found[:, rows] = own + np.stack([0.0 * gains, in_gains * slopes, 0.0 * gains])
+            if self.presliding is not None and self.play is not None:
+                in_sigma = np.zeros(whole.shape)
+                in_sigma[rows] = on_sigma
+                found[0] += pulled(whole, self.play, self.presliding, in_sigma)
+            return found
 
-        return Planned(self._columns(q, qd, qdd), gains, pull)
+        return Planned(self._columns(q, qd, qdd, sigma[rows]), gains, pull)
 
-    def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002
-        """x (D,) of one instant; nothing is remembered."""
+    def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
+        """x (D,) of one instant; memory (2, J): friction and the position behind the play."""
         q, qd, qdd = (row[name][None] for name in self.names)
-        return self._columns(q, qd, qdd)[0], np.zeros(0)
+        if self.presliding is None or self.play is None:
+            return self._columns(q, qd, qdd, self._sigma(q))[0], np.zeros(0)
+        found = remembered(q, self.play, self.presliding, memory)[0]
+        return self._columns(q, qd, qdd, found[:1])[0], found
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:
         """dX/dt and d2X/dt2 (T, D); the motion needs five orders. UsageError if it has fewer."""
@@ -123,39 +164,82 @@ class ArmInputs:
             slope = (1.0 - step**2) / threshold
             first.append(slope * qdd)
             second.append(slope * qddd - 2.0 * step * slope * qdd**2 / threshold)
+        if self.slow is not None:
+            more = self._memory_rates(*motion.orders[:4])
+            first, second = [*first, *more[0]], [*second, *more[1]]
         return np.concatenate(first, axis=1), np.concatenate(second, axis=1)
 
     def tuned(self, samples: Samples) -> ArmInputs:
-        """With the top speed of the samples that were masked as standing: slower ones will be masked too."""
+        """With the top speed of the samples that were masked as standing: slower ones will be masked too.
+
+        With a memory also the play that the log's positions ask for, and v0 of e.
+        """
         speed = np.abs(samples.log[self.names[1]])
-        return replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
+        found = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
+        if self.presliding is None:
+            return found
+        limit = np.array(self.channels[self.names[1]].reach)
+        top = np.clip(speed.max(axis=0, initial=0.0), SLOWEST * limit, limit)
+        quantum = samples.log.channels[self.names[0]].quantum
+        return replace(found, slow=SLOW * top, play=np.array(quantum) if quantum else self.play)
 
     def arrays(self) -> dict[str, Array]:
         """What `tuned` has set, to be stored with a model."""
-        return {"stick_velocity": self.stick_velocity}
+        found = {"stick_velocity": self.stick_velocity}
+        if self.presliding is not None and self.play is not None and self.slow is not None:
+            found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
+        return found
 
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
-        """The same inputs with what `arrays` holds."""
-        return replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
+        """The same inputs with what `arrays` holds; a model without a memory has none."""
+        found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
+        names = ("presliding", "play", "slow")
+        return replace(
+            found, **{n: np.asarray(arrays[n], dtype=float) if n in arrays else None for n in names}
+        )
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002
         return None
 
-    def _columns(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def _sigma(self, q: Array) -> Array:
+        """(T, J) what friction remembers along positions q (T, J) from an unknown past; zeros without."""
+        if self.presliding is None or self.play is None:
+            return np.zeros(q.shape)
+        return remembered(q, self.play, self.presliding)[:, 0]
+
+    def _columns(self, q: Array, qd: Array, qdd: Array, sigma: Array) -> Array:
         shape = (len(q), len(self.stick_velocity))
         for name, values in zip(self.names, (q, qd, qdd), strict=True):
             if values.shape != shape:
                 raise UsageError(f"{name} has shape {values.shape}, not {shape}", where="inputs of the model")
         friction = [np.tanh(qd / threshold) for threshold in self.thresholds]
+        if self.slow is not None:
+            rest = np.exp(-np.abs(qd) / self.slow)
+            friction += [sigma * rest, rest]
         return np.concatenate([q, qd, qdd, *friction], axis=1)
 
-    def _pulled(self, qd: Array, in_X: Array) -> Array:
-        """Gradient (3, T, J) of sum(in_X * X) in q, qd and qdd."""
-        blocks = np.stack(np.split(in_X, ORDERS + len(self.thresholds), axis=1))
-        found = blocks[:ORDERS].copy()
-        for block, threshold in zip(blocks[ORDERS:], self.thresholds, strict=True):
+    def _pulled(self, qd: Array, in_X: Array, sigma: Array) -> tuple[Array, Array]:
+        """Gradient (3, T, J) of sum(in_X * X) in q, qd and qdd with sigma held fixed, and that in sigma."""
+        scales = len(self.thresholds)
+        blocks = np.stack(np.split(in_X, ORDERS + scales + (0 if self.slow is None else 2), axis=1))
+        found, on_sigma = blocks[:ORDERS].copy(), np.zeros(qd.shape)
+        for block, threshold in zip(blocks[ORDERS : ORDERS + scales], self.thresholds, strict=True):
             found[1] += block * ((1.0 - np.tanh(qd / threshold) ** 2) / threshold)
-        return found
+        if self.slow is not None:
+            held, rested = blocks[-2:]
+            rest = np.exp(-np.abs(qd) / self.slow)
+            found[1] -= (held * sigma + rested) * np.sign(qd) * rest / self.slow
+            on_sigma = held * rest
+        return found, on_sigma
+
+    def _memory_rates(self, q: Array, qd: Array, qdd: Array, qddd: Array) -> tuple[list[Array], list[Array]]:
+        """dX/dt and d2X/dt2 of sigma e and of e, with sigma held fixed."""
+        assert self.slow is not None
+        sign, sigma = np.sign(qd), self._sigma(q)
+        rest = np.exp(-np.abs(qd) / self.slow)
+        first = -sign * qdd * rest / self.slow
+        second = rest * ((qdd / self.slow) ** 2 - sign * qddd / self.slow)
+        return [sigma * first, first], [sigma * second, second]
 
 
 def stick_gains(qd: Array, stick_velocity: Array) -> tuple[Array, Array]:

@@ -138,7 +138,9 @@ class ArmKind:
     def inputs(self, spec: ArmSpec, config: Any) -> ArmInputs:
         from etude.robots.arm.inputs import ArmInputs
 
-        return ArmInputs.of(spec, config.data.friction_fraction, config.data.desired)
+        data = config.data
+        presliding = data.presliding if config.model.remembers else 0.0
+        return ArmInputs.of(spec, data.friction_fraction, data.desired, presliding)
 
     def physics(self, spec: ArmSpec, config: Any) -> Mapping[str, ArmPhysics]:
         """None without a model file; "nominal" only where commands are forces."""

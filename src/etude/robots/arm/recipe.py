@@ -22,12 +22,13 @@ from etude.logs.steps import (
     median_rate,
     resample,
     segments,
-    slower,
     smooth,
     thinned,
     uniform_grid,
 )
-from etude.robots.arm.spec import COMMAND, PATH, PLAN, ArmSpec
+from etude.robots.arm.memory import remembered
+from etude.robots.arm.spec import COMMAND, MEMORY, PATH, PLAN, ArmSpec
+from etude.robots.arm.standing import resolution, standing
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
 LEAST_ROWS = 8
@@ -50,6 +51,9 @@ class ArmData:
         stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
             less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
             speed below which samples lie about the friction is far above the encoder's noise.
+        presliding: way over which a joint's friction turns round, rad (a tenth of it in m for a slide); what
+            friction remembers of the motion before is then a state of every sample. 0: nothing is remembered,
+            and only `stick_fraction` says when a joint stands, not the encoder's resolution too.
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
         friction_fraction: v0 of the friction inputs as a part of the velocity limit; 0 for no such inputs.
@@ -64,6 +68,7 @@ class ArmData:
     stick_fraction: float = 0.05
     trim_s: float | Literal["auto"] = "auto"
     friction_fraction: float = 0.02
+    presliding: float = 0.01
     offset: Literal["spread", "first"] = "spread"
 
     def __post_init__(self) -> None:
@@ -76,7 +81,7 @@ class ArmData:
         _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
         _check_number("rate_hz", self.rate_hz, (), above_zero=True)
         _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
-        for name in ("least_samples", "stick_fraction", "friction_fraction"):
+        for name in ("least_samples", "stick_fraction", "friction_fraction", "presliding"):
             _check_number(name, getattr(self, name), (), above_zero=False)
 
     @property
@@ -119,6 +124,8 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
 def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
     _check(log, spec, config)
     rate, cutoff = median_rate(log.t), filter_cutoff(log, config)
+    if config.presliding:
+        log = _with_memory(spec, config, log)
     config = replace(config, rate_hz=max(config.rate_hz, config.least_samples / duration(log)))
     stretches = [
         _stretch(log.take(piece), group[piece], rate, cutoff, spec, config) for piece in segments(log.t)
@@ -131,6 +138,15 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
             next_step="Record a longer motion, or lower trim_s.",
         )
     return joined_samples(parts)
+
+
+def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:
+    """The log with what friction remembers, from its first row on, and with what its positions resolve."""
+    name = (PLAN if config.desired and PLAN[0] in log else PATH)[0]
+    length, channel = spec.presliding(config.presliding), log.channels[name]
+    play = np.minimum(resolution(log[name], channel.quantum), 0.5 * length)
+    log = log.put(spec.memory(), remembered(log[name], play, length)[:, 0])
+    return replace(log, channels={**log.channels, name: replace(channel, quantum=tuple(play.tolist()))})
 
 
 def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
@@ -169,22 +185,26 @@ def _stretch(
     motion = _motion(log, grid, cutoff, config)
     command = smooth(grid, resample(log.t, log[COMMAND], grid), cutoff).value
     inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
-    own = group[np.searchsorted(log.t, grid + ROUNDING, side="right") - 1]
+    rows = np.searchsorted(log.t, grid + ROUNDING, side="right") - 1
+    own = group[rows]
     names = PLAN if config.desired else PATH
     whole = Log(
         grid,
-        {c.name: c for c in spec.channels() if c.name in (*names, COMMAND)},
+        {c.name: log.channels.get(c.name, c) for c in spec.channels() if c.name in (*names, COMMAND)},
         {**dict(zip(names, motion, strict=True)), COMMAND: command},
         log.source,
     )
+    if MEMORY in log:
+        whole = whole.put(log.channels[MEMORY], log[MEMORY][rows])
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
-    return [_segment(whole.take(inside & (own == n)), n, rate, spec, config) for n in numbers]
+    return [_segment(whole.take(inside & (own == n)), n, rate, cutoff, spec, config) for n in numbers]
 
 
-def _segment(log: Log, group: int, rate: float, spec: ArmSpec, config: ArmData) -> Samples:
+def _segment(log: Log, group: int, rate: float, cutoff: float, spec: ArmSpec, config: ArmData) -> Samples:
     """Every so many of the rows, with the mask of joints that stand."""
-    speed = log[(PLAN if config.desired else PATH)[1]]
-    moving = ~slower(speed, spec.velocity, config.stick_fraction)
+    names = PLAN if config.desired else PATH
+    play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
+    moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
     whole = Samples(log, np.full(len(log), group, dtype=np.int64), np.ones_like(moving), moving)
     return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
 

@@ -13,6 +13,8 @@ from etude.contracts import Array, Channel
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
 PLAN = ("q_des", "qd_des", "qdd_des")
+MEMORY = "friction_memory"
+"""What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
 
@@ -87,6 +89,14 @@ class ArmSpec:
     def command(self) -> Array:
         """Largest command of each joint."""
         return np.array([axis.command for axis in self.axes])
+
+    def presliding(self, hinge: float) -> Array:
+        """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
+        return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
+
+    def memory(self) -> Channel:
+        """The channel of what friction remembers."""
+        return Channel(MEMORY, self.names, ("1",) * self.dof)
 
     def channels(self) -> tuple[Channel, ...]:
         """What a log of this robot may hold; only positions and commands must be in it."""

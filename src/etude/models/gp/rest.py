@@ -1,0 +1,94 @@
+"""Noise of joints at rest, as a kernel: what friction holds there says little of the dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Column
+from etude.errors import UsageError
+from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role, Sum
+from etude.models.gp.kernels import Linear, SquaredExponential, own_columns, structured
+
+
+@dataclass(frozen=True)
+class RestNoise(Kernel):
+    """s² x_c² δ: independent, of deviation s x_c, where x_c in [0, 1] says how much a joint rests.
+
+    Between two samples it is 0 even if their inputs are the same, so `cross` is not `gram`. theta = log s.
+    """
+
+    column: int
+
+    def names(self) -> tuple[str, ...]:
+        return ("amplitude",)
+
+    def roles(self) -> tuple[Role, ...]:
+        return ("amplitude",)
+
+    def initial(self, half_range: Array, scale: float) -> Array:  # noqa: ARG002
+        return np.array([np.log(scale)])
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        own = self.diagonal(theta, X)
+
+        def pull(G: Array) -> Array:
+            return np.array([2.0 * float(G.diagonal() @ own)])
+
+        return np.asfortranarray(np.diag(own)), pull
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        self.check(theta)
+        return np.zeros((len(X), len(Z))), lambda _: np.zeros(X.shape)
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        return np.asarray(np.exp(2.0 * self.check(theta)[0]) * self._rest(X) ** 2)
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        out = np.zeros(X.shape)
+        out[:, self.column] = 2.0 * g * np.exp(2.0 * self.check(theta)[0]) * self._rest(X)
+        return out
+
+    def _rest(self, X: Array) -> Array:
+        if X.ndim != 2 or X.shape[1] <= self.column:
+            raise UsageError(f"a kernel on column {self.column} needs more than inputs of shape {X.shape}")
+        return np.asarray(X[:, self.column])
+
+
+def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
+    """(n,) what noise at rest adds to each sample's own variance, in a sum of kernels."""
+    parts, found = kernel.parts if isinstance(kernel, Sum) else (kernel,), np.zeros(len(X))
+    ends = np.cumsum([part.size for part in parts])
+    for part, own in zip(parts, np.split(theta, ends[:-1]), strict=True):
+        if isinstance(part, RestNoise):
+            found += part.diagonal(own, X)
+    return found
+
+
+def standing(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
+    """The structured kernel with what friction remembers as one more friction column, and noise at rest.
+
+    Raises:
+        UsageError: inputs without a memory, or as `structured`.
+    """
+    return structured(columns, commands) + remembering(columns, commands)
+
+
+def remembering(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
+    """(1 + SE(q_j)) · memory_j + memory of all + noise at rest, for the command of joint j."""
+    memory = tuple(i for i, column in enumerate(columns) if column[3] == "memory")
+    own, position = own_columns(columns, commands, "memory"), own_columns(columns, commands, "")[:1]
+    rest = own_columns(columns, commands, "rest")
+    if not (own and rest and position):
+        raise UsageError(
+            "a kernel of standing joints needs what friction remembers among the inputs",
+            where=f"commands {', '.join(commands)}",
+            next_step="Set data.presliding, or leave the candidate 'standing' out.",
+        )
+    return (
+        Linear(memory)
+        + Linear(own) * SquaredExponential(position, unit=True, share=0.25)
+        + RestNoise(rest[0])
+    )

@@ -1,0 +1,121 @@
+"""Candidates averaged for each command: the weights, the variance, and a model that keeps them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from learning_examples import PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
+
+from etude.errors import UsageError
+from etude.models.averaging import EXPONENT, LEAST, mixed, weighed
+from etude.models.candidates import INVERTED, work_sign
+from etude.models.config import ModelConfig
+from etude.models.contracts import share_of
+from etude.models.fit import Folds
+from etude.models.store import model_bytes, model_of
+
+BOTH = replace(SMALL, candidates=("default", "gip_lin"))
+
+
+@pytest.fixture(scope="module")
+def averaged():
+    return ladder(trajectories(2), BOTH)
+
+
+def test_weights_go_with_the_density_of_what_all_predicted() -> None:
+    error = np.array([[1.0, 2.0, np.nan], [0.5, 1.0, 9.0], [np.nan] * 3])
+    variance = np.array([[1.0, 1.0, np.nan], [0.5, 2.0, 1.0], [np.nan] * 3])
+    density = [-0.5 * (1.0 + 4.0) / 2.0, -0.5 * (np.log(0.5) + 0.5 + np.log(2.0) + 0.5) / 2.0]
+    expected = np.exp(EXPONENT * np.array(density))
+    np.testing.assert_allclose(weighed(error, variance), [*(expected / expected.sum()), 0.0])
+    nothing = np.full((2, 3), np.nan)
+    apart = np.array([[1.0, np.nan, np.nan], [np.nan, 1.0, np.nan]])
+    np.testing.assert_array_equal(weighed(nothing, nothing), [0.0, 0.0])
+    np.testing.assert_array_equal(weighed(apart, apart), [1.0, 0.0])
+
+
+def test_the_variance_holds_the_disagreement() -> None:
+    errors, variances = np.array([[[1.0]], [[3.0]]]), np.array([[[2.0]], [[4.0]]])
+    error, variance = mixed(errors, variances, np.array([[0.25], [0.75]]))
+    assert error[0, 0] == 2.5
+    assert variance[0, 0] == pytest.approx(0.25 * (2.0 + 1.5**2) + 0.75 * (4.0 + 0.5**2))
+
+
+def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averaged) -> None:
+    model, new = averaged.model, trajectory(9)
+    use = [c for c in model.candidates if c.rung == "gp"]
+    assert {c.name for c in use} == {"default", "gip_lin"}
+    for j in range(2):
+        assert sum(c.weights[0] for c in use if c.commands == (j,)) == pytest.approx(1.0)
+    assert all(c.weights.max() >= LEAST for c in use if c.name != "default")
+    mean, variance = model.predict(new.log)
+    X, parts = model.inputs.of_log(new.log), []
+    for c in (c for c in use if c.commands == (1,)):
+        output, latent = c.process.predict(X)
+        spread = c.calibration * c.units[1] ** 2 * (latent + c.process.noise_variance)
+        parts.append((c.weights[0], (c.units[0] + c.units[1] * output)[:, 0], spread[:, 0]))
+    average = sum(w * m for w, m, _ in parts)
+    np.testing.assert_allclose(mean[:, 1], average, rtol=1e-10)
+    np.testing.assert_allclose(
+        variance[:, 1], sum(w * (v + (m - average) ** 2) for w, m, v in parts), rtol=1e-9
+    )
+
+
+def test_designs_see_the_default_alone(averaged) -> None:
+    found = averaged.model.latents()
+    assert sorted(j for _, own in found for j in own) == [0, 1]
+    own = [c.process.latents()[0][0] for c in averaged.model.candidates if c.name == "default"]
+    assert all(any(posterior is one for one in own) for posterior, _ in found)
+
+
+def test_a_rung_that_was_not_chosen_keeps_its_shares_and_is_stored(averaged) -> None:
+    model = averaged.model
+    again = model_of(model_bytes(model), Inputs().restore, PHYSICS)
+    new = trajectory(9).log
+    for mine, theirs in zip(model.predict(new), again.predict(new), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert [c.name for c in again.candidates] == [c.name for c in model.candidates]
+    every = model.of_rung("gp")
+    for one, other in zip(every.candidates, model.candidates, strict=True):
+        np.testing.assert_array_equal(one.weights, share_of(other))
+
+
+def test_the_default_alone_is_what_it_was() -> None:
+    data, new = trajectories(2), trajectory(9).log
+    plain = ladder(data, SMALL).model.predict(new)
+    found = ladder(data, BOTH).model
+    alone = replace(
+        found,
+        candidates=tuple(
+            replace(c, weights=np.full(1, float(c.name == "default"))) for c in found.candidates
+        ),
+    )
+    for mine, theirs in zip(alone.predict(new), plain, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_many_samples_need_no_prior_of_mechanics() -> None:
+    found = ladder(
+        trajectories(2), replace(BOTH, fit_points=250, points=250, fit_spacing_s=0.0, steps=1)
+    ).model
+    assert {c.name for c in found.candidates} == {"default"}
+
+
+def test_the_sign_of_work() -> None:
+    data = trajectories(2)
+    inputs = Inputs()
+    folds = Folds(data, inputs, inputs.of_log(data.log), data.group, np.ones(2), SMALL, ("a", "b"))
+    right = work_sign(folds)
+    assert (right > 0.3).any()
+    turned = data.log.put(data.log.channels["command"], -data.command)
+    wrong = work_sign(replace(folds, samples=replace(data, log=turned)))
+    np.testing.assert_allclose(wrong, -right)
+    assert (wrong < INVERTED).any()
+
+
+@pytest.mark.parametrize("candidates", [("gip_lin",), ("default", "best")])
+def test_impossible_candidates_are_refused(candidates: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError, match="candidate"):
+        ModelConfig(candidates=candidates)
