@@ -14,10 +14,11 @@ from etude.errors import DataError
 from etude.models.config import ModelConfig
 from etude.models.rows import seconds_of, spread_points
 
+OF_ARMS = ("structured", "gip_lin")
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 LEAST_FIT = 100
-"""Samples for the hyperparameters of the structured kernel at least; it has some 80 of these for six joints.
+"""Samples for the hyperparameters of an arm's kernel at least; it has some 80 of these for six joints.
 Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
 
 
@@ -83,7 +84,7 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator) -> R
         )
     kept = spread_points(samples.t, samples.group, use, config.points, 0.0, rng)
     spacing = config.fit_spacing_s
-    if config.kernel == "structured":
+    if config.kernel in OF_ARMS:
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
     told: Mask = use
     if config.schedule == "first":
