@@ -14,6 +14,8 @@ from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers
 from etude.models.lagrangian.member import all_lin
 from etude.models.model import LearnedModel
+from etude.models.online.command import learning_command
+from etude.models.online.learner import OnlineConfig
 from etude.models.store import load_model, save_model
 from etude.models.together import data_together
 
@@ -66,6 +68,19 @@ def test_of_one_energy_for_all_commands_also_when_read_again(together, tmp_path)
     np.testing.assert_array_equal(again.gravity(Q), together.gravity(Q))
     np.testing.assert_array_equal(again.predict(SAMPLES.log)[1], together.predict(SAMPLES.log)[1])
     assert [own for _, own in again.latents()] == [(0,), (1,)]
+
+
+def test_one_energy_goes_on_learning_on_line_by_the_process_of_each_command(together) -> None:
+    """The guard holds against what the model says; the learner begins with that command's own process."""
+    X = together.inputs.of_log(SAMPLES.log)[:5]
+    command = learning_command(together, 1, OnlineConfig("variance", size=60), np.random.default_rng(0))
+    process = together.candidates[0].process
+    np.testing.assert_allclose([command.frozen(x) for x in X], process.mean(X)[:, 1], rtol=1e-8)
+    alone = process.latents()[1][0].predict(X)[0]
+    np.testing.assert_allclose([command.learner.mean(x) for x in X], alone, atol=1e-4 * np.abs(alone).max())
+    before = command.learner.mean(X[0])
+    command.judge(0.0, X[0], before + 9.0, 0.0)
+    assert command.learned(1.0) is not None
 
 
 def test_poses_that_are_none_are_refused(together) -> None:
