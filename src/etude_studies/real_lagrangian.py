@@ -29,7 +29,7 @@ from etude_studies.world import World
 
 SEED = 0
 QUARTERS = 4
-SHORT = {"rung": "gp", "fit_points": 110}
+FIT_POINTS = 110
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ def default(world: World, train: Samples, test: Samples) -> Array:
 
 def gip_lin(world: World, train: Samples, test: Samples) -> Array:
     """Each command with a Lagrangian prior of its own, and friction."""
-    config = replace(world.config.model, kernel="gip_lin", steps=30, **SHORT)
+    config = replace(world.config.model, rung="gp", kernel="gip_lin", steps=30, fit_points=FIT_POINTS)
     ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
     return ladder.model.mean(test.log)
 
 
 def all_together(world: World, train: Samples, test: Samples) -> Array:
     """One energy for all commands, and friction of each."""
-    config = replace(world.config.model, steps=60, **SHORT)
+    config = replace(world.config.model, steps=60, fit_points=FIT_POINTS)
     inputs = world.kind.inputs(world.spec, world.config).tuned(train)
     fold = fold_numbers(train, config.stretch_s)
     names = train.log.channels["command"].parts
