@@ -49,8 +49,10 @@ def outcome(test: Samples, mean: Array, seconds: float) -> Outcome:
     """Of predictions (n, J)."""
     use = test.usable & test.moving
     y, error = np.where(use, test.command, 0.0), np.where(use, test.command - mean, 0.0)
-    sums = (use.sum(axis=0), y.sum(axis=0), (y**2).sum(axis=0), (error**2).sum(axis=0))
-    return Outcome(*(tuple(map(float, own)) for own in sums), seconds)
+    count, total, square, off = (
+        tuple(own.sum(axis=0).astype(float).tolist()) for own in (use, y, y**2, error**2)
+    )
+    return Outcome(count, total, square, off, seconds)
 
 
 def nmse(parts: Sequence[Outcome]) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, FitData, Process
+from etude.contracts import Array, FitData, Mask, Process
 from etude.errors import DataError
 from etude.models.fit import LEAST_FIT, Folds, Rows, floor_of
 from etude.models.lagrangian.member import FIT_INSTANTS, INSTANTS
@@ -34,7 +34,8 @@ def data_together(
             where=", ".join(silent),
             next_step="Excite it, or learn each command by itself.",
         )
-    t, group, use = samples.t, samples.group, counts.any(axis=1)
+    t, group = samples.t, samples.group
+    use: Mask = np.asarray(counts.any(axis=1))
     kept = spread_points(t, group, use, min(config.points, INSTANTS), 0.0, rng)
     spacing = min(config.fit_spacing_s, seconds_of(samples) / LEAST_FIT)
     chosen = spread_points(t, group, use, min(config.fit_points, FIT_INSTANTS), spacing, rng)
