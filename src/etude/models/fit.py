@@ -19,7 +19,7 @@ LARGEST_FLOOR = 0.1
 OF_FEW = ("structured", "standing", "gip_lin")
 """Kernels with many hyperparameters."""
 LEAST_FIT = 100
-"""Samples for the hyperparameters of the structured kernel at least; it has some 80 of these for six joints.
+"""Samples for the hyperparameters of an arm's kernel at least; it has some 80 of these for six joints.
 Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
 
 
