@@ -51,20 +51,26 @@ def status(campaign: Campaign) -> dict[str, Any]:
 
 def _trajectory(round_: Round) -> dict[str, Any]:
     told, trained = round_.told or {}, round_.trained or {}
-    if round_.abandoned:
-        standing = "abandoned"
-    elif round_.told is None:
-        standing = "open"
-    else:
-        standing = "learned" if round_.trained is not None else "told"
     return {
         "number": round_.number,
-        "standing": standing,
+        "standing": _standing(round_),
         "foreign": round_.asked is None,
         "robot_seconds": told.get("robot_seconds"),
         "source": told.get("source"),
         "chosen": trained.get("chosen"),
     }
+
+
+def _standing(round_: Round) -> str:
+    if round_.abandoned:
+        return "abandoned"
+    if round_.told is None:
+        return "open" if round_.asked is not None else "taken back"
+    if round_.aside:
+        return "set aside"
+    if round_.held:
+        return "waits for an answer"
+    return "learned" if round_.learned else "told"
 
 
 def _held_out(state: State) -> dict[str, Any] | None:
