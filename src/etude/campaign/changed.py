@@ -26,7 +26,8 @@ FLAG = "--changed"
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
-    "offset": "a sensor or a current has a new offset: the errors are constant",
+    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts in poses much "
+    "alike",
     "unknown": "which part of it cannot be told from the errors",
 }
 STEP = (

@@ -18,8 +18,10 @@ KAPPA2 = 4.0
 ALARM, ALARM_OF_ONE = 10.0, 20.0
 """Evidence from which the robot has changed; of a model of a single log, which knows little of itself."""
 LARGEST_CORRELATION = 0.99
-NAMED, AHEAD = 0.35, 1.5
-"""Least share of the errors' squares that names a cause, and how far it has to be ahead of the next."""
+NAMED, AHEAD = 0.5, 0.5
+"""Least share of the errors' variation that names a cause; of what the next leaves, it has to leave less."""
+VARYING, CONSTANT = 1.5, 0.6
+"""Mean square of z about its mean above which errors vary beyond chance; least share of a constant."""
 
 Cause = Literal["load", "friction", "offset", "unknown"]
 
@@ -62,7 +64,8 @@ def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array,
     """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
 
     A load changes what gravity and inertia take: the errors follow the static parts and the accelerations.
-    Friction follows the sign of the velocity and the velocity; a sensor or current offset is constant.
+    Friction follows the sign of the velocity and the velocity. An offset is constant, and so is a load's
+    gravity in poses that are much alike: where the errors hardly vary the two cannot be told apart.
 
     Args:
         deviation: (n, J) predicted, by which outputs are weighed.
@@ -70,24 +73,25 @@ def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array,
         motion: static part (n, J), velocity (n, J) and acceleration (n, J).
     """
     static, velocity, acceleration = motion
-    total, shares = 0.0, {"load": 0.0, "friction": 0.0, "offset": 0.0}
     body = np.column_stack([static, acceleration])
+    total, varying, count, load, friction = 0.0, 0.0, 0, 0.0, 0.0
     for j, own in enumerate(use.T):
         if own.sum() < 3 * (body.shape[1] + 1):
             continue
-        e = error[own, j] / deviation[own, j]
+        z = error[own, j] / deviation[own, j]
+        rest = z - z.mean()
         top = max(float(np.abs(velocity[own, j]).max()), 1e-300)
         rub = np.column_stack([np.tanh(velocity[own, j] / (0.05 * top)), velocity[own, j]])
-        total += float(e @ e)
-        shares["offset"] += len(e) * float(e.mean()) ** 2
-        centred = e - e.mean()
-        shares["friction"] += _explained(centred, rub)
-        shares["load"] += _explained(centred, body[own])
-    order = sorted(shares, key=lambda name: -shares[name])
-    best, second = (shares[name] for name in order[:2])
-    clear = total > 0.0 and best >= NAMED * total and best >= AHEAD * second
-    names: dict[str, Cause] = {"load": "load", "friction": "friction", "offset": "offset"}
-    return names[order[0]] if clear else "unknown"
+        total, varying, count = total + float(z @ z), varying + float(rest @ rest), count + len(z)
+        friction += _explained(rest, rub)
+        load += _explained(rest, body[own])
+    if not count:
+        return "unknown"
+    if varying > VARYING * count and max(load, friction) >= NAMED * varying:
+        left = varying - np.array([load, friction])
+        if left.min() <= AHEAD * left.max():
+            return "load" if load > friction else "friction"
+    return "offset" if total - varying >= CONSTANT * total else "unknown"
 
 
 def _explained(error: Array, features: Array) -> float:
