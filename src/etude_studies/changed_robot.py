@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Array, Log, Trajectory
-from etude.models.changed import ALARM, Cause, cause, evidence, first_alarm
+from etude.models.changed import ALARM_EARLY, Cause, cause, evidence, first_alarm
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
 from etude_studies.rows import Row, rows_json, table
@@ -29,6 +29,8 @@ LOAD, FRICTION = 0.2, 1.5
 SOON = 20.0
 """s of motion within which a change should be noticed."""
 POSES = 2000
+OTHERS = (10.0, 20.0, 50.0)
+"""Thresholds of which the cells keep the seconds too."""
 
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
@@ -111,7 +113,6 @@ def judged(world: World, model: LearnedModel, log: Log) -> dict[str, Any]:
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
     path = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
-    at = first_alarm(path, ALARM)
     motion: tuple[Array, Array, Array] = (
         model.static(samples.log),
         samples.log["qd"],
@@ -120,10 +121,17 @@ def judged(world: World, model: LearnedModel, log: Log) -> dict[str, Any]:
     named: Cause = cause(error, deviation, use, motion)
     return {
         "largest": float(path.max()),
-        "alarm_s": None if at is None else float(samples.t[at]),
+        "alarm_s": seconds_to(path, samples.t, ALARM_EARLY),
+        "others": {f"{alarm:g}": seconds_to(path, samples.t, alarm) for alarm in OTHERS},
         "named": named,
         "z2": float(np.mean((error / deviation)[use] ** 2)),
     }
+
+
+def seconds_to(path: Array, t: Array, alarm: float) -> float | None:
+    """s of motion until the evidence is above that; None if it never is."""
+    at = first_alarm(path, alarm)
+    return None if at is None else float(t[at])
 
 
 def rows_of(robot: str, cells: list[dict[str, Any]]) -> list[Row]:

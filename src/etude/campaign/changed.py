@@ -17,12 +17,14 @@ from etude.campaign.state import CHANGED, State
 from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.changed import ALARM, ALARM_OF_ONE, Cause, cause, evidence, first_alarm
+from etude.models.changed import ALARM, ALARM_EARLY, Cause, cause, evidence, first_alarm
 from etude.models.model import LearnedModel
 
 Answer = Literal["new", "forget", "same"]
 ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")
 FLAG = "--changed"
+LEAST_LOGS = 2
+"""Of the model in use, before which nothing is said of a change."""
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
@@ -45,12 +47,13 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     trained = [r for r in state.trained if is_stored(r)]
     if not trained or trained[-1] != state.trained[-1]:
         return None
-    logs = len((trained[-1].trained or {}).get("logs", ()))
+    if len((trained[-1].trained or {}).get("logs", ())) < LEAST_LOGS:
+        return None
     group = np.zeros(len(log), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
         model = stored_model(campaign, trained[-1].number)
-        return _judged(model, samples, ALARM if logs > 1 else ALARM_OF_ONE, duration(log))
+        return _judged(model, samples, ALARM if model.calibrated else ALARM_EARLY, duration(log))
     except (KeyError, DataError):  # an input that this log lacks; of a damaged model learning speaks
         return None
 

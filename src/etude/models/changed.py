@@ -15,9 +15,9 @@ from etude.contracts import Array, Mask
 
 KAPPA2 = 4.0
 """Variance of a changed robot's errors over that of an unchanged one's: the deviation doubles."""
-ALARM, ALARM_OF_ONE = 10.0, 20.0
-"""Evidence from which the robot has changed; of a model of a single log, which knows little of itself."""
-LARGEST_CORRELATION = 0.99
+ALARM, ALARM_EARLY = 10.0, 30.0
+"""Evidence from which the robot has changed; the second, of a model of few logs, whose variances are
+uncertain. Of a single log nothing is said: what a new motion teaches its model looks like another robot."""
 NAMED, AHEAD = 0.5, 0.5
 """Least share of the errors' variation that names a cause; of what the next leaves, it has to leave less."""
 VARYING, CONSTANT = 1.5, 0.6
@@ -44,14 +44,6 @@ def evidence(z: Array, worth: Array, use: Mask | None = None, scale: Array | flo
         total = max(0.0, total + step)
         found[i] = total
     return found
-
-
-def worth_of(error: Array) -> float:
-    """Independent samples that one of a record (n,) is worth: (1 - r)/(1 + r) of its lag-one correlation."""
-    power = float(error @ error)
-    r = float(error[1:] @ error[:-1]) / power if power > 0.0 else 0.0
-    r = min(max(r, 0.0), LARGEST_CORRELATION)
-    return (1.0 - r) / (1.0 + r)
 
 
 def first_alarm(found: Array, alarm: float) -> int | None:
