@@ -14,7 +14,8 @@ _PLACES = {
     "create_campaign": "etude.campaign.create",
     "open_campaign": "etude.campaign.folder",
     "ask": "etude.campaign.ask",
-    "tell": "etude.campaign.tell",
+    "tell": "etude.campaign.several",
+    "untell": "etude.campaign.untell",
     "status": "etude.campaign.status",
     "simulate": "etude.campaign.simulate",
     "read_log": "etude.campaign.reading",
@@ -39,6 +40,7 @@ __all__ = [
     "status",
     "tell",
     "testing",
+    "untell",
 ]
 
 

@@ -67,6 +67,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     # a bench is a study of the machine: its name begins with "bench_"
     "etude.studies": {
         "arm": "etude_studies.arm:run",
+        "changed_robot": "etude_studies.changed_robot:run",
         "design_gain": "etude_studies.design_gain:run",
         "online": "etude_studies.online:run",
         "quadrotor": "etude_studies.flight_orders:run",

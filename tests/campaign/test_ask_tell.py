@@ -267,7 +267,8 @@ class TestTell:
             tell(campaign, log_of(campaign, 1, tmp_path), learner=picky)  # type: ignore[arg-type]
         assert [r.number for r in campaign.state().pending] == [1]
         result = tell(campaign, log_of(campaign, 2, tmp_path), learner=picky)  # type: ignore[arg-type]
-        assert result.learned == (2,)
+        assert result.learned == (1, 2)
+        assert [r.number for r in campaign.state().learned] == [1, 2]
 
     def test_asking_finishes_interrupted_learning(self, campaign: Campaign, tmp_path: Path) -> None:
         asked(campaign, 2)

@@ -49,7 +49,7 @@ class Campaign:
         state = self.state()
         return (
             f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): {len(state.told)} logs told, "
-            f"{len(state.trained)} learned, {len(state.proposals)} proposals open"
+            f"{len(state.learned)} learned, {len(state.proposals)} proposals open"
         )
 
     def plot(self, path: str | Path | None = None) -> Picture:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from etude.campaign.folder import Campaign
+from etude.campaign.news import bad_news, coverages
 from etude.campaign.state import Round, State
 from etude.campaign.stopping import Evidence
 
@@ -27,7 +29,10 @@ def seen_by_the_rule(campaign: Campaign, state: State, next_gain: float | None =
     gains = _gains_after(state)
     gains[len(trained)] = next_gain if next_gain is not None else gains.get(len(trained))
     minutes = (campaign.config.duration + campaign.config.stop.setup_s) / 60.0
-    return [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
+    found = [_evidence(campaign, trained[: i + 1], gains.get(i + 1), minutes) for i in range(len(trained))]
+    news = bad_news(state, campaign.command.parts, len(campaign.axes))
+    red = tuple(finding.sentence for finding in news if finding.light == "red")
+    return [*found[:-1], replace(found[-1], red=red)] if found else []
 
 
 def calibration_factor(trained: list[Round]) -> float | None:
@@ -63,4 +68,5 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         calibration=calibration,
         moved=facts.get("moved"),
         robot_minutes=float(facts["robot_seconds"]) / 60.0,
+        coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
     )

@@ -18,7 +18,17 @@ from etude.errors import UsageError
 from etude.storage import append_line, read_lines, sha256_of
 
 JOURNAL = "journal.jsonl"
-EVENTS = ("created", "asked", "exported", "told", "trained", "evaluated", "abandoned")
+EVENTS = (
+    "created",
+    "asked",
+    "exported",
+    "told",
+    "untold",
+    "changed",
+    "trained",
+    "evaluated",
+    "abandoned",
+)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Learns what was told and not learned yet, one commit per log."""
+"""Learns what was told and not learned yet, all of it in one training."""
 
 from __future__ import annotations
 
@@ -52,10 +52,11 @@ Learner = Callable[[Campaign, State, int], Learned]
 
 
 def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say = lambda _: None) -> list[int]:
-    """Learns every log that was told and not learned, in the order of their numbers; returns the numbers.
+    """Learns every log that was told and waits for no answer, together; returns their numbers.
 
-    A log that cannot be learned by itself (an axis that never moved) waits for the next one. The caller holds
-    the lock.
+    However many there are, one training takes them all: it is recorded under the last of their numbers. Where
+    that fails they are learned one after the other; what cannot be learned even so (an axis that never moved)
+    waits for the next log. The caller holds the lock.
 
     Raises:
         DataError, NumericalError: not even all logs together can be learned.
@@ -64,16 +65,19 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     if learner is None:
         _renew(campaign, say)
     _say_if_compiling(campaign, say)
+    numbers = [r.number for r in campaign.state().pending]
+    try:
+        _learn_together(campaign, learn, numbers, say)
+        return numbers
+    except (DataError, NumericalError) as error:
+        failure: DataError | NumericalError | None = error
     done: list[int] = []
-    failure: DataError | NumericalError | None = None
-    for number in [r.number for r in campaign.state().pending]:
-        say(f"Learning log {number}.")
+    for number in numbers if len(numbers) > 1 else []:
         try:
-            learned = learn(campaign, campaign.state(), number)
+            _learn_together(campaign, learn, [number], say)
         except (DataError, NumericalError) as error:
             failure = error
             continue
-        campaign.commit("trained", number, learned.files, **learned.facts)
         failure = None
         done.append(number)
     if failure is not None:
@@ -87,12 +91,24 @@ def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
         say(sentence)
 
 
+def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], say: Say) -> None:
+    """One training, and its commit. Errors as `learn_pending`."""
+    if not numbers:
+        return
+    say(f"Learning log{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}.")
+    learned = learn(campaign, campaign.state(), numbers[-1])
+    together = {"together": list(numbers)} if len(numbers) > 1 else {}
+    campaign.commit("trained", numbers[-1], learned.files, **{**learned.facts, **together})
+
+
 def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
-    """Scores the newest model on log `number`, which it has not seen, then trains on all logs told."""
+    """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
+    on all logs told.
+    """
     check_model(campaign, state)
     trained = [r for r in state.trained if r.number != number]
     waiting = [r.number for r in state.pending if r.number < number]
-    logs = [*(r.number for r in trained), *waiting, number]
+    logs = [*(r.number for r in state.learned if r.number not in (number, *waiting)), *waiting, number]
     samples = told_samples(campaign, logs)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     inputs = kind.inputs(spec, config).tuned(samples)
@@ -105,7 +121,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
-        "models": _scores(before, inputs, samples),
+        "models": _scores(before, inputs, samples, 1 + len(waiting)),
         "held_out_mae": _left_out(ladder),
         "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
         "chosen": label(ladder.chosen),
@@ -152,7 +168,7 @@ def check_model(campaign: Campaign, state: State) -> None:
     Raises:
         UsageError: its file is missing or was changed.
     """
-    if not state.trained or not _is_stored(state.trained[-1]):
+    if not state.trained or not is_stored(state.trained[-1]):
         return
     number = state.trained[-1].number
     trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
@@ -191,15 +207,15 @@ def stored_model(campaign: Campaign, number: int) -> LearnedModel:
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
     """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
-    if not trained or not _is_stored(trained[-1]):
+    if not trained or not is_stored(trained[-1]):
         return None
     before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
 
 
-def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples) -> dict[str, Any]:
-    """Each rung of the earlier model on the newest log, and what every rung has to beat."""
-    newest = samples.group == samples.group.max()
+def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, count: int = 1) -> dict[str, Any]:
+    """Each rung of the earlier model on the newest `count` logs, and what every rung has to beat."""
+    newest = samples.group > samples.group.max() - count
     new = samples.take(newest)
     found: dict[str, Score] = {}
     if before is not None:
@@ -253,7 +269,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dic
     }
 
 
-def _is_stored(trained: Round) -> bool:
+def is_stored(trained: Round) -> bool:
     """Whether the model of a training is in the present form; 0.1 named no rungs."""
     return "rungs" in (trained.trained or {})
 
@@ -261,7 +277,7 @@ def _is_stored(trained: Round) -> bool:
 def _renew(campaign: Campaign, say: Say) -> None:
     """Trains the model in use again if Étude 0.1 stored it; what was measured with it stays on record."""
     state = campaign.state()
-    if not state.trained or _is_stored(state.trained[-1]):
+    if not state.trained or is_stored(state.trained[-1]):
         return
     newest = state.trained[-1]
     old = newest.trained or {}

@@ -7,7 +7,7 @@ with a sentence. Answers stand in the journal, and hold for later logs of which 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from etude.campaign.config import preset_config
@@ -69,12 +69,17 @@ def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> An
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """The questions of one log as it is read; `given` collects the answers that were of use."""
+    """The questions of one log as it is read.
+
+    Attributes:
+        given: collects the answers that were of use. accepted: what was found and is taken as it is.
+    """
 
     kind: Kind
     spec: Any
     answers: Answers
-    given: list[Given]
+    given: list[Given] = field(default_factory=list)
+    accepted: list[Finding] = field(default_factory=list)
 
     def motion(self, log: Log) -> Log:
         """The log whose clock and the motion's units are settled; rows in order, ranges not yet looked at.
@@ -103,8 +108,10 @@ class Asked:
         What a vehicle does on the ground at either end is cut, unless that was accepted.
         """
         found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
-        for finding in [f for f in found if f.light == "red" and f.check not in self.answers.accept]:
-            raise refusal([finding], log.source)
+        for finding in [f for f in found if f.light == "red"]:
+            if finding.check not in self.answers.accept:
+                raise refusal([finding], log.source)
+            self._taken(finding)
         grounded = [f for f in found if f.check == GROUND and GROUND not in self.answers.accept]
         for finding in grounded:
             log = without_ends(log, finding)
@@ -123,11 +130,17 @@ class Asked:
             open_ = []
         for finding in [f for f in open_ if f.flag and self.answers.to(f) == "accept"]:
             self._note("accept", finding)
-            log = log.repaired(f"{finding.sentence} Taken as it is, as asked.")
+            log = log.repaired(self._taken(finding).sentence)
             open_.remove(finding)
         if open_:
             raise refusal(open_, log.source)
         return log
+
+    def _taken(self, finding: Finding) -> Finding:
+        """What stays beside the log of a question that was answered so: news, but no question any more."""
+        sentence = f"{finding.sentence} Taken as it is, as asked."
+        self.accepted.append(Finding(finding.check, "yellow", sentence, spans=finding.spans))
+        return self.accepted[-1]
 
     def _note(self, what: str, finding: Finding) -> None:
         self.given.append((what, *_what(finding)))

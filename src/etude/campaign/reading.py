@@ -40,7 +40,7 @@ def read_log(
         rate=known.rate,
         degrees=degrees,
         limits=known.limits,
-        settle=Asked(kind, spec, Answers(), []).motion,
+        settle=Asked(kind, spec, Answers()).motion,
         topics=topics,
         config=config,
     )

@@ -113,7 +113,7 @@ class _Loop:
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_log(path, log)
         try:
-            tell(campaign, path, number=number, say=say)
+            tell(campaign, path, number=number, changed="same", say=say)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from etude.campaign.journal import Event
+
+CHANGED = "changed robot"
+"""The check whose red finding makes a log wait for an answer; see `campaign.changed`."""
 
 
 @dataclass(frozen=True)
@@ -16,15 +20,29 @@ class Round:
         number: 1, 2, ...
         asked: facts of its proposal (seed, criterion value, ...), or None for a foreign log.
         told: facts of its log (sha256, robot seconds, ...), or None while it is awaited.
-        trained: scores before the log was learned, which model was chosen; None until trained.
+        trained: scores before the log was learned, which model was chosen; None until trained. Logs that were
+            told together are learned together: the last of them has the facts.
+        learned_with: number of the round whose training took this log in; None if that is its own, or none.
         abandoned: the log will never come, or must not be used.
+        untold: its log was taken back.
+        aside: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
+        held: its log waits for the answer to whether the robot has changed.
     """
 
     number: int
     asked: dict[str, Any] | None = None
     told: dict[str, Any] | None = None
     trained: dict[str, Any] | None = None
+    learned_with: int | None = None
     abandoned: bool = False
+    untold: bool = False
+    aside: bool = False
+    held: bool = False
+
+    @property
+    def learned(self) -> bool:
+        """Its log is in the model."""
+        return self.trained is not None or self.learned_with is not None
 
     @property
     def open(self) -> bool:
@@ -51,18 +69,36 @@ class State:
     @property
     def told(self) -> list[Round]:
         """Rounds with a log that is used, by number."""
-        return [r for _, r in sorted(self.rounds.items()) if r.told is not None and not r.abandoned]
+        return [
+            r
+            for _, r in sorted(self.rounds.items())
+            if r.told is not None and not r.abandoned and not r.aside
+        ]
 
     @property
     def trained(self) -> list[Round]:
-        """Rounds whose log is in the model, in the order of learning."""
+        """Rounds that a training ended with, in the order of learning."""
         done = [r for r in self.rounds.values() if r.trained is not None]
         return sorted(done, key=lambda r: r.trained["order"] if r.trained else 0)
 
     @property
+    def learned(self) -> list[Round]:
+        """Rounds whose log is in the model, in the order of learning; those learned together, by number."""
+        found = []
+        for last in self.trained:
+            others = [r for r in self.rounds.values() if r.learned_with == last.number]
+            found += sorted([*others, last], key=lambda r: r.number)
+        return found
+
+    @property
+    def held(self) -> list[Round]:
+        """Rounds whose log waits for the answer to whether the robot has changed."""
+        return [r for r in self.told if r.held]
+
+    @property
     def pending(self) -> list[Round]:
-        """Rounds with a log that no model has learned yet: work that was interrupted."""
-        return [r for r in self.told if r.trained is None]
+        """Rounds with a log that no model has learned yet, and that waits for no answer."""
+        return [r for r in self.told if not r.learned and not r.held]
 
     @property
     def proposals(self) -> list[Round]:
@@ -75,7 +111,8 @@ class State:
 
     def round_of_log(self, sha256: str) -> Round | None:
         """The round that this log answered already, by the hash of the original file."""
-        return next((r for r in self.told if r.told and r.told["sha256"] == sha256), None)
+        known = (r for _, r in sorted(self.rounds.items()) if r.told and not r.abandoned)
+        return next((r for r in known if r.told and r.told["sha256"] == sha256), None)
 
 
 def replay(events: list[Event]) -> State:
@@ -94,25 +131,61 @@ def _apply(state: State, event: Event) -> State:
         return replace(state, evaluated=(*state.evaluated, {**facts, "number": event.number}))
     if event.number is None:
         return state
+    if event.event in ("abandoned", "untold"):
+        state = _without(state, [event.number])
+    if event.event == "changed":
+        state = _answered(state, [int(n) for n in event.facts.get("aside", ())])
+    if event.event == "trained":
+        state = _taken_in(state, event.number, event.facts.get("together", ()))
     old = state.rounds.get(event.number, Round(event.number))
-    if event.event == "abandoned" and old.trained is not None:
-        state = _unlearn(state, old.trained["order"])
-        old = state.rounds[event.number]
     order = 1 + len(state.trained)
+    fresh = {"told": facts, "trained": None, "learned_with": None, "held": _is_held(facts)}
     changes: dict[str, dict[str, Any]] = {
         "asked": {"asked": facts},
-        "told": {"told": facts, "trained": None, "abandoned": False},
-        "trained": {"trained": {**facts, "order": order}},
+        "told": {**fresh, "abandoned": False, "untold": False, "aside": False},
+        "untold": {"told": None, "untold": True, "aside": False, "held": False},
+        "trained": {"trained": {**facts, "order": order}, "learned_with": None},
         "abandoned": {"abandoned": True},
         "exported": {},
+        "changed": {},
     }
     return replace(state, rounds={**state.rounds, event.number: replace(old, **changes[event.event])})
 
 
-def _unlearn(state: State, order: int) -> State:
-    """Forgets the trainings that a given-up log went into; their logs have to be learned again."""
+def _is_held(told: dict[str, Any]) -> bool:
+    """Whether the log was told with the finding that the robot has changed."""
+    return any(f["check"] == CHANGED and f["light"] == "red" for f in told.get("findings", ()))
+
+
+def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
+    """The logs that were learned together with the last of them."""
+    rounds = dict(state.rounds)
+    for other in set(together) - {number}:
+        rounds[other] = replace(rounds[other], learned_with=number)
+    return replace(state, rounds=rounds)
+
+
+def _answered(state: State, aside: Sequence[int]) -> State:
+    """Nothing waits for an answer any more, and what was put aside is learned no longer."""
+    state = _without(state, aside)
+    rounds = {n: replace(r, held=False, aside=r.aside or n in aside) for n, r in state.rounds.items()}
+    return replace(state, rounds=rounds)
+
+
+def _without(state: State, numbers: Sequence[int]) -> State:
+    """Forgets the trainings that the logs of `numbers` went into; the other logs have to be learned again."""
+    orders = {r.number: r.trained["order"] for r in state.trained if r.trained}
+    own = [state.rounds[n] for n in numbers if n in state.rounds]
+    gone = [orders[last] for r in own if (last := r.learned_with or r.number) in orders]
+    if not gone:
+        return state
+    lost = {n for n, order in orders.items() if order >= min(gone)}
     kept = {
-        n: r if r.trained is None or r.trained["order"] < order else replace(r, trained=None)
+        n: replace(r, trained=None if n in lost else r.trained, learned_with=_unless(r.learned_with, lost))
         for n, r in state.rounds.items()
     }
     return replace(state, rounds=kept)
+
+
+def _unless(number: int | None, lost: Container[int]) -> int | None:
+    return None if number in lost else number

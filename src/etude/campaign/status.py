@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from etude.campaign.folder import Campaign
 from etude.campaign.history import calibration_factor, seen_by_the_rule
 from etude.campaign.journal import damaged_files
+from etude.campaign.news import bad_news
 from etude.campaign.state import Round, State
 from etude.campaign.stopping import judge
 
@@ -14,18 +16,20 @@ from etude.campaign.stopping import judge
 def status(campaign: Campaign) -> dict[str, Any]:
     """The campaign's standing as JSON values.
 
-    Keys: kind, robot, axes, outputs, preset, seed, trajectories (one entry per number), robot_seconds,
-    prequential (newest scores of each model before it learned the newest log), chosen, rungs (of each
-    output), calibration_factor, forecast_fraction, next_gain, held_out (of the newest log without
-    proposal), verdict, problems.
+    Keys: news (findings that are bad, red ones first), kind, robot, axes, outputs, preset, seed,
+    trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
+    learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
+    held_out (of the newest log without proposal), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()
     evidence = seen_by_the_rule(campaign, state)
     verdict = judge(evidence, campaign.config.stop)
+    news = bad_news(state, campaign.command.parts, len(campaign.axes))
     trained = state.trained
     newest = (trained[-1].trained or {}) if trained else {}
     return {
+        "news": [asdict(finding) for finding in news],
         "folder": str(campaign.path),
         "kind": campaign.kind.name,
         "robot": campaign.name,
@@ -44,27 +48,38 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "forecast_fraction": evidence[-1].forecast if evidence else None,
         "next_gain": evidence[-1].gain if evidence else None,
         "held_out": _held_out(state),
-        "verdict": {"stop": verdict.stop, "rule": verdict.rule, "reason": verdict.reason},
+        "verdict": {
+            "stop": verdict.stop,
+            "rule": verdict.rule,
+            "reason": verdict.reason,
+            "usable": verdict.usable,
+        },
         "problems": damaged_files(campaign.path, events),
     }
 
 
 def _trajectory(round_: Round) -> dict[str, Any]:
     told, trained = round_.told or {}, round_.trained or {}
-    if round_.abandoned:
-        standing = "abandoned"
-    elif round_.told is None:
-        standing = "open"
-    else:
-        standing = "learned" if round_.trained is not None else "told"
     return {
         "number": round_.number,
-        "standing": standing,
+        "standing": _standing(round_),
         "foreign": round_.asked is None,
         "robot_seconds": told.get("robot_seconds"),
         "source": told.get("source"),
         "chosen": trained.get("chosen"),
     }
+
+
+def _standing(round_: Round) -> str:
+    if round_.abandoned:
+        return "abandoned"
+    if round_.told is None:
+        return "open" if round_.asked is not None else "taken back"
+    if round_.aside:
+        return "set aside"
+    if round_.held:
+        return "waits for an answer"
+    return "learned" if round_.learned else "told"
 
 
 def _held_out(state: State) -> dict[str, Any] | None:

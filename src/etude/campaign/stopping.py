@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from etude.campaign.news import LEAST_COVERAGE
 from etude.campaign.stop_config import StopConfig
 
 OVERCONFIDENT = 2.0
@@ -31,6 +32,9 @@ class Evidence:
         calibration: pooled held-out z^2 of the last trajectories; 1 is right, None while unknown.
         moved: largest move of a logarithmic length scale in the last training; None for the first one.
         robot_minutes: recorded motion so far, min.
+        coverage: part of an output's commands inside its 95 % intervals, least over the outputs, of the
+            newest log that was predicted before it was learned; None while unknown.
+        red: sentences of the checks that are red.
     """
 
     number: int
@@ -41,6 +45,8 @@ class Evidence:
     calibration: float | None
     moved: float | None
     robot_minutes: float
+    coverage: float | None = None
+    red: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,22 +57,33 @@ class Verdict:
         stop: another trajectory is not worth it.
         rule: "tolerance", "noise", "gain", "budget" or "" if none fired.
         reason: one sentence.
+        usable: nothing says that the model should not be used.
     """
 
     stop: bool
     rule: str
     reason: str
+    usable: bool = True
 
 
 def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
     """The verdict after the last of `evidence` (oldest first); all rules but the budget must repeat."""
+    harm = _harm(evidence[-1]) if evidence else ""
     spent = _budget(evidence, config)
     if spent:
-        return Verdict(True, "budget", spent)
+        return Verdict(True, "budget", f"{spent[:-1]}, but {harm}." if harm else spent, not harm)
     recent = evidence[-config.consecutive :]
     if len(recent) < config.consecutive:
         missing = config.consecutive - len(recent)
         return Verdict(False, "", f"{missing} more log{'s' * (missing > 1)} before a rule can fire.")
+    fired = _fired(recent, config)
+    if harm and (fired.stop or not fired.reason.startswith("No rule")):
+        return Verdict(False, "", f"{fired.reason.rstrip('.')}, but {harm}.", usable=False)
+    return replace(fired, usable=not harm)
+
+
+def _fired(recent: Sequence[Evidence], config: StopConfig) -> Verdict:
+    """What the rules say by themselves, of as many logs as must agree."""
     tolerable, doubt = all(_tolerable(e, config) for e in recent), _doubt(recent[-1])
     if tolerable and not doubt:
         return Verdict(True, "tolerance", f"The forecast error is {_tolerance(recent[-1], config)}.")
@@ -102,6 +119,15 @@ def _not_worth_it(e: Evidence, config: StopConfig) -> bool:
     return (
         config.gain_per_minute > 0 and e.gain is not None and e.gain / e.gain_minutes < config.gain_per_minute
     )
+
+
+def _harm(e: Evidence) -> str:
+    """Why the model should not be used, whatever a rule says."""
+    if e.red:
+        return e.red[0]
+    if e.coverage is not None and e.coverage < LEAST_COVERAGE:
+        return f"its 95 % intervals held only {100 * e.coverage:.0f} % of an output's commands"
+    return ""
 
 
 def _doubt(e: Evidence) -> str:

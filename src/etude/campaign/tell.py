@@ -1,20 +1,25 @@
-"""tell: takes in a log, whenever it comes, and learns it."""
+"""tell: takes in a log, whenever it comes, and learns it; `several` does so with many."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 
 from etude.campaign.ask import speed_folder, stored_trajectory
+from etude.campaign.changed import answer, change_found
+from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.questions import Answers, Asked, Given, answers_of
-from etude.campaign.state import Round, State
-from etude.contracts import Log, Trajectory
+from etude.campaign.state import State
+from etude.contracts import Finding, Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import sha256_of_log
@@ -23,6 +28,23 @@ from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
 from etude.storage import write_atomic
+
+
+class How(TypedDict, total=False):
+    """How a log is to be taken in; every word may be left out.
+
+    Attributes:
+        foreign: the log answers no proposal.
+        degrees: the file's angles are degrees.
+        accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
+        topics: of a file that holds several; none: those that campaign.toml names.
+    """
+
+    foreign: bool
+    degrees: bool
+    accept: Sequence[str]
+    repair: Sequence[str]
+    topics: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -36,6 +58,8 @@ class Told:
         repairs: one sentence for each repair made while reading it.
         learned: numbers of the logs that were learned now.
         warnings: what the newest training has to say: inputs that logs lack, for example.
+        findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
+        held: it is stored and waits for an answer before it is learned.
     """
 
     number: int
@@ -44,6 +68,8 @@ class Told:
     repairs: tuple[str, ...]
     learned: tuple[int, ...]
     warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    held: bool = False
 
 
 def tell(
@@ -51,56 +77,72 @@ def tell(
     path: Path,
     *,
     number: int | None = None,
-    foreign: bool = False,
-    degrees: bool = False,
-    accept: Sequence[str] = (),
-    repair: Sequence[str] = (),
-    topics: Sequence[str] = (),
+    changed: str = "",
     learner: Learner | None = None,
     say: Say = lambda _: None,
+    **how: Unpack[How],
 ) -> Told:
     """Stores the log in `path` and learns it; also learns what an interrupted run left.
+
+    A log that is not of the robot that the model in use knows is stored and not learned until `changed` says
+    what it is, then or later.
 
     Args:
         campaign: the folder.
         path: the log file; recognised by its content if it was told before under any name.
         number: the proposal that was run; else the newest open one that the motion fits.
-        foreign: the log answers no proposal.
-        degrees: the file's angles are degrees.
-        accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
-        topics: of a file that holds several; none: those that campaign.toml names.
+        changed: the answer to whether the robot has changed: "new" learns from this log and those to come
+            alone, "forget" sets it aside, "same" learns it with the others; "": none.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
+        how: see `How`.
 
     Raises:
         DataError: the log cannot be used, is of another trajectory, or raises a question that nobody
             answered; nothing is stored.
         UsageError: there is no such proposal, it has a log already, or there is no such check.
     """
-    path = Path(path)
-    digest = sha256_of_log(path)
     with campaign.writing():
-        state = campaign.state()
-        known = state.round_of_log(digest)
-        if known is not None:
-            _check_same_number(known, number, path)
-            done = learn_pending(campaign, learner, say)
-            repairs = tuple((known.told or {}).get("repairs", ()))
-            warnings = _warnings(campaign)
-            return Told(known.number, True, known.asked is None, repairs, tuple(done), warnings)
-        given: list[Given] = []
-        answers = answers_of(state, accept, repair)
-        log = read(campaign, path, degrees=degrees, topics=topics, answers=answers, given=given)
-        log, answered, speed = _identify(campaign, state, path, number, foreign, log)
-        number = answered if answered is not None else _free_number(state, number)
-        _store(campaign, number, log, path, digest, answered is None, speed, given)
-        done = learn_pending(campaign, learner, say)
-        return Told(number, False, answered is None, log.repairs, tuple(done), _warnings(campaign))
+        told = take(campaign, Path(path), number, **how)
+        return finished(campaign, [told], changed, learner, say)[0]
 
 
-def _warnings(campaign: Campaign) -> tuple[str, ...]:
+def finished(
+    campaign: Campaign, told: Sequence[Told], changed: str, learner: Learner | None, say: Say
+) -> list[Told]:
+    """The same logs after the answer was recorded and one training. The caller holds the lock."""
+    if changed:
+        answer(campaign, campaign.state(), changed, [one.number for one in told])
+    done = tuple(learn_pending(campaign, learner, say))
+    state = campaign.state()
+    held, warnings = {r.number for r in state.held}, newest_warnings(state)
+    return [replace(one, learned=done, warnings=warnings, held=one.number in held) for one in told]
+
+
+def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:
+    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
+    digest = sha256_of_log(path)
+    state = campaign.state()
+    known = state.round_of_log(digest)
+    if known is not None:
+        check_same_number(known, number, path)
+        facts = known.told or {}
+        repairs, findings = tuple(facts.get("repairs", ())), kept_findings(facts)
+        return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
+    answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
+    asked = Asked(campaign.kind, campaign.spec, answers)
+    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    number = answered if answered is not None else free_number(state, number)
+    change = change_found(campaign, state, log)
+    findings = (*asked.accepted, *([] if change is None else [change]))
+    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings)
+    return Told(number, False, answered is None, log.repairs, (), findings=findings)
+
+
+def newest_warnings(state: State) -> tuple[str, ...]:
     """Of the newest training; the oldest journals have none."""
-    trained = campaign.state().trained
+    trained = state.trained
     facts = trained[-1].trained if trained else None
     return tuple((facts or {}).get("warnings", ()))
 
@@ -111,7 +153,7 @@ def _identify(
     """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
     open_numbers = [r.number for r in state.proposals]
     if number is not None and not foreign:
-        _check_asked(state, number)
+        check_asked(state, number)
         candidates = [number]
     else:
         given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned]
@@ -151,21 +193,20 @@ def read(
     *,
     degrees: bool = False,
     topics: Sequence[str] = (),
-    answers: Answers | None = None,
-    given: list[Given] | None = None,
+    asked: Asked | None = None,
 ) -> Log:
     """The cleaned log in a file, by its own clock.
 
     Args:
-        answers: to the questions that it raises; `given` takes those that were of use.
+        topics: of a file that holds several; none: those that campaign.toml names.
+        asked: the questions that it may raise, with their answers; it keeps those that were of use.
 
     Raises:
         DataError: it cannot be used; by the doctor of all logs, by the truth tests, or by what the kind
             looks for.
     """
     expected = campaign.kind.expected(campaign.spec)
-    given = [] if given is None else given
-    asked = Asked(campaign.kind, campaign.spec, answers or Answers(), given)
+    asked = asked or Asked(campaign.kind, campaign.spec, Answers())
     log = read_log(
         path,
         campaign.channels,
@@ -189,10 +230,12 @@ def _store(
     foreign: bool,
     speed: int,
     given: Sequence[Given],
+    findings: Sequence[Finding],
 ) -> None:
     """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
     group = np.zeros(len(log), dtype=np.int64)
     campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+    _keep_earlier(campaign, number)
     write_atomic(campaign.run_file(number), log_bytes(replace(log, source=path.name)))
     origin = {
         "path": str(path.resolve()),
@@ -214,39 +257,19 @@ def _store(
     }
     if given:
         facts["answers"] = [[what, check, list(by)] for what, check, by in given]
-    campaign.commit("told", number, files, **facts)
+    campaign.commit("told", number, files, **facts, **as_facts(findings))
+
+
+def _keep_earlier(campaign: Campaign, number: int) -> None:
+    """Copies the files of a log that was taken back, before another of that number takes their names."""
+    before = campaign.state().rounds.get(number)
+    for path in (campaign.run_file(number), campaign.source_file(number)):
+        if before is not None and path.exists():
+            content = path.read_bytes()
+            write_atomic(path.with_name(f"{hashlib.sha256(content).hexdigest()[:12]}.{path.name}"), content)
 
 
 def _seconds(log: Log) -> float:
     """Recorded motion, s: what was logged before the start is none."""
     moving = log.t[log.t >= 0.0]
     return float(moving[-1] - moving[0]) if len(moving) else 0.0
-
-
-def _check_same_number(known: Round, number: int | None, path: Path) -> None:
-    if number is not None and number != known.number:
-        raise UsageError(
-            f"this log was told before, as the answer to trajectory {known.number}, not {number}",
-            where=str(path),
-            next_step=f"To take that back: etude abandon FOLDER {known.number}.",
-        )
-
-
-def _check_asked(state: State, number: int) -> None:
-    found = state.rounds.get(number)
-    if found is None or found.asked is None:
-        known = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
-        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {known}.")
-    if found.told is not None and not found.abandoned:
-        raise UsageError(
-            f"trajectory {number} has a log already",
-            next_step=f"To replace it: etude abandon FOLDER {number}, then tell again.",
-        )
-
-
-def _free_number(state: State, number: int | None) -> int:
-    if number is None:
-        return state.next_number
-    if number in state.rounds:
-        raise UsageError(f"number {number} is taken", next_step=f"The next free one is {state.next_number}.")
-    return number

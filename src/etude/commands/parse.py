@@ -20,6 +20,7 @@ from etude.commands.simulate import Simulate
 from etude.commands.status import Status
 from etude.commands.study import Study
 from etude.commands.tell import Tell
+from etude.commands.untell import Untell
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
@@ -32,6 +33,7 @@ AnyCommand = (
     | Annotated[Ask, tyro.conf.subcommand("ask")]
     | Annotated[Tell, tyro.conf.subcommand("tell")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Untell, tyro.conf.subcommand("untell")]
     | Annotated[Abandon, tyro.conf.subcommand("abandon")]
     | Annotated[Status, tyro.conf.subcommand("status")]
     | Annotated[Report, tyro.conf.subcommand("report")]

@@ -9,6 +9,8 @@ from typing import Any
 from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
+LARGEST = 1000.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Status(Common):
@@ -25,6 +27,7 @@ class Status(Common):
 
 def _lines(found: Mapping[str, Any]) -> list[str]:
     lines = [
+        *_news(found),
         f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
         *_trajectories(found),
         *_held_out(found),
@@ -45,6 +48,12 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         lines.append(("Stop: " if found["verdict"]["stop"] else "Go on: ") + found["verdict"]["reason"])
     lines += [f"Problem: {problem}." for problem in found["problems"]]
     return lines
+
+
+def _news(found: Mapping[str, Any]) -> list[str]:
+    """What is bad, and what to do, before any figure."""
+    lights = {"red": "RED", "yellow": "Look"}
+    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in found["news"]]
 
 
 def _trajectories(found: Mapping[str, Any]) -> list[str]:
@@ -105,7 +114,12 @@ def _in_use(found: Mapping[str, Any]) -> str:
 
 def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
     rows = [
-        [kind, *("-" if value is None else f"{value:.4f}" for value in values)]
+        [kind, *("-" if value is None else _figure(value) for value in values)]
         for kind, values in scores.items()
     ]
     return table(["model", *found["outputs"]], rows)
+
+
+def _figure(value: float) -> str:
+    """Where a model is wrong by orders of magnitude, digits say nothing."""
+    return f"{value:.4f}" if abs(value) < LARGEST else f"over {LARGEST:g}"

@@ -4,25 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say
 
+if TYPE_CHECKING:
+    from etude.campaign.several import ToldFile, ToldMany
+    from etude.campaign.tell import Told
+
+UNUSABLE = 3
+"""Exit code where a file was refused, as for a single one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tell(Common):
-    """Take in a log and learn it. Any order, any delay; the same log twice changes nothing."""
+    """Take in logs and learn them in one training. Any order, any delay; the same log twice changes nothing.
+
+    Of several files, one that cannot be used does not stop the others: the table says what became of each,
+    and the exit code is then 3.
+    """
 
     folder: Folder
-    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
     """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an
     arm positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if
     known position and attitude."""
     number: int | None = None
-    """The trajectory that was run; else the newest open one that the motion fits."""
+    """The trajectory that was run; else the newest open one that the motion fits. For one log."""
     foreign: bool = False
     """The log answers no proposal."""
     degrees: bool = False
@@ -33,37 +44,95 @@ class Tell(Common):
     """A check whose question is answered with: put it right. Can be given several times."""
     topic: tuple[str, ...] = ()
     """Topics of a bag to read, joined by time; none: those with joint states."""
+    changed: Literal["new", "forget", "same", ""] = ""
+    """The answer for a log that is not of the robot that the model knows: new learns from it and those to
+    come alone, forget sets it aside, same learns it with the others. Without a log: for those that wait."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.tell import tell
+        from etude.campaign.several import tell, tell_many
+        from etude.errors import UsageError
 
+        if not self.logs and not self.changed:
+            raise UsageError("there is no log to tell", next_step="Name one or more files.")
         campaign = opened(self.folder, say)
-        found = tell(
-            campaign,
-            self.log,
-            number=self.number,
-            foreign=self.foreign,
-            degrees=self.degrees,
-            accept=self.accept,
-            repair=self.repair,
-            topics=self.topic,
-            say=say,
-        )
-        what = "a recording of its own" if found.foreign else "the answer to that proposal"
-        first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
-        lines = [first or f"Log {found.number} stored, {what}."]
-        if found.repairs:
-            lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
-        if found.learned:
-            lines.append(f"Learned: {', '.join(map(str, found.learned))}.")
-        lines += [f"Warning: {sentence}" for sentence in found.warnings]
-        lines.append(f"Next: etude status {self.folder}, etude ask {self.folder}")
-        data = {
-            "number": found.number,
-            "repeated": found.repeated,
-            "foreign": found.foreign,
-            "repairs": found.repairs,
-            "learned": found.learned,
-            "warnings": found.warnings,
+        options: dict[str, Any] = {
+            "foreign": self.foreign,
+            "degrees": self.degrees,
+            "accept": self.accept,
+            "repair": self.repair,
+            "topics": self.topic,
+            "changed": self.changed,
+            "say": say,
         }
-        return Outcome("\n".join(lines), data)
+        following = f"Next: etude status {self.folder}, etude ask {self.folder}"
+        if len(self.logs) == 1:
+            told = tell(campaign, self.logs[0], number=self.number, **options)
+            return Outcome("\n".join([*_lines(told), following]), _data(told))
+        if self.number is not None:
+            raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
+        many = tell_many(campaign, self.logs, **options)
+        data = {
+            "files": [_file(file) for file in many.files],
+            "learned": many.learned,
+            "warnings": many.warnings,
+        }
+        return Outcome("\n".join([*_table(many), following]), data, UNUSABLE if many.refused else 0)
+
+
+def _lines(found: Told) -> list[str]:
+    what = "a recording of its own" if found.foreign else "the answer to that proposal"
+    first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
+    lines = [first or f"Log {found.number} stored, {what}."]
+    if found.repairs:
+        lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
+    lines += _held(found)
+    return [*lines, *_learned(found.learned), *(f"Warning: {sentence}" for sentence in found.warnings)]
+
+
+def _held(found: Told) -> list[str]:
+    """What is to be answered before the log is learned."""
+    if not found.held:
+        return []
+    parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in found.findings if f.flag]
+    return [f"Log {found.number} is not learned yet.", *parts]
+
+
+def _learned(numbers: tuple[int, ...]) -> list[str]:
+    return [f"Learned: {', '.join(map(str, numbers))}."] if numbers else []
+
+
+def _table(many: ToldMany) -> list[str]:
+    width = max((len(file.path.name) for file in many.files), default=0)
+    lines = [f"{file.path.name.ljust(width)}  {file.sentence}" for file in many.files]
+    for file in many.files:
+        told = file.told
+        lines += [f"{file.path.name}: {sentence}" for sentence in (told.repairs if told else ())]
+        lines += [f"{file.path.name}: {sentence}" for sentence in (_held(told) if told else ())]
+        if file.refused is not None and file.refused.next_step:
+            lines.append(f"{file.path.name}: {file.refused.next_step}")
+    return [*lines, *_learned(many.learned), *(f"Warning: {sentence}" for sentence in many.warnings)]
+
+
+def _data(found: Told) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "number": found.number,
+        "repeated": found.repeated,
+        "foreign": found.foreign,
+        "repairs": found.repairs,
+        "learned": found.learned,
+        "warnings": found.warnings,
+        "held": found.held,
+        "findings": [asdict(finding) for finding in found.findings],
+    }
+
+
+def _file(file: ToldFile) -> dict[str, Any]:
+    refused = None
+    if file.refused is not None:
+        error = file.refused
+        refused = {"fact": error.fact, "where": error.where, "next_step": error.next_step}
+    told = {} if file.told is None else _data(file.told)
+    own = {name: value for name, value in told.items() if name not in ("learned", "warnings")}
+    return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **own}

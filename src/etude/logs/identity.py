@@ -12,6 +12,7 @@ from etude.errors import DataError
 from etude.logs.read import ending
 from etude.logs.smoothing import median_rate
 from etude.logs.starts import LONGEST_LAG, Plan, best_start, covered_seconds
+from etude.logs.stopped import CLOSE, LEAST_S, goes_on_without, noted, standstill, waits_at_start
 from etude.logs.units import start_at_zero
 
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
@@ -21,6 +22,8 @@ CLEAR_MATCH = 0.5
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
+PERFECT = 0.05  # mismatch below which nobody asks whether the run was stopped
+LIKELIER = 0.8  # mismatch of a stopped run over that of a whole one, with which the stop is believed
 LONGEST_MARKED_LAG = 2.0  # s: a clock that marks its 0 is believed over a robot that follows late
 
 
@@ -43,6 +46,9 @@ def align(
     judged over all coordinates together, in parts of `scale`: one joint alone may be stuck. A log without
     the channel `path` is taken at its word: its clock then has to start with the trajectory.
 
+    A run that was stopped holds the proposal's start and some seconds more; what was recorded at rest after
+    that is cut. It may hold less than half of the proposal, and has to follow it closely.
+
     Args:
         channels: the robot's; its plan is `<path>_des`, and what is its derivative.
         path: the channel that is compared with the trajectory.
@@ -61,20 +67,67 @@ def align(
             where=log.source,
         )
     measured = log[path] if f"{path}_des" not in log else log[f"{path}_des"]
-    best = best_start(log.t, measured, plan)
-    shifted, own = (_Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
-    start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
-    covered = covered_seconds(log.t - best, plan.duration)
-    _check_match(shifted, own, _allowed(covered / plan.duration), log.channels[path].parts, log)
-    aligned = log if start == 0.0 else replace(log, t=log.t - start)
-    _check_coverage(aligned, plan.duration)
+    whole, refused = _whole(log, measured, plan, path)
+    stopped = _stopped(log, measured, plan, path) if refused or whole.mismatch > PERFECT else None
+    if stopped is not None and (refused or stopped.mismatch < LIKELIER * whole.mismatch):
+        aligned = stopped.log
+    elif refused is not None:
+        raise refused
+    else:
+        aligned = whole.log
     half = 0.5 / plan.rate
     if not rest:
         aligned = aligned.take((aligned.t >= -half) & (aligned.t <= plan.duration + half))
-    aligned = _with_plan(aligned, trajectory, channels, path)
+    return _with_plan(aligned, trajectory, channels, path)
+
+
+@dataclass(frozen=True)
+class _Aligned:
+    """A log by the proposal's clock, and how badly it fits."""
+
+    log: Log
+    mismatch: float
+
+
+def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, DataError | None]:
+    """The log at its likeliest start, and why it is not the proposal's, if it is not."""
+    best = best_start(log.t, measured, plan)
+    shifted, own = (_Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
+    start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
+    aligned = _Aligned(_moved(log, start), shifted.pooled)
+    covered = covered_seconds(log.t - best, plan.duration)
+    try:
+        _check_match(shifted, own, _allowed(covered / plan.duration), log.channels[path].parts, log)
+        _check_coverage(aligned.log, plan.duration)
+    except DataError as error:
+        return aligned, error
+    return aligned, None
+
+
+def _stopped(log: Log, measured: Array, plan: Plan, path: str) -> _Aligned | None:
+    """The run up to where it stopped; None if it did not, or does not follow the proposal closely so far."""
+    stop = standstill(log.t, measured, plan.scale)
+    cut = log.t <= stop
+    if stop - log.t[0] < LEAST_S:
+        return None
+    t, motion = log.t[cut], measured[cut]
+    best = best_start(t, motion, plan, begun=True)
+    overlap, own = (_Overlap.of(t - start, motion, plan) for start in (best, 0.0))
+    held = _clock_holds(log.t, plan, best, overlap.pooled, own.pooled) and own.pooled <= CLOSE
+    start, mismatch = (0.0, own.pooled) if held else (best, overlap.pooled)
+    strange = _cause(own if held else overlap, log.channels[path].parts)
+    follows = mismatch <= CLOSE and not strange and waits_at_start(t - start, motion, plan)
+    if not follows or stop - start < LEAST_S or not goes_on_without(stop - start, log.t[-1] - start, plan):
+        return None
+    return _Aligned(noted(_moved(log, start), stop - start, plan.duration), mismatch)
+
+
+def _moved(log: Log, start: float) -> Log:
+    """The log with t = 0 at the start, and a sentence if it was elsewhere."""
     if start == 0.0:
-        return aligned
-    return aligned.repaired(f"The proposal starts {start:.3f} s into the log's time; t = 0 was moved there.")
+        return log
+    sentence = f"The proposal starts {start:.3f} s into the log's time; t = 0 was moved there."
+    return replace(log, t=log.t - start).repaired(sentence)
 
 
 def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) -> bool:

@@ -51,11 +51,15 @@ class Plan:
         return max(float(np.linalg.norm((self.values / self.scale).std(axis=0))), 1e-12)
 
 
-def best_start(t: Array, measured: Array, plan: Plan) -> float:
-    """The time in the log's clock at which the proposal starts most likely, s."""
+def best_start(t: Array, measured: Array, plan: Plan, *, begun: bool = False) -> float:
+    """The time in the log's clock at which the proposal starts most likely, s.
+
+    Args:
+        begun: the log holds the proposal's start.
+    """
     grid = uniform_grid(t, plan.rate)
     motion = resample(t, measured, grid)
-    span = (-plan.duration, float(grid[-1] - grid[0]))
+    span = (-2.0 / plan.rate if begun else -plan.duration, float(grid[-1] - grid[0]))
     delays = likely_delays(plan.values, motion, plan.rate, span)
     starts = [float(t[0] + delay.seconds) for delay in delays]
     few = np.unique(np.linspace(0, len(grid) - 1, ROWS).astype(np.int64))

@@ -1,9 +1,11 @@
-"""The first screen: what was learned, for how much robot time, against what there was before."""
+"""The first screen: what is wrong, what was learned, for how much robot time, against what there was."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from etude.campaign.news import bad_news
+from etude.contracts import Finding
 from etude.report.curves import (
     Array,
     Evaluation,
@@ -21,17 +23,31 @@ from etude.report.words import Baseline, baseline, in_telling_order, test_name
 
 SAME = 0.02
 """Errors that differ by no more than this part are told as the same."""
+LARGEST = 1000.0
+"""nMSE above which its digits say nothing."""
 
 
 def headline(record: Record) -> Html:
-    """Plain sentences and four large numbers."""
+    """Bad news first, each with what to do; then plain sentences and four large numbers."""
     if not record.state.trained:
-        return join([_untrained(record)])
+        return join([*_news(record), _untrained(record)])
     learned = [test for test in tests(record) if test.learned]
     if learned:
         first = paragraph(tracking_sentence(record, learned[0]), class_="lead")
-        return join([first, *map(_other_test, learned[1:]), _cards(record, learned[0])])
-    return _prequential(record)
+        parts = [first, *map(_other_test, learned[1:]), _cards(record, learned[0])]
+        return join([*_news(record), *parts])
+    return join([*_news(record), _prequential(record)])
+
+
+def _news(record: Record) -> list[Html]:
+    """One paragraph for each finding, red ones first."""
+    found = bad_news(record.state, record.outputs, len(record.names))
+    return [_told(finding) for finding in found]
+
+
+def _told(finding: Finding) -> Html:
+    sentence = f"{finding.sentence[:1].upper()}{finding.sentence[1:]}. {finding.step}".strip()
+    return paragraph(sentence, class_=f"news {finding.light}")
 
 
 def tracking_sentence(record: Record, test: Test) -> str:
@@ -58,9 +74,19 @@ def _other_test(test: Test) -> Html:
 
 def _comparisons(test: Test, now: Evaluation) -> list[str]:
     return [
-        told.sentence.format(error=found.text, relation=_relation(found, now))
+        told.sentence.format(error=found.text, relation=_relation(found, now)) + _beaten(told, found, now)
         for told, found in _baselines(test)
     ]
+
+
+def _beaten(told: Baseline, found: Evaluation, now: Evaluation) -> str:
+    """Why what was learned may be better than a perfect model."""
+    if told is not baseline("perfect") or now.mean >= (1.0 - SAME) * found.mean:
+        return ""
+    return (
+        " What was learned is better than that: an exact inverse answers the planned motion alone, and the "
+        "logs also told of delay and of friction about standstill."
+    )
 
 
 def _baselines(test: Test) -> list[tuple[Baseline, Evaluation]]:
@@ -129,14 +155,27 @@ def _prequential(record: Record) -> Html:
             "before it learns from it, so the first score comes with the second log."
         )
         return join([paragraph(sentence, class_="lead"), element("div", *cards, class_="cards")])
-    explained = 100.0 * (1.0 - float(np.nanmean(error)))
     sentence = (
-        f"After {logs} the model “{name}” explained {number(explained)} % of the variance of the commands in "
-        f"held-out data that it had not learned from ({outputs})."
+        f"After {logs} the model “{name}” {_explained(error)}, in held-out data that it had not learned from "
+        f"({outputs})."
     )
-    cards.append(_card("c1", number(float(np.nanmean(error))), f"held-out nMSE, {outputs}"))
+    cards.append(_card("c1", _figure(error), f"held-out nMSE, {outputs}"))
     if linear is not None:
-        share = 100.0 * (1.0 - float(np.nanmean(linear)))
-        sentence += f" Linear regression on the same data explained {number(share)} %."
-        cards.append(_card("c5", number(float(np.nanmean(linear))), "nMSE of linear regression"))
+        sentence += f" Linear regression on the same data {_explained(linear)}."
+        cards.append(_card("c5", _figure(linear), "nMSE of linear regression"))
     return join([paragraph(sentence, class_="lead"), element("div", *cards, class_="cards")])
+
+
+def _explained(error: Array) -> str:
+    """What an nMSE (J,) means, in words; where a constant would do better, no share is explained."""
+    mean = float(np.nanmean(error))
+    if mean < 1.0:
+        return f"explained {number(100.0 * (1.0 - mean))} % of the variance of the commands"
+    return (
+        f"was worse than a constant: its squared error is {_figure(error)} times the variance of the commands"
+    )
+
+
+def _figure(error: Array) -> str:
+    mean = float(np.nanmean(error))
+    return number(mean) if mean < LARGEST else f"over {LARGEST:,.0f}"

@@ -79,6 +79,12 @@ def _gains(before: Evaluation | None, after: Evaluation | None, cost: float) -> 
 def _state(entry: Round) -> str:
     if entry.abandoned and not entry.told:
         return "abandoned"
-    if entry.trained:
-        return "learned"
+    if entry.learned:
+        return "learned" if entry.learned_with is None else f"learned with {entry.learned_with}"
+    if entry.untold:
+        return "log taken back"
+    if entry.aside:
+        return "set aside"
+    if entry.held:
+        return "waits: has the robot changed?"
     return "told, not learned yet" if entry.told else "waiting for its log"

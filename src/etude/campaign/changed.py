@@ -1,0 +1,121 @@
+"""Has the robot changed? Each log is held against the model in use before it is learned, and a person asked.
+
+A model that has learned two robots knows neither, and nothing tells the two apart afterwards. So a log that
+speaks of another robot is stored and waits: the model in use stays as it is until there is an answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import is_stored, stored_model
+from etude.campaign.state import CHANGED, State
+from etude.contracts import Finding, Log, Samples
+from etude.errors import DataError, UsageError
+from etude.logs.steps import duration
+from etude.models.changed import ALARM, ALARM_EARLY, Cause, cause, evidence, first_alarm
+from etude.models.model import LearnedModel
+
+Answer = Literal["new", "forget", "same"]
+ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")
+FLAG = "--changed"
+LEAST_LOGS = 2
+"""Of the model in use, before which nothing is said of a change."""
+CAUSES: dict[Cause, str] = {
+    "load": "a load was taken up or put down: the errors follow gravity and inertia",
+    "friction": "friction has changed: the errors follow the sign of the velocity",
+    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts in poses much "
+    "alike",
+    "unknown": "which part of it cannot be told from the errors",
+}
+STEP = (
+    f"Say what it is: {FLAG} new learns from this log and those to come alone, {FLAG} forget sets this log "
+    f"aside (the change was for a while), {FLAG} same learns it with the others."
+)
+
+
+def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
+    """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
+
+    The log is aligned, and not stored yet. Where there is no model in the present form, or the log lacks what
+    it looks at, nothing can be said.
+    """
+    trained = [r for r in state.trained if is_stored(r)]
+    if not trained or trained[-1] != state.trained[-1]:
+        return None
+    if len((trained[-1].trained or {}).get("logs", ())) < LEAST_LOGS:
+        return None
+    group = np.zeros(len(log), dtype=np.int64)
+    samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+    try:
+        model = stored_model(campaign, trained[-1].number)
+        return _judged(model, samples, ALARM if model.calibrated else ALARM_EARLY, duration(log))
+    except (KeyError, DataError):  # an input that this log lacks; of a damaged model learning speaks
+        return None
+
+
+def _judged(model: LearnedModel, samples: Samples, alarm: float, seconds: float) -> Finding | None:
+    mean, variance = model.predict(samples.log)
+    error, deviation = samples.command - mean, np.sqrt(variance)
+    use = samples.usable & samples.moving
+    found = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
+    at = first_alarm(found, alarm)
+    if at is None:
+        return None
+    t = samples.t
+    z2 = float(np.mean((error / deviation)[use] ** 2))
+    sentence = (
+        f"the robot is not the one that the model knows: after {t[at] - t[0]:.0f} s of {seconds:.0f} s the "
+        f"errors were beyond chance (squared, {z2:.3g} times the predicted variance); "
+        f"{CAUSES[_cause(model, samples, error, deviation)]}"
+    )
+    return Finding(CHANGED, "red", sentence, STEP, FLAG, ((float(t[at]), float(t[-1])),))
+
+
+def _cause(model: LearnedModel, samples: Samples, error: np.ndarray, deviation: np.ndarray) -> Cause:
+    """What has changed, for commands that do work on coordinates whose rates the samples have."""
+    channels = samples.log.channels
+    rate = _rate_of(samples, channels["command"].acts_on)
+    second = _rate_of(samples, rate)
+    if not second or samples.log[rate].shape != error.shape:
+        return "unknown"
+    motion = model.static(samples.log), samples.log[rate], samples.log[second]
+    return cause(error, deviation, samples.usable & samples.moving, motion)
+
+
+def _rate_of(samples: Samples, name: str) -> str:
+    """The channel that is the rate of that one; "" if there is none."""
+    found = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
+    return next(found, "")
+
+
+def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -> bool:
+    """Records what became of the robot; False if there is nothing left to record. The caller holds the lock.
+
+    Args:
+        choice: one of `ANSWERS`.
+        told: numbers of the logs that the answer came with; it speaks of those that wait, too.
+
+    Raises:
+        UsageError: another word, or there is no log that the answer could speak of.
+    """
+    if choice not in ANSWERS:
+        raise UsageError(f"{FLAG} {choice}: no such answer", next_step=f"Answers: {', '.join(ANSWERS)}.")
+    held = [r.number for r in state.held]
+    meant = sorted({*held, *told} & {r.number for r in state.told})
+    if not held and not told:
+        raise UsageError(
+            "no log waits for the answer to whether the robot has changed",
+            where=str(campaign.path),
+            next_step=f"Give {FLAG} together with the log it speaks of.",
+        )
+    others = [r.number for r in state.told if r.number not in meant]
+    aside = {"new": others, "forget": meant, "same": []}[choice]
+    if not meant or not (held or aside):
+        return False
+    campaign.commit("changed", max(meant), [], choice=choice, logs=meant, aside=aside)
+    return True

@@ -1,0 +1,27 @@
+"""etude untell"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from etude.commands.common import Common, Folder, opened
+from etude.commands.outcome import Outcome, Say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Untell(Common):
+    """Take back a log that was told by mistake: the model is trained without it, its proposal open again."""
+
+    folder: Folder
+    number: Annotated[int, tyro.conf.Positional]
+    """Of the log."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.untell import untell
+
+        changed = untell(opened(self.folder, say), self.number, say=say)
+        text = f"Log {self.number} is taken back." if changed else "It was taken back before."
+        return Outcome(text, {"number": self.number, "changed": changed})

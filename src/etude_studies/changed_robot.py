@@ -1,0 +1,157 @@
+"""etude study changed_robot: how soon a load or more friction is noticed, how often nothing is taken for it.
+
+A cell is one robot and seed: a model of two random motions of a minute, ten unchanged runs of other motions,
+a run with a fifth of the rated load and one with friction half as large again. Rated is the load with which
+no joint needs more than half its command to stand anywhere inside its limits.
+"""
+
+from __future__ import annotations
+
+import json as text
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Log, Trajectory
+from etude.models.changed import ALARM_EARLY, Cause, cause, evidence, first_alarm
+from etude.models.model import LearnedModel
+from etude.storage import write_atomic
+from etude_studies.rows import Row, rows_json, table
+from etude_studies.seven_joints import SevenJoints
+from etude_studies.world import World
+
+ROBOTS = ("arm4", "arm4_rough", "seven_joints")
+LOGS, UNCHANGED = 2, 10
+LOAD, FRICTION = 0.2, 1.5
+SOON = 20.0
+"""s of motion within which a change should be noticed."""
+POSES = 2000
+OTHERS = (10.0, 20.0, 50.0)
+"""Thresholds of which the cells keep the seconds too."""
+
+
+def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
+    """Runs every cell that is no file in `folder` yet, and prints the rows."""
+    cells = {robot: [cell(robot, s, folder) for s in range(seed, seed + seeds)] for robot in ROBOTS}
+    rows = [row for robot, own in cells.items() for row in rows_of(robot, own)]
+    rows += rows_of("all", [c for own in cells.values() for c in own])
+    if json:
+        print(rows_json(rows, f"etude study changed_robot --seed {seed} --seeds {seeds}"))  # noqa: T201
+    else:
+        table(rows, "Has the robot changed?")
+
+
+def cell(robot: str, seed: int, folder: Path) -> dict[str, Any]:
+    """What became of each run, from its file if the cell was run."""
+    path = folder / f"{robot}_{seed:04d}.json"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        facts = measured(robot, seed)
+        write_atomic(path, text.dumps(facts).encode())
+    known: dict[str, Any] = text.loads(path.read_bytes())
+    return known
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A simulated robot as the study uses it: how it runs, and what loads it can hold."""
+
+    world: World
+    made: Any
+
+    @classmethod
+    def of(cls, robot: str) -> Plant:
+        if robot == "seven_joints":
+            made = SevenJoints()
+            return cls(made.world, made)
+        world = World.of(robot)
+        return cls(world, world.robot)
+
+    def run(self, motion: Trajectory, rng: np.random.Generator, what: Mapping[str, float]) -> Log:
+        robot = self.made.changed(**what) if what else self.made
+        log: Log = robot.run(motion, None, rng)
+        return log
+
+    def rated(self) -> float:
+        """kg, as the study's first lines say."""
+        spec = self.world.spec
+        q = np.random.default_rng(0).uniform(spec.lower, spec.upper, (POSES, spec.dof))
+        still = np.zeros_like(q)
+        bare, loaded = (
+            robot.inverse(q, still, still) for robot in (self.made, self.made.changed(payload=1.0))
+        )
+        slope = loaded - bare
+        room = 0.5 * spec.command - np.abs(bare)
+        return float(np.min(np.maximum(room, 0.0) / np.maximum(np.abs(slope), 1e-9 * spec.command)))
+
+
+def measured(robot: str, seed: int) -> dict[str, Any]:
+    """Largest evidence and first alarm of each run, and what was named."""
+    plant, rng = Plant.of(robot), np.random.default_rng([seed, 6])
+    world = plant.world
+    rated = plant.rated()
+    logs = [plant.run(world.motion(rng), rng, {}) for _ in range(LOGS)]
+    model = world.learned(world.samples(*logs), world.config.model, rng).model
+    runs = {f"unchanged_{i}": {} for i in range(UNCHANGED)}
+    changed: dict[str, dict[str, float]] = {
+        "load": {"payload": LOAD * rated},
+        "friction": {"friction": FRICTION},
+    }
+    found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist()}
+    for name, what in {**runs, **changed}.items():
+        found[name] = judged(world, model, plant.run(world.motion(rng), rng, what))
+    return found
+
+
+def judged(world: World, model: LearnedModel, log: Log) -> dict[str, Any]:
+    """The test of one log, as `tell` makes it."""
+    samples = world.samples(log)
+    mean, variance = model.predict(samples.log)
+    error, deviation = samples.command - mean, np.sqrt(variance)
+    use = samples.usable & samples.moving
+    path = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
+    motion: tuple[Array, Array, Array] = (
+        model.static(samples.log),
+        samples.log["qd"],
+        samples.log["qdd"],
+    )
+    named: Cause = cause(error, deviation, use, motion)
+    return {
+        "largest": float(path.max()),
+        "alarm_s": seconds_to(path, samples.t, ALARM_EARLY),
+        "others": {f"{alarm:g}": seconds_to(path, samples.t, alarm) for alarm in OTHERS},
+        "named": named,
+        "z2": float(np.mean((error / deviation)[use] ** 2)),
+    }
+
+
+def seconds_to(path: Array, t: Array, alarm: float) -> float | None:
+    """s of motion until the evidence is above that; None if it never is."""
+    at = first_alarm(path, alarm)
+    return None if at is None else float(t[at])
+
+
+def rows_of(robot: str, cells: list[dict[str, Any]]) -> list[Row]:
+    """Shares of runs in which a change was noticed soon and named right, and false alarms."""
+    unchanged = [c[name] for c in cells for name in c if name.startswith("unchanged")]
+    alarms = sum(own["alarm_s"] is not None for own in unchanged)
+    against = f"of {len(unchanged)} unchanged runs"
+    rows = [Row(f"false_alarms_{robot}", alarms, "1", against)]
+    for name in ("load", "friction"):
+        own = [c[name] for c in cells]
+        soon = [o["alarm_s"] is not None and o["alarm_s"] <= SOON for o in own]
+        rows += [
+            Row(
+                f"{name}_noticed_{robot}", float(np.mean(soon)), "1", f"within {SOON:g} s, of {len(own)} runs"
+            ),
+            Row(f"{name}_named_{robot}", float(np.mean([o["named"] == name for o in own])), "1"),
+            Row(
+                f"{name}_misnamed_{robot}",
+                float(np.mean([o["named"] not in (name, "unknown") for o in own])),
+                "1",
+            ),
+        ]
+    return rows

@@ -1,0 +1,113 @@
+"""Bad news, from facts given by hand: told first, red before yellow, and never beside "use the model"."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import Any
+
+import pytest
+from test_stopping import CONFIG, OPEN, RULES, series
+
+from etude.campaign.news import bad_news
+from etude.campaign.state import CHANGED, Round, State
+from etude.campaign.stopping import judge
+from etude.contracts import Finding
+
+OUTPUTS = ("hip", "knee")
+GOOD = {"nmse": [0.01, 0.02], "z2": [1.0, 1.0], "coverage": [0.95, 0.93]}
+LINEAR = {"nmse": [0.1, 0.2]}
+
+
+def state(gp: dict[str, Any], told: dict[str, Any] | None = None, **round_: Any) -> State:
+    trained = {"predicted_by": "gp", "chosen": "gp", "models": {"gp": gp, "linear": LINEAR}, "order": 1}
+    return State(rounds={3: Round(3, told=told or {"robot_seconds": 60.0}, trained=trained, **round_)})
+
+
+def news(found: State) -> list[tuple[str, str]]:
+    return [(finding.check, finding.light) for finding in bad_news(found, OUTPUTS, 2)]
+
+
+def test_without_bad_news_nothing_is_said() -> None:
+    assert news(state(GOOD)) == []
+    assert news(State()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "told", "words"),
+    [
+        ({"coverage": [0.95, 0.79]}, ("calibration", "red"), "knee 79 %"),
+        ({"nmse": [0.01, 0.23]}, ("linear regression", "yellow"), "knee"),
+        ({"nmse": [0.01, 0.21]}, None, ""),
+        ({"coverage": [0.95, 0.81]}, None, ""),
+        ({"coverage": [0.95, None]}, None, ""),
+    ],
+)
+def test_scores(change: dict[str, Any], told: tuple[str, str] | None, words: str) -> None:
+    found = bad_news(state({**GOOD, **change}), OUTPUTS, 2)
+    assert [(finding.check, finding.light) for finding in found] == ([told] if told else [])
+    assert all(words in finding.sentence and "hip" not in finding.sentence for finding in found)
+    assert all(finding.step for finding in found)
+
+
+def test_red_comes_before_yellow() -> None:
+    gp = {"nmse": [0.2, 1e9], "coverage": [0.1, 0.95]}
+    told = {"findings": [asdict(Finding("units", "yellow", "hip may be in mA", "Say --current."))]}
+    assert news(state(gp, told)) == [
+        ("calibration", "red"),
+        ("prediction", "red"),
+        ("units", "yellow"),
+        ("linear regression", "yellow"),
+    ]
+
+
+def test_a_changed_robot_is_news_until_it_is_answered_and_other_findings_while_the_log_is_used() -> None:
+    told = {"findings": [asdict(Finding(CHANGED, "red", "the robot has changed", "Say --changed new."))]}
+    assert news(state(GOOD, told, held=True)) == [(CHANGED, "red")]
+    assert news(state(GOOD, told)) == []
+    other = {"findings": [asdict(Finding("sign", "red", "inverted", "Turn it."))]}
+    assert news(state(GOOD, other)) == [("sign", "red")]
+    assert news(state(GOOD, other, abandoned=True)) == []
+    unknown = {"findings": [{**other["findings"][0], "certainty": 0.9}]}
+    assert news(state(GOOD, unknown)) == [("sign", "red")]
+
+
+@pytest.mark.parametrize(
+    ("errors", "told"),
+    [
+        ([1.0, 0.9], []),
+        ([1.0, 1.2], [("tests", "yellow")]),
+        ([1.0, 2.2], [("tests", "red")]),
+        ([1.0, 1.2, 1.1], []),
+    ],
+)
+def test_tests_that_get_worse(errors: list[float], told: list[tuple[str, str]]) -> None:
+    alone = {"test": "moves", "baseline": "pd", "number": 0, "tracking_error_deg": [2.0, 2.0]}
+    rounds = [
+        {"test": "moves", "number": i, "tracking_error_deg": [e, e]} for i, e in enumerate(errors, start=1)
+    ]
+    assert news(replace(state(GOOD), evaluated=(alone, *rounds))) == told
+
+
+HARM = [({"coverage": 0.79}, "79 %"), ({"red": ("log 3: its sign is inverted",)}, "its sign is inverted")]
+
+
+@pytest.mark.parametrize(("harm", "words"), HARM)
+@pytest.mark.parametrize(("rule", "change"), RULES)
+def test_no_rule_fires_while_the_model_may_do_harm(
+    harm: dict[str, Any], words: str, rule: str, change: dict[str, Any]
+) -> None:
+    assert judge(series(change, change), CONFIG).rule == rule
+    verdict = judge(series(change, {**change, **harm}), CONFIG)
+    assert (verdict.stop, verdict.usable) == (False, False)
+    assert words in verdict.reason
+
+
+@pytest.mark.parametrize(("harm", "words"), HARM)
+def test_a_spent_budget_stops_and_does_not_praise_the_model(harm: dict[str, Any], words: str) -> None:
+    spent = replace(CONFIG, budget_trajectories=2)
+    verdict = judge(series({}, harm), spent)
+    assert (verdict.stop, verdict.rule, verdict.usable) == (True, "budget", False)
+    assert words in verdict.reason
+    assert judge(series({}, {}), spent).usable
+    assert judge(series({}, {"coverage": 0.81}), CONFIG).usable
+    assert OPEN.red == ()

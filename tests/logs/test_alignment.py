@@ -1,0 +1,35 @@
+"""Random recordings of random motions of ten robots are aligned to a sample, another motion is refused."""
+
+from __future__ import annotations
+
+import pytest
+from alignment_cases import KINDS, TEN, Case
+
+EVERYDAY_RATE = 200.0
+"""Hz; logs of more rows take longer and are left to the slow test."""
+EVERYDAY = [seed for seed in range(60) if Case.of(seed).rate < EVERYDAY_RATE][:20]
+
+
+@pytest.mark.parametrize("seed", EVERYDAY)
+def test_a_log_of_the_proposal_is_aligned_to_a_sample(seed: int) -> None:
+    case = Case.of(seed)
+    assert case.error() <= 1.0 / case.rate + 1e-6, case
+
+
+@pytest.mark.parametrize("seed", EVERYDAY[::2])
+def test_a_log_of_another_motion_is_refused(seed: int) -> None:
+    assert Case.of(seed).refused()
+
+
+def test_the_cases_hold_every_robot_and_nearly_every_kind() -> None:
+    cases = [Case.of(seed) for seed in EVERYDAY]
+    assert {case.robot.name for case in cases} == set(TEN)
+    assert len({case.kind for case in cases}) >= len(KINDS) - 1
+
+
+@pytest.mark.slow
+def test_500_cases_over_10_robots() -> None:
+    cases = [Case.of(seed) for seed in range(500)]
+    missed = [case.seed for case in cases if case.error() > 1.0 / case.rate + 1e-6]
+    accepted = [case.seed for case in cases if not case.refused()]
+    assert (missed, accepted) == ([], [])
