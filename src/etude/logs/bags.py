@@ -197,7 +197,7 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores,
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
         if not isinstance(data, bytes):  # a cell of SQLite may hold anything
-            raise TypeError("it holds no data")
+            raise ValueError("it holds no data")
         message = store.deserialize_cdr(decompressed(data, path), connection.msgtype)
     except Exception as problem:
         raise DataError(
