@@ -205,7 +205,12 @@ def read(path: Path, number: int) -> bool:
 
 
 def _own_mistake(problem: BaseException | None) -> bool:
-    """Whether what was told as a refusal is a mistake in Étude's own lines, not in a library's."""
+    """Whether what was told as a refusal is a mistake in Étude's own lines, not in a library's.
+
+    ValueErrors are raised there on purpose.
+    """
+    if isinstance(problem, ValueError):
+        return False
     trace = problem.__traceback__ if problem is not None else None
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

@@ -37,13 +37,15 @@ def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
     """The readers (`rosbags.rosbag2.Reader`) of a recording, and what was done to open them."""
     rosbag2 = needed("rosbags.rosbag2", "ros", path)
     with ExitStack() as stack:
+        repairs: tuple[str, ...] = ()
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         if path.is_dir() and (path / METADATA).is_file():
-            files, repairs = [path], ()
+            files = [path]
         else:
             bare = _storages(path) if path.is_dir() else [path]
             mended = [_mended(_unpacked(one, folder), folder) for one in bare]
-            files, repairs = [one for one, _ in mended], (CUT,) if any(cut for _, cut in mended) else ()
+            files = [one for one, _ in mended]
+            repairs = (CUT,) if any(cut for _, cut in mended) else ()
         yield [stack.enter_context(rosbag2.Reader(one)) for one in files], repairs
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log
+from etude.contracts import Array, Index, Log
 from etude.errors import DataError, EtudeError
 from etude.logs.bag_files import decompressed, is_bag_folder, opened
 from etude.logs.extras import needed
@@ -109,7 +109,7 @@ def _types(typesys: Any, text: str, format_: str, msgtype: str) -> Any:
     """Types by name of a definition as the recording holds it; several IDLs stand between lines of =."""
     if format_ == "MSG":
         return typesys.get_types_from_msg(text, msgtype)
-    found = {}
+    found: dict[str, Any] = {}
     for part in text.split(80 * "=" + "\n"):
         own = part.partition("\n")[2] if part.startswith("IDL: ") else part
         if own.strip():
@@ -197,7 +197,7 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores,
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
         if not isinstance(data, bytes):  # a cell of SQLite may hold anything
-            raise TypeError("it holds no data")
+            raise ValueError("it holds no data")
         message = store.deserialize_cdr(decompressed(data, path), connection.msgtype)
     except Exception as problem:
         raise DataError(
@@ -245,8 +245,8 @@ def _joints(topic: Topic) -> str:
 
 def _logs(topics: Sequence[Topic], source: str, repairs: tuple[str, ...]) -> dict[str, Log]:
     """A log for each topic, s from the first message, by the headers' stamps if these agree."""
-    stamped = [np.array(topic.rows.stamped, dtype=np.int64) for topic in topics]
-    received = [np.array(topic.rows.received, dtype=np.int64) for topic in topics]
+    stamped: list[Index] = [np.array(topic.rows.stamped, dtype=np.int64) for topic in topics]
+    received: list[Index] = [np.array(topic.rows.received, dtype=np.int64) for topic in topics]
     stamps = all((t > 0).all() and t[-1] > t[0] for t in stamped) and _overlap(stamped)
     times = stamped if stamps else received
     said = "Time is that of the messages' headers." if stamps else "Time is when messages were recorded."
@@ -255,11 +255,11 @@ def _logs(topics: Sequence[Topic], source: str, repairs: tuple[str, ...]) -> dic
     for topic, t in zip(topics, times, strict=True):
         raw = raw_log(topic.columns, source, (*repairs, said))
         # whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first
-        logs[topic.name] = replace(raw, t=(t - start) * 1e-9)
+        logs[topic.name] = replace(raw, t=np.asarray((t - start) * 1e-9, dtype=np.float64))
     return logs
 
 
-def _overlap(times: Sequence[Array]) -> bool:
+def _overlap(times: Sequence[Index]) -> bool:
     return max(int(t.min()) for t in times) < min(int(t.max()) for t in times)
 
 

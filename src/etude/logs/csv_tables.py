@@ -77,7 +77,8 @@ def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
     cells = _cells(header, separator, str(path))
     echoed = echo_names(cells, str(path))
     if echoed:
-        names, body = echoed, first
+        names: Sequence[str] = echoed
+        body = first
         repairs: tuple[str, ...] = ("There is no header; the columns are those of `ros2 topic echo --csv`.",)
     else:
         names, repairs = _checked_names(cells, str(path)), ()

@@ -36,8 +36,8 @@ def without_holes(raw: Log) -> Log:
     leader = max(partial, key=lambda finite: int(finite.sum()))
     if every.sum() > SHARED * leader.sum():
         return raw
-    values = {name: _at(t, own[:, 0], leader)[:, None] for name, own in raw.values.items()}
-    found = replace(raw, t=raw.t[leader], values=values)
+    joined = {name: _at(t, own[:, 0], leader)[:, None] for name, own in raw.values.items()}
+    found = replace(raw, t=raw.t[leader], values=joined)
     return found.repaired("Columns that are told at different rows were joined by time.")
 
 

@@ -114,7 +114,7 @@ def _numbers(kind: int, content: bytes, order: str) -> Array:
     """(n,) of an element of numbers, at least one."""
     if kind not in NUMBERS:
         raise ValueError(f"type {kind} is no number")
-    values = np.frombuffer(content, dtype=np.dtype(NUMBERS[kind]).newbyteorder(order))
+    values = np.frombuffer(content, dtype=np.dtype(order + NUMBERS[kind]))
     if not len(values):
         raise ValueError("an element without numbers")
     return np.asarray(values, dtype=np.float64)
