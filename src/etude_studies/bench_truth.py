@@ -2,7 +2,7 @@
 
 Every real log at hand and 200 simulated ones are put wrong by mutation and pass what `etude tell` asks. A
 wrong joint (sign), pair of joints (swapped) or log (the others) ends as told right, told wrong (another
-cause), missed, or "cannot tell". Finished logs are files in results/truth and are not run again.
+cause), refused (nothing was told, but ranges forbid it), missed, or "cannot tell". Finished logs are files in results/truth and are not run again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from etude_studies.world import World
 
 FOLDER = Path("results/truth")
 SIMULATED, QUICK, WORKERS = 200, 40, 2
-ENDS = ("right", "wrong", "missed", "cannot tell")
+ENDS = ("right", "wrong", "refused", "missed", "cannot tell")
+REFUSED = "refused"
 ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground")
 
 
@@ -113,7 +114,7 @@ def findings(world: World, log: Log) -> list[Finding]:
         try:
             clean = clean_log(log, channels, known.limits, (), Asked(kind, spec, Answers()).motion)
         except EtudeError as error:
-            return [*motion, *commands, Finding("refused", "red", error.fact)]
+            return [*motion, *commands, Finding(REFUSED, "red", error.fact)]
         return [*motion, *commands, *kind.checks(spec, clean)]
 
 
@@ -126,7 +127,7 @@ def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[st
     if mine:
         return "right", mine[0].sentence
     if news:
-        return "wrong", news[0].sentence
+        return ("refused" if news[0].check == REFUSED else "wrong"), news[0].sentence
     asked = [f for f in found if f.check in (wrong.check, *INSTEAD.get(wrong.check, ()))]
     unsure = not asked or any(f.light == "cannot tell" for f in asked) or _unsure(wrong, asked)
     return ("cannot tell" if unsure else "missed"), ""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from etude.contracts import Log, Mask
-from etude.robots.quadrotor.vehicle import GRAVITY
 
 STANDING_S = 3.0
+GRAVITY = 9.81
+"""m/s^2."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,11 @@ def wrongs(log: Log, path: str, moves: Mask) -> Iterator[Wrong]:
     if path == "q":
         own = np.flatnonzero(moves).tolist()
         for j in own:
-            yield Wrong("sign", "sign", lambda log, j=j: _turned(log, j), j)
+            yield Wrong("sign", "sign", partial(_turned, j=j), j)
         for a, b in itertools.combinations(own, 2):
             order = list(range(len(moves)))
             order[a], order[b] = b, a
-            yield Wrong("swapped", "swapped", lambda log, o=order: _ordered(log, o), a, tuple(order))
+            yield Wrong("swapped", "swapped", partial(_ordered, order=order), a, tuple(order))
         yield Wrong("degrees", "degrees", lambda log: _in_degrees(log, "q"), says=("degrees",))
         if "qd" in log:
             yield Wrong("degrees", "degrees", lambda log: _in_degrees(log, "qd"), says=("degrees",))

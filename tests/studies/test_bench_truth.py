@@ -62,7 +62,7 @@ def test_a_judged_log_is_not_judged_again(tmp_path: Path) -> None:
         ([Finding("sign", "green", "All is right.")], "missed"),
         ([Finding("sign", "cannot tell", "Nothing tells.")], "cannot tell"),
         ([Finding("swapped", "yellow", "Swapped.", flag="swapped")], "wrong"),
-        ([Finding("refused", "red", "Out of range.")], "wrong"),
+        ([Finding("refused", "red", "Out of range.")], "refused"),
     ],
 )
 def test_the_ends(found: list[Finding], end: str) -> None:
