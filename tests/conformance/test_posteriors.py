@@ -23,6 +23,7 @@ from etude.models.gp.local import LocalGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.gp.sogp import SOGP
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude.models.lagrangian.kernel import gip_lin
 from etude.models.lwpr.regression import LWPR
 
 D = 8
@@ -83,6 +84,7 @@ SE = ExactGP(SquaredExponential(tuple(range(D))), np.log([1.5, *[1.0] * D]), np.
 MODELS = {
     "exact, squared exponential": exact(SquaredExponential(tuple(range(D)))),
     "exact, structured": exact(STRUCTURED),
+    "exact, lagrangian and friction": exact(gip_lin(COLUMNS, ("b",))),
     "exact, one kernel for two outputs": shared,
     "linear regression": BayesianLinear(Waves(), np.log(0.5), np.log(0.1)).condition,
     "inducing, fitc": inducing(SquaredExponential(tuple(range(D))), "fitc"),

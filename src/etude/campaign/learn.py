@@ -18,6 +18,7 @@ from etude.errors import DataError, NumericalError, UsageError
 from etude.logs.log_file import read_log_file
 from etude.models.held_out import held_out_blocks, split_blocks
 from etude.models.ladder import Ladder, prequential, train_ladder
+from etude.models.lagrangian.compilation import first_use
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.score import Score, score
@@ -62,6 +63,7 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     learn = learner or learn_log
     if learner is None:
         _renew(campaign, say)
+    _say_if_compiling(campaign, say)
     done: list[int] = []
     failure: DataError | NumericalError | None = None
     for number in [r.number for r in campaign.state().pending]:
@@ -77,6 +79,12 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
     if failure is not None:
         raise failure
     return done
+
+
+def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
+    sentence = first_use((campaign.config.model.kernel, campaign.config.model.process))
+    if sentence and campaign.state().pending:
+        say(sentence)
 
 
 def learn_log(campaign: Campaign, state: State, number: int) -> Learned:

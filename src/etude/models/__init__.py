@@ -1,4 +1,4 @@
 """What was learned: one ladder of rungs for every kind of robot, its members, scores and store."""
 
-PUBLIC = ("config", "fit", "held_out", "ladder", "linear", "model", "score", "student_t", "trust")
+PUBLIC = ("config", "fit", "held_out", "ladder", "linear", "model", "score", "student_t", "together", "trust")
 """Modules that may be used from outside."""

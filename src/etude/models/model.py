@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -141,6 +142,25 @@ class LearnedModel:
         still = at_rest(log)
         X, means = self.inputs.of_log(still), _Means(log, static=True)
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+
+    def gravity(self, q: Any) -> Array:
+        """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every rung.
+
+        Raises:
+            UsageError: q has another shape, or the inputs hold no position for each command.
+        """
+        columns, q = self.inputs.columns, np.asarray(q, dtype=float)
+        widths = Counter(channel for channel, _, _, op in columns if not op)
+        position = columns[0][0]
+        if tuple(part for channel, part, _, op in columns if channel == position and not op) != self.commands:
+            raise UsageError(
+                f"{position}, the first input, is no position for each command",
+                next_step="Ask static(log), with a log of the states.",
+            )
+        if q.ndim != 2 or q.shape[1] != widths[position]:
+            raise UsageError(f"poses have shape {q.shape}, not (n, {widths[position]})")
+        still = {channel: np.zeros((len(q), width)) for channel, width in widths.items()}
+        return self.static({**still, position: q})
 
     def safe(self, log: Log) -> Array:
         """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else zero."""

@@ -102,7 +102,8 @@ def pointwise_parts(
     kernel: Kernel, theta: Array
 ) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
     """What `kernel_terms` is for, with its hyperparameters, and the summands that answer for themselves."""
-    terms, others = [], []
+    terms: list[tuple[Kernel, Array]] = []
+    others: list[tuple[Pointwise, Array]] = []
     parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]
     for part, own in parts:
         if isinstance(part, Pointwise):

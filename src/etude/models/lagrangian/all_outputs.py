@@ -35,7 +35,17 @@ FIELDS, C, R, RZ, SG, CU, RU, RUZ, QU, LINK = 0, 4, 8, 9, 10, 11, 15, 16, 17, 18
 FREE, BOUND, BACK, BR, BRZ, BSG, BLINK, SIZE = 24, 28, 32, 36, 37, 38, 39, 43
 
 _MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
-_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_MATHS)
+_INLINE: dict[str, Any] = {
+    **_MATHS,
+    "forceinline": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+def _inline(function: Any) -> Any:
+    """A part of a sweep: not compiled by itself."""
+    return njit(**_INLINE)(function)
 
 
 def _compile(function: Any) -> Any:

@@ -84,4 +84,4 @@ def joints_of(columns: Sequence[Column]) -> tuple[Joints, tuple[str, ...]]:
             next_step="Use another kernel, such as kernel = 'ard_se'.",
         )
     slides = tuple(columns[i][2] in LENGTHS for i in places[0])
-    return Joints(*places, slides), parts[0]
+    return Joints(places[0], places[1], places[2], slides), parts[0]

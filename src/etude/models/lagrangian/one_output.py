@@ -33,7 +33,17 @@ K, P, GP, CHAIN, OWN, SUMS, HERE, BLOCKS = 0, 1, 5, 9, 13, 17, 21, 25
 FIELDS, T, BEFORE, LINK, U, U_BEFORE, SIZE = 0, 4, 8, 12, 16, 17, 18
 
 _MATHS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}
-_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_MATHS)
+_INLINE: dict[str, Any] = {
+    **_MATHS,
+    "forceinline": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+def _inline(function: Any) -> Any:
+    """A part of a sweep: not compiled by itself."""
+    return njit(**_INLINE)(function)
 
 
 def _compile(function: Any) -> Any:

@@ -55,7 +55,8 @@ class Parameters:
 
     def roles(self) -> tuple[Role, ...]:
         """The potential's scale is an amplitude; all else is as wide as a slope."""
-        return ("amplitude", *["slope"] * (len(self._entries) - 1))
+        others: list[Role] = ["slope"] * (len(self._entries) - 1)
+        return ("amplitude", *others)
 
     def array(self, theta: Array) -> Array:
         """(J + 5, J)."""

@@ -80,7 +80,7 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
         if candidate is None or posterior is None:
             continue
         offset, factor = (float(unit) for unit in candidate.units[:, candidate.commands.index(j)])
-        frozen = _point(posterior) if rung == chosen else _constant(-offset / factor)
+        frozen = _point(candidate, posterior, j) if rung == chosen else _constant(-offset / factor)
         guard = Guard(config.memory_s * config.rate_hz, posterior.noise_variance)
         return Command(j, candidate, offset, factor, frozen, begin(posterior, config, rng), guard)
     raise UsageError(
@@ -95,7 +95,12 @@ def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
     return found if isinstance(found, ExactPosterior) else None
 
 
-def _point(posterior: ExactPosterior) -> Callable[[Array], float]:
+def _point(candidate: Candidate, posterior: ExactPosterior, j: int) -> Callable[[Array], float]:
+    """What the candidate says: by the posterior that goes on learning, or of all commands together."""
+    together = getattr(candidate.process, "point", None)
+    if together is not None:
+        every, place = together(), candidate.commands.index(j)
+        return lambda x: float(every(x)[place])
     mean = PointMean([posterior])
     return lambda x: float(mean(x)[0])
 

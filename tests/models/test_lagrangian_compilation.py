@@ -1,0 +1,31 @@
+"""Who waits for the compiler is told so, once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from etude.models.lagrangian import all_outputs
+from etude.models.lagrangian.compilation import SENTENCE, first_use
+
+
+class Sweep:
+    """A function as numba leaves it."""
+
+    def __init__(self, folder, signatures=()) -> None:
+        self.signatures, self.py_func = signatures, all_outputs.sweep_all.py_func
+        self.stats = SimpleNamespace(cache_path=str(folder))
+
+
+def test_only_what_is_compiled_and_not_yet_there_is_announced(monkeypatch, tmp_path) -> None:
+    assert first_use(("structured", "exact")) == ""
+    done = Sweep(tmp_path, signatures=("a",))
+    for name in ("sweep_all", "means_all"):
+        monkeypatch.setattr(all_outputs, name, done)
+    monkeypatch.setattr("etude.models.lagrangian.one_output.sweep", done)
+    assert first_use(("gip_lin", "exact")) == ""
+    monkeypatch.setattr(all_outputs, "sweep_all", Sweep(tmp_path))
+    assert first_use(("gip_lin", "exact")) == SENTENCE
+    assert first_use(("structured", "all_lin")) == SENTENCE
+    line = all_outputs.sweep_all.py_func.__code__.co_firstlineno
+    (tmp_path / f"all_outputs.sweep_all-{line}.py3.nbi").touch()  # an earlier process was here
+    assert first_use(("gip_lin", "exact")) == ""
