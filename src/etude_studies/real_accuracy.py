@@ -74,8 +74,8 @@ def recording_rows(name: str, data: Recording, rng: np.random.Generator) -> list
     if data.quarters:
         rows.append(quarters_row(name, data, config, rng))
     if len(data.train) > config.points:  # what the cap on the samples conditioned on costs
-        every = replace(config, points=len(data.train), inducing=0)
-        rows.append(row("all_points", world.learned(data.train, every, rng, body=False).model))
+        exact = replace(config, points=len(data.train), inducing=0)
+        rows.append(row("all_points", world.learned(data.train, exact, rng, body=False).model))
     if world.kind.physics(world.spec, world.config):
         rows.append(row("ladder", world.learned(data.train, config, rng).model))
     return rows

@@ -128,7 +128,9 @@ def outcomes(kept: Path, logs: Path | None) -> dict[str, Outcome]:
 
 
 def rows(found: Mapping[str, Outcome]) -> list[Row]:
-    """`<log>_<choice>` and `<log>_quarters_<choice>`: mean nMSE over the outputs, beside the default's."""
+    """`<log>_<choice>` and `<log>_quarters_<choice>`: mean nMSE over the outputs, beside the default's; and
+    `<log>_<choice>_cpu`, of the blocks.
+    """
     made = []
     parts = {"": ("blocks",), "_quarters": tuple(f"quarter{i + 1}" for i in range(QUARTERS))}
     for log in dict.fromkeys(name.split("/")[0] for name in found):
@@ -138,6 +140,8 @@ def rows(found: Mapping[str, Outcome]) -> list[Row]:
                 for choice in CHOICES
             }
             made += [Row(f"{log}{title}_{c}", m, "1", "default", means["default"]) for c, m in means.items()]
+        cpu = {choice: found[f"{log}/blocks/{choice}"].seconds for choice in CHOICES}
+        made += [Row(f"{log}_{c}_cpu", seconds, "s", "default", cpu["default"]) for c, seconds in cpu.items()]
     return made
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Mask
 from etude.models.candidates import everywhere
 from etude.models.fit import Folds
 from etude.models.held_out import Base, HeldOut
@@ -48,7 +48,7 @@ def averaged(
     needed = weights.max(axis=1) >= LEAST
     weights = np.where(needed[:, None], weights, 0.0)
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
-    use = _compared(defaults, errors.shape[1:])
+    use = _compared(defaults, (len(folds.X), J))
     held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
     kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
     shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
@@ -86,7 +86,7 @@ def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array
     return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)
 
 
-def _compared(defaults: Sequence[Learned], shape: tuple[int, int]) -> Array:
+def _compared(defaults: Sequence[Learned], shape: tuple[int, int]) -> Mask:
     """(n, J) the samples on which rungs are compared: those that the defaults were conditioned on."""
     use = np.zeros(shape, dtype=np.bool_)
     for part in defaults:

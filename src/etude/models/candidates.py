@@ -153,9 +153,8 @@ def everywhere(folds: Folds, learned: Learned, base: Base | None) -> tuple[Array
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
     error, variance = held.error.copy(), held.variance.copy()
-    stands = np.any(while_any_moves(folds.samples)[:, own] & ~np.isfinite(error), axis=1)
-    stands &= ~np.any(folds.samples.moving[:, own] & np.isfinite(error), axis=1)
-    rest = np.flatnonzero(stands & ~folds.samples.moving[:, own].all(axis=1))
+    missing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own] & ~np.isfinite(error)
+    rest = np.flatnonzero(missing.any(axis=1))
     if len(rest) and len(own) == 1 and process is not None:  # what learns together has held out all entries
         rows = replace(learned.rows, kept=rest)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)

@@ -16,8 +16,8 @@ from etude.models.rows import seconds_of, spread_points
 
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
-OF_FEW = ("structured", "standing", "gip_lin")
-"""Kernels with many hyperparameters."""
+OF_ARMS = ("structured", "standing", "gip_lin")
+"""Kernels of an arm's command, with many hyperparameters."""
 LEAST_FIT = 100
 """Samples for the hyperparameters of an arm's kernel at least; it has some 80 of these for six joints.
 Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
@@ -87,7 +87,7 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
     most = max(config.points, config.inducing) if config.process == "exact" else config.points
     kept = spread_points(samples.t, samples.group, use, most, 0.0, rng)
     spacing = config.fit_spacing_s
-    if config.kernel in OF_FEW or config.process == "all_lin":
+    if config.kernel in OF_ARMS or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
     told: Mask = use
     if config.schedule == "first":

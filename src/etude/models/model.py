@@ -141,6 +141,8 @@ class LearnedModel:
         log = as_log(log, self.inputs.columns)
         still = at_rest(log)
         X, means = self.inputs.of_log(still), _Means(log, static=True)
+        held = [i for i, column in enumerate(self.inputs.columns) if column[3] == "memory"]
+        X[:, held] = 0.0  # what friction holds at rest is no gravity
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
 
     def gravity(self, q: Any) -> Array:

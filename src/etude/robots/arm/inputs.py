@@ -193,10 +193,10 @@ class ArmInputs:
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
         """The same inputs with what `arrays` holds; a model without a memory has none."""
         found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
-        names = ("presliding", "play", "slow")
-        return replace(
-            found, **{n: np.asarray(arrays[n], dtype=float) if n in arrays else None for n in names}
-        )
+        if "play" not in arrays:
+            return replace(found, presliding=None, play=None, slow=None)
+        length, play, slow = (np.asarray(arrays[n], dtype=float) for n in ("presliding", "play", "slow"))
+        return replace(found, presliding=length, play=play, slow=slow)
 
     def c(self, name: str) -> Code | None:  # noqa: ARG002
         return None
