@@ -37,9 +37,9 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         factor = found["calibration_factor"]
         lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
     if found["forecast_fraction"] is not None:
-        lines.append(
-            f"Forecast command error {100 * found['forecast_fraction']:.2g} % of the limit (worst axis)."
-        )
+        fraction = found["forecast_fraction"]
+        told = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
+        lines.append(f"Forecast command error: {told} {'of the limit ' * (fraction < 1.0)}(worst axis).")
     if found["next_gain"] is not None:
         lines.append(
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
