@@ -2,7 +2,8 @@
 
 Every real log at hand and 200 simulated ones are put wrong by mutation and pass what `etude tell` asks. A
 wrong joint (sign), pair of joints (swapped) or log (the others) ends as told right, told wrong (another
-cause), refused (nothing was told, but ranges forbid it), missed, or "cannot tell". Finished logs are files in results/truth and are not run again.
+cause), refused (nothing was told, but ranges forbid it), missed, or "cannot tell". Finished logs are files in
+results/truth and are not run again.
 """
 
 from __future__ import annotations
