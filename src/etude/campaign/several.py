@@ -53,7 +53,7 @@ class ToldMany:
 
 
 @overload
-def tell(
+def tell(  # type: ignore[overload-overlap]  # a str is a Sequence[str], and means one file
     campaign: Campaign,
     path: str | Path,
     *,

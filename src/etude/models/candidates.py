@@ -139,7 +139,7 @@ def _learned(
     samples = folds.samples
     if recipe.standing:
         samples = replace(
-            samples, moving=np.broadcast_to(samples.moving.any(axis=1)[:, None], samples.moving.shape)
+            samples, moving=np.broadcast_to(samples.moving.any(axis=1, keepdims=True), samples.moving.shape)
         )
     own = replace(folds, samples=samples, config=recipe.config(folds.config))
     rows = rows_of(own, group, rng, any_of=recipe.together)

@@ -95,5 +95,6 @@ def _explained(error: Array, features: Array) -> float:
         return 0.0
     basis = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     Q = basis[0][:, basis[1] > 1e-8 * basis[1][0]]
-    by_chance = Q.shape[1] / len(error) * float(error @ error)
-    return max(0.0, float(((Q.T @ error) ** 2).sum()) - by_chance)
+    by_chance = float(Q.shape[1] / len(error) * (error @ error))
+    explained = float(((Q.T @ error) ** 2).sum())
+    return max(0.0, explained - by_chance)

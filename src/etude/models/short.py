@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,13 +28,13 @@ def short(folds: Folds) -> Mask:
     return np.asarray((own < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch))
 
 
-def doubted(folds: Folds, candidates: list[Candidate]) -> list[Candidate]:
+def doubted(folds: Folds, candidates: Sequence[Candidate]) -> list[Candidate]:
     """The candidates, of short motion with at least the variance that a constant would leave, or their prior.
 
     A controller then gives the model no trust, a design sees no difference, and no stop rule fires.
     """
     if not folds.config.calibrate:
-        return candidates
+        return list(candidates)
     samples = folds.samples
     seen = np.nanvar(np.where(samples.usable, samples.command, np.nan), axis=0)
     least = np.where(short(folds), np.maximum(seen, (DOUBT * folds.limit) ** 2), 0.0)
