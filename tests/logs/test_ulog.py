@@ -127,6 +127,14 @@ def test_a_log_cut_in_a_record_is_read_up_to_there(tmp_path: Path) -> None:
         read_raw(path)
 
 
+def test_damage_that_leads_in_a_circle_is_refused(tmp_path: Path) -> None:
+    """A message of no known kind, longer than the file: pyulog went back as far as it had not read."""
+    path = ulogs.write_ulog(tmp_path / "flight.ulg")
+    path.write_bytes(path.read_bytes()[:16] + b"\x40\x00\x00" * 20)
+    with pytest.raises(DataError, match="cannot be read as ULog"):
+        read_raw(path)
+
+
 def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}")

@@ -199,14 +199,14 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores,
         if not isinstance(data, bytes):  # a cell of SQLite may hold anything
             raise ValueError("it holds no data")
         message = store.deserialize_cdr(decompressed(data, path), connection.msgtype)
-    except Exception as problem:
+        rows.add(received, stamp_of(message), blocks_of(message, connection.msgtype))
+    except Exception as problem:  # of a damaged definition a message may be anything
         raise DataError(
             f"a message of topic {connection.topic} is not of the type {connection.msgtype} "
             f"as it is known here ({_first_line(problem)})",
             where=str(path),
             next_step="The bag is damaged, or of another release of ROS: record as MCAP, or convert to CSV.",
-        ) from problem
-    rows.add(received, stamp_of(message), blocks_of(message, connection.msgtype))
+        ) from None
 
 
 def _chosen(

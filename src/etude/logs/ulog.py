@@ -11,7 +11,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -68,6 +68,28 @@ class UlogReader:
         return head.startswith(MAGIC)
 
 
+class _Patient:
+    """A file that is read a bounded number of times: in some damaged ones pyulog goes round for ever.
+
+    It reads a message in two parts, and after damage tries every byte as a beginning.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._left = 1000 + 3 * file.seek(0, io.SEEK_END)
+        file.seek(0)
+
+    def read(self, size: int = -1) -> bytes:
+        """RuntimeError: it has been read too often."""
+        self._left -= 1
+        if self._left < 0:
+            raise RuntimeError("damage in it leads round in a circle")
+        return self._file.read(size)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
 def _needed() -> list[str]:
     return sorted({*MOTORS, *(name for names, _ in SIGNALS for name in names)})
 
@@ -81,8 +103,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> Any:
                 "this is no ULog", where=str(path), next_step="Download the .ulg of the flight again."
             )
         try:
-            file.seek(0)
-            return library.ULog(file, list(topics) or None)
+            return library.ULog(_Patient(file), list(topics) or None)
         except Exception as problem:  # pyulog fails with anything
             first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
             raise DataError(
