@@ -50,6 +50,18 @@ def test_an_exact_process_predicts_anything_without_a_fold_in_closed_form() -> N
     np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)
 
 
+def test_a_fold_that_taught_nothing_changes_nothing() -> None:
+    none = np.zeros(0, dtype=np.int64)
+    exact, latent = GP.condition(X, Y).predict(AT)
+    mean, variance = condition_shared(GP, X, Y[:, None]).elsewhere(none, AT)
+    np.testing.assert_allclose(mean[:, 0], exact, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)
+    induced = FixedInducing(GP, X[::4], X)
+    np.testing.assert_allclose(
+        induced.held_out(Y, none, AT)[0], induced.posterior(Y).predict(AT)[0], rtol=1e-6
+    )
+
+
 def test_noise_at_rest_is_each_sample_s_own() -> None:
     kernel = SquaredExponential((0, 1)) + RestNoise(2)
     rest = np.abs(RNG.normal(size=(60, 1)))
