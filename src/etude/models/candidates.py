@@ -171,7 +171,7 @@ def resting(folds: Folds) -> Mask:
 
 def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> Rows:
     """The rows of moving joints, and of the others those at rest."""
-    rests = ~folds.samples.moving[:, list(group)].all(axis=1)
+    rests = np.asarray(~folds.samples.moving[:, list(group)].all(axis=1))
 
     def both(own: Index, other: Index) -> Index:
         return np.union1d(own, other[rests[other]])

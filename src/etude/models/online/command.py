@@ -93,8 +93,9 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
 def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
     place, own = candidate.commands.index(j), getattr(candidate.process, "own", None)
     found = own[place] if isinstance(own, tuple) else None
-    if isinstance(found, BasisPosterior) and getattr(candidate.process, "guides", ()):
-        found = candidate.process.guides[place]  # type: ignore[union-attr]  # all taught it through a few
+    guides = getattr(candidate.process, "guides", None)
+    if isinstance(found, BasisPosterior) and guides:  # all samples taught it, through a few
+        found = guides[place]
     return found if isinstance(found, ExactPosterior) else None
 
 
