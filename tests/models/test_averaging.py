@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
+from learning_examples import NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
 
 from etude.errors import UsageError
 from etude.models.averaging import EXPONENT, LEAST, mixed, weighed
-from etude.models.candidates import INVERTED, work_sign
+from etude.models.candidates import INVERTED, REST_S, resting, work_sign
 from etude.models.config import ModelConfig
 from etude.models.contracts import share_of
 from etude.models.fit import Folds
@@ -119,3 +119,28 @@ def test_the_sign_of_work() -> None:
 def test_impossible_candidates_are_refused(candidates: tuple[str, ...]) -> None:
     with pytest.raises(UsageError, match="candidate"):
         ModelConfig(candidates=candidates)
+
+
+class Resting(Inputs):
+    """With a column for each joint that says how much it rests, and what friction remembers."""
+
+    @property
+    def columns(self):
+        more = [("qd", part, "1", op) for op in ("memory", "rest") for part in NAMES]
+        return (*super().columns, *more)
+
+    def of_log(self, log):
+        rest = np.exp(-np.abs(log["qd"]) / 0.02)
+        return np.hstack([super().of_log(log), 0.0 * rest, rest])
+
+
+def test_of_one_rest_few_samples_teach_and_those_in_between_none() -> None:
+    data, inputs = trajectories(1), Resting()
+    t, qd = data.t, np.column_stack([np.full(len(data), 0.5), np.full(len(data), 0.4)])
+    qd[40:80, 1], qd[100:120, 1] = 0.0, 0.02  # rests for 5 s; creeps
+    log = data.log.put(data.log.channels["qd"], qd)
+    data = replace(data, log=log, moving=np.abs(qd) > 0.03)
+    folds = Folds(data, inputs, inputs.of_log(log), data.group, np.ones(2), SMALL, NAMES)
+    found = resting(folds)
+    assert not found[:, 0].any()
+    np.testing.assert_allclose(t[found[:, 1]], t[40] + REST_S * np.arange(3))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from learning_examples import PHYSICS, SMALL, Inputs, train, trajectories, trajectory
 
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.fixed_inducing import FixedInducing
@@ -10,6 +13,7 @@ from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.rest import RestNoise
 from etude.models.gp.shared_exact import condition_shared
+from etude.models.store import model_bytes, model_of
 
 RNG = np.random.default_rng(0)
 X, AT = RNG.normal(size=(60, 2)), RNG.normal(size=(9, 2))
@@ -50,6 +54,18 @@ def test_an_exact_process_predicts_anything_without_a_fold_in_closed_form() -> N
     np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)
 
 
+def test_a_fold_that_taught_nothing_changes_nothing() -> None:
+    none = np.zeros(0, dtype=np.int64)
+    exact, latent = GP.condition(X, Y).predict(AT)
+    mean, variance = condition_shared(GP, X, Y[:, None]).elsewhere(none, AT)
+    np.testing.assert_allclose(mean[:, 0], exact, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(variance, latent + GP.noise_variance, rtol=1e-7)
+    induced = FixedInducing(GP, X[::4], X)
+    np.testing.assert_allclose(
+        induced.held_out(Y, none, AT)[0], induced.posterior(Y).predict(AT)[0], rtol=1e-6
+    )
+
+
 def test_noise_at_rest_is_each_sample_s_own() -> None:
     kernel = SquaredExponential((0, 1)) + RestNoise(2)
     rest = np.abs(RNG.normal(size=(60, 1)))
@@ -64,3 +80,16 @@ def test_noise_at_rest_is_each_sample_s_own() -> None:
     mean, variance = found.held_out(Y, out, at)
     np.testing.assert_allclose(mean, theirs, atol=1e-5)
     np.testing.assert_allclose(variance, latent + gp.noise_variance, atol=1e-5)
+
+
+def test_a_campaign_with_many_samples_learns_from_all_of_them() -> None:
+    config = replace(SMALL, points=40, inducing=60, fit_points=60, steps=5)
+    model = train(trajectories(2), config)
+    (process,) = (c.process for c in model.candidates if c.commands == (0,))
+    assert len(process.own[0].basis) == 60
+    assert len(process.guides[0].X) == 40  # what designs see, and what goes on learning on line
+    few = train(trajectories(2), replace(config, inducing=1000))
+    assert len(few.candidates[0].process.own[0].X) == 40
+    X = model.inputs.of_log(trajectory(9).log)
+    again = model_of(model_bytes(model), Inputs().restore, PHYSICS)
+    np.testing.assert_array_equal(again.candidates[0].process.predict(X)[0], process.predict(X)[0])

@@ -18,7 +18,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "sharing": '"separate" processes of the commands, or one kernel "shared" by all',
         "process": '"exact", or another member of docs/models.md, "dictionary_variance" for example',
         "points": "samples each process is conditioned on, at most",
-        "inducing": "of more samples than points all teach, through so many; 0: points alone",
+        "inducing": "of twice as many samples all teach, through so many; 0: points alone",
         "basis": "inducing, spectral or basis points, at most, of a process that has them",
         "fit_points": "of these, samples that hyperparameters are fitted to, at most",
         "fit_spacing_s": "these are at least so many s apart",

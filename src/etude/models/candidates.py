@@ -11,17 +11,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Index, Mask
 from etude.models.config import ModelConfig
 from etude.models.fit import Folds, Rows, rows_of
+from etude.models.gp.kernels import own_columns
 from etude.models.held_out import Base, process_held_out
 from etude.models.model import LearnedModel
+from etude.models.rows import apart
 from etude.models.rungs import Learned, earlier_of, with_process
 from etude.models.score import while_any_moves
 
 FEW = 200
 """Samples for the default's hyperparameters below which a prior of mechanics has something to add: logs of a
 minute or two. With four logs it was worse than the default alone."""
+REST_S = 2.0
+"""Least time between two samples of a joint at rest that teach, s."""
+RESTS = 0.5
+"""How much a joint rests, in [0, 1], from which its sample teaches what friction holds."""
 INVERTED = -0.3
 """Work of a command over its size below which its sign is wrong: friction's is positive, and conservative
 power cancels over a closed motion. Torques measured behind the gear hold no friction and come out near 0."""
@@ -138,14 +144,39 @@ def _learned(
     recipe = CANDIDATES[name]
     samples = folds.samples
     if recipe.standing:
-        samples = replace(
-            samples, moving=np.broadcast_to(samples.moving.any(axis=1, keepdims=True), samples.moving.shape)
-        )
+        samples = replace(samples, moving=samples.moving | resting(folds))
     own = replace(folds, samples=samples, config=recipe.config(folds.config))
     rows = rows_of(own, group, rng, any_of=recipe.together)
+    if recipe.standing:  # at rest little is told of the motion, so those samples come on top
+        rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, rung, group, folds, name)
     learned = with_process(own, group, rows, rung, base, start, rng)
     return replace(learned, candidate=replace(learned.candidate, name=name))
+
+
+def resting(folds: Folds) -> Mask:
+    """(n, J) samples at which a joint rests while another moves; those in between say neither.
+
+    Around a stick-slip the filter smears the motion: a slow sample is no observation of friction at rest. And
+    of one rest all samples are held by the same friction, so that they repeat each other: some are enough.
+    """
+    samples = folds.samples
+    places = [own_columns(folds.inputs.columns, (name,), "rest")[0] for name in folds.commands]
+    rests = (folds.X[:, places] >= RESTS) & while_any_moves(samples)
+    for own in rests.T:
+        rows = np.flatnonzero(own)
+        own[np.setdiff1d(rows, rows[apart(samples.t[rows], samples.group[rows], REST_S)])] = False
+    return np.asarray(rests)
+
+
+def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> Rows:
+    """The rows of moving joints, and of the others those at rest."""
+    rests = np.asarray(~folds.samples.moving[:, list(group)].all(axis=1))
+
+    def both(own: Index, other: Index) -> Index:
+        return np.union1d(own, other[rests[other]])
+
+    return Rows(every.moving, both(moving.kept, every.kept), both(moving.chosen, every.chosen))
 
 
 def everywhere(folds: Folds, learned: Learned, base: Base | None) -> tuple[Array, Array]:

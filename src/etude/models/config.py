@@ -57,8 +57,8 @@ class ModelConfig:
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.
-        inducing: where more samples count than `points`, exact processes learn from all of them through so
-            many evenly spread ones, if these are fewer; 0: from `points` alone.
+        inducing: where twice as many samples count, exact processes learn from all of them through so many
+            evenly spread ones; else, and with 0, from `points` alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the

@@ -14,6 +14,8 @@ from etude.errors import DataError
 from etude.models.config import ModelConfig
 from etude.models.rows import seconds_of, spread_points
 
+MANY = 2
+"""So many times the inducing inputs samples must be, for what all of them teach to be worth its time."""
 LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 OF_ARMS = ("structured", "standing", "gip_lin")
@@ -84,7 +86,8 @@ def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, a
             if len(own) == 1
             else "Excite all together, or set model.sharing = 'separate'.",
         )
-    most = max(config.points, config.inducing) if config.process == "exact" else config.points
+    many = config.inducing and np.count_nonzero(use) >= MANY * config.inducing
+    most = config.inducing if many and config.process == "exact" else config.points
     kept = spread_points(samples.t, samples.group, use, most, 0.0, rng)
     spacing = config.fit_spacing_s
     if config.kernel in OF_ARMS or config.process == "all_lin":

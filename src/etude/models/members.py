@@ -65,7 +65,7 @@ def _exact(fit: FitData) -> Teaching:
     Where these are `inducing` ones of more, all teach through them, and an exact process on `points` guides.
     """
     gp, every = trained_process(fit), counted(fit)
-    if not fit.config.inducing or len(every) <= len(fit.kept):
+    if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, _together(gp), fit.kept)
     from etude.models.induced import Induced
 

@@ -36,7 +36,7 @@ def spread_points(
     """
     candidates = np.flatnonzero(use)
     if spacing > 0:
-        candidates = candidates[_apart(t[candidates], group[candidates], spacing)]
+        candidates = candidates[apart(t[candidates], group[candidates], spacing)]
     if len(candidates) <= count:
         return candidates
     places = (np.arange(count) + rng.uniform()) * (len(candidates) / count)
@@ -48,7 +48,7 @@ def seconds_of(samples: Samples) -> float:
     return float(sum(np.ptp(samples.t[samples.group == number]) for number in np.unique(samples.group)))
 
 
-def _apart(t: Array, group: Index, spacing: float) -> Index:
+def apart(t: Array, group: Index, spacing: float) -> Index:
     """Positions that keep each trajectory's samples `spacing` apart, greedily from its first one."""
     kept, last_t, last_group = [], -np.inf, None
     for i, (time, number) in enumerate(zip(t.tolist(), group.tolist(), strict=True)):

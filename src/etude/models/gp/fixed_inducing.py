@@ -80,8 +80,10 @@ class FixedInducing:
         with threads_for(len(self.Z)):
             fold, here = self.root_inverse @ self.V[:, out], self.root_inverse @ V
             told = self.root_inverse @ (self.V @ scaled - self.V[:, out] @ scaled[out])
-            left, _ = factorise(np.asfortranarray(-(fold.T @ fold)), 1.0, announce=False)
-            back = triangular_inverse(left) @ fold.T
+            back = np.zeros((0, len(self.Z)))
+            if len(out):
+                left, _ = factorise(np.asfortranarray(-(fold.T @ fold)), 1.0, announce=False)
+                back = triangular_inverse(left) @ fold.T
             lost, missing = back @ here, gp.kernel.diagonal(gp.theta, at) - np.einsum("un,un->n", V, V)
             mean = here.T @ told + lost.T @ (back @ told)
         spread = np.einsum("un,un->n", here, here) + np.einsum("kn,kn->n", lost, lost)

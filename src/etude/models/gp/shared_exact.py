@@ -152,8 +152,10 @@ class SharedPosterior:
         targets = np.column_stack([posterior.y for posterior in self.outputs]) if Y is None else Y
         with threads_for(len(first.X)):
             W, K = first.inverse, first.kernel.value(first.theta, X, first.X)
-            block, _ = factorise(np.asfortranarray(W[np.ix_(out, out)]), 0.0)
-            half = triangular_inverse(block) @ W[out]
+            half = np.zeros((0, len(W)))
+            if len(out):
+                block, _ = factorise(np.asfortranarray(W[np.ix_(out, out)]), 0.0)
+                half = triangular_inverse(block) @ W[out]
             left = K @ half.T
             mean = K @ (W @ targets) - left @ (half @ targets)
             explained = np.einsum("kn,kn->k", K @ W, K) - np.einsum("ko,ko->k", left, left)

@@ -10,6 +10,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Log
 from etude.errors import EtudeError, UsageError
+from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
@@ -90,8 +91,11 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
 
 
 def _exact(candidate: Candidate, j: int) -> ExactPosterior | None:
-    own = getattr(candidate.process, "own", None)
-    found = own[candidate.commands.index(j)] if isinstance(own, tuple) else None
+    place, own = candidate.commands.index(j), getattr(candidate.process, "own", None)
+    found = own[place] if isinstance(own, tuple) else None
+    guides = getattr(candidate.process, "guides", None)
+    if isinstance(found, BasisPosterior) and guides:  # all samples taught it, through a few
+        found = guides[place]
     return found if isinstance(found, ExactPosterior) else None
 
 
