@@ -95,7 +95,7 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
     rated = plant.rated()
     logs = [plant.run(world.motion(rng), rng, {}) for _ in range(LOGS)]
     model = world.learned(world.samples(*logs), world.config.model, rng).model
-    runs = {f"unchanged_{i}": {} for i in range(UNCHANGED)}
+    runs: dict[str, dict[str, float]] = {f"unchanged_{i}": {} for i in range(UNCHANGED)}
     changed: dict[str, dict[str, float]] = {
         "load": {"payload": LOAD * rated},
         "friction": {"friction": FRICTION},

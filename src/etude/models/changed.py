@@ -15,7 +15,7 @@ from etude.contracts import Array, Mask
 
 KAPPA2 = 4.0
 """Variance of a changed robot's errors over that of an unchanged one's: the deviation doubles."""
-ALARM, ALARM_EARLY = 10.0, 30.0
+ALARM, ALARM_EARLY = 10.0, 100.0
 """Evidence from which the robot has changed; the second, of a model of few logs, whose variances are
 uncertain. Of a single log nothing is said: what a new motion teaches its model looks like another robot."""
 NAMED, AHEAD = 0.5, 0.5
@@ -96,4 +96,5 @@ def _explained(error: Array, features: Array) -> float:
     basis = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     Q = basis[0][:, basis[1] > 1e-8 * basis[1][0]]
     by_chance = Q.shape[1] / len(error) * float(error @ error)
-    return max(0.0, float(((Q.T @ error) ** 2).sum()) - by_chance)
+    found: float = float(np.sum((Q.T @ error) ** 2)) - by_chance
+    return max(0.0, found)
