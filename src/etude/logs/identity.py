@@ -19,7 +19,10 @@ from etude.logs.units import start_at_zero
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
 LARGEST_MISMATCH = 0.85
 CLEAR_MATCH = 0.5
-LARGEST_OF_FEW, FEW = 0.7, 3  # of so few coordinates other motions that repeat themselves fit better by chance
+LARGEST_OF_FEW, FEW = (
+    0.7,
+    3,
+)  # of so few coordinates other motions that repeat themselves fit better by chance
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
@@ -98,7 +101,9 @@ def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, 
     aligned = _Aligned(_moved(log, start), shifted.pooled)
     covered = covered_seconds(log.t - best, plan.duration)
     try:
-        _check_match(shifted, own, _allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log)
+        _check_match(
+            shifted, own, _allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log
+        )
         _check_coverage(aligned.log, plan.duration)
     except DataError as error:
         return aligned, error
