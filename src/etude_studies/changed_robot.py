@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Array, Log, Trajectory
-from etude.models.changed import ALARM_EARLY, Cause, cause, evidence, first_alarm
+from etude.models.changed import ALARM, Cause, cause, evidence, first_alarm
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
 from etude_studies.rows import Row, rows_json, table
@@ -29,7 +29,7 @@ LOAD, FRICTION = 0.2, 1.5
 SOON = 20.0
 """s of motion within which a change should be noticed."""
 POSES = 2000
-OTHERS = (10.0, 20.0, 50.0)
+OTHERS = (10.0, 30.0, 50.0)
 """Thresholds of which the cells keep the seconds too."""
 
 
@@ -121,7 +121,7 @@ def judged(world: World, model: LearnedModel, log: Log) -> dict[str, Any]:
     named: Cause = cause(error, deviation, use, motion)
     return {
         "largest": float(path.max()),
-        "alarm_s": seconds_to(path, samples.t, ALARM_EARLY),
+        "alarm_s": seconds_to(path, samples.t, ALARM),
         "others": {f"{alarm:g}": seconds_to(path, samples.t, alarm) for alarm in OTHERS},
         "named": named,
         "z2": float(np.mean((error / deviation)[use] ** 2)),

@@ -17,7 +17,7 @@ from etude.campaign.state import CHANGED, State
 from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.changed import ALARM, ALARM_EARLY, Cause, cause, evidence, first_alarm
+from etude.models.changed import ALARM, Cause, cause, evidence, first_alarm
 from etude.models.model import LearnedModel
 
 Answer = Literal["new", "forget", "same"]
@@ -53,17 +53,17 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
         model = stored_model(campaign, trained[-1].number)
-        return _judged(model, samples, ALARM if model.calibrated else ALARM_EARLY, duration(log))
+        return _judged(model, samples, duration(log))
     except (KeyError, DataError):  # an input that this log lacks; of a damaged model learning speaks
         return None
 
 
-def _judged(model: LearnedModel, samples: Samples, alarm: float, seconds: float) -> Finding | None:
+def _judged(model: LearnedModel, samples: Samples, seconds: float) -> Finding | None:
     mean, variance = model.predict(samples.log)
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
     found = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
-    at = first_alarm(found, alarm)
+    at = first_alarm(found, ALARM)
     if at is None:
         return None
     t = samples.t

@@ -19,6 +19,10 @@ from etude.logs.units import start_at_zero
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
 LARGEST_MISMATCH = 0.85
 CLEAR_MATCH = 0.5
+LARGEST_OF_FEW, FEW = (
+    0.7,
+    3,
+)  # of so few coordinates other motions that repeat themselves fit better by chance
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
@@ -97,7 +101,9 @@ def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, 
     aligned = _Aligned(_moved(log, start), shifted.pooled)
     covered = covered_seconds(log.t - best, plan.duration)
     try:
-        _check_match(shifted, own, _allowed(covered / plan.duration), log.channels[path].parts, log)
+        _check_match(
+            shifted, own, _allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log
+        )
         _check_coverage(aligned.log, plan.duration)
     except DataError as error:
         return aligned, error
@@ -141,7 +147,9 @@ def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) 
     if abs(best) <= 0.5 * step:
         return True
     if t[0] < -0.5 * step:
-        late = -2.0 * step <= best <= LONGEST_MARKED_LAG
+        # a robot that follows later than any that tracks also deforms the motion; else its clock is wrong
+        longest = LONGEST_LAG if shifted <= PERFECT else LONGEST_MARKED_LAG
+        late = -2.0 * step <= best <= longest
         return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
     spans = abs(t[0]) <= 1.5 * step and abs(t[-1] - plan.duration) <= 2.5 * step
     return spans and -2.0 * step <= best <= LONGEST_LAG
@@ -169,10 +177,11 @@ class _Overlap:
         return _Overlap(motion, wanted, float(np.linalg.norm(error) / np.linalg.norm(spread)), error / spread)
 
 
-def _allowed(coverage: float) -> float:
+def _allowed(coverage: float, coordinates: int) -> float:
     """The largest mismatch of a log that holds that part of the proposal: a part alone fits by chance."""
+    largest = LARGEST_OF_FEW if coordinates <= FEW else LARGEST_MISMATCH
     lacking = min(max((1.0 - coverage) / (1.0 - LEAST_COVERAGE), 0.0), 1.0)
-    return LARGEST_MISMATCH - (LARGEST_MISMATCH - CLEAR_MATCH) * lacking
+    return largest - (largest - CLEAR_MATCH) * lacking
 
 
 def _check_match(best: _Overlap, unshifted: _Overlap, allowed: float, parts: Sequence[str], log: Log) -> None:

@@ -15,9 +15,9 @@ from etude.contracts import Array, Mask
 
 KAPPA2 = 4.0
 """Variance of a changed robot's errors over that of an unchanged one's: the deviation doubles."""
-ALARM, ALARM_EARLY = 10.0, 30.0
-"""Evidence from which the robot has changed; the second, of a model of few logs, whose variances are
-uncertain. Of a single log nothing is said: what a new motion teaches its model looks like another robot."""
+ALARM = 100.0
+"""Evidence from which the robot has changed; docs/decisions/0025 has what unchanged and changed ones reach. Of
+a model of a single log nothing is said: what a new motion teaches it looks like another robot."""
 NAMED, AHEAD = 0.5, 0.5
 """Least share of the errors' variation that names a cause; of what the next leaves, it has to leave less."""
 VARYING, CONSTANT = 1.5, 0.6
@@ -95,6 +95,6 @@ def _explained(error: Array, features: Array) -> float:
         return 0.0
     basis = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     Q = basis[0][:, basis[1] > 1e-8 * basis[1][0]]
-    by_chance = float(Q.shape[1] / len(error) * (error @ error))
-    explained = float(((Q.T @ error) ** 2).sum())
-    return max(0.0, explained - by_chance)
+    by_chance = Q.shape[1] / len(error) * float(error @ error)
+    found: float = float(np.sum((Q.T @ error) ** 2)) - by_chance
+    return max(0.0, found)
