@@ -110,7 +110,7 @@ def _parsed(path: Path, topics: Sequence[str]) -> Any:
                 f"the file cannot be read as ULog ({first})",
                 where=str(path),
                 next_step="It is cut or damaged; download the log again.",
-            ) from problem
+            ) from None
 
 
 def _lacks(path: Path, missing: Sequence[str]) -> DataError:
