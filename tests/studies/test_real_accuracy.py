@@ -109,7 +109,7 @@ def test_a_folder_with_sarcos_is_measured_and_what_must_be_said_is(tmp_path, mon
     np.savez(tmp_path / "sarcos_inv_test.npz", **sarcos_like())
     monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
     rows = {row.metric: row for row in real_rows(np.random.default_rng(0), logs=tmp_path)}
-    assert {"nmse_sarcos", "nmse_sarcos_worst_vs_linear"} == set(rows)
+    assert {"nmse_sarcos", "nmse_sarcos_all", "nmse_sarcos_worst_vs_linear"} == set(rows)
     assert rows["nmse_sarcos"].value < 0.02
     assert "decimated by ten" in " ".join(capsys.readouterr().err.split())
 
