@@ -143,6 +143,15 @@ def test_the_command_asks(fresh: Campaign, waiting: Path, capsys: Any) -> None:
     assert fresh.state().held == []
 
 
+@pytest.mark.usefixtures("waiting")
+def test_status_begins_with_it_and_does_not_say_go_on(fresh: Campaign, capsys: Any) -> None:
+    assert main(["status", str(fresh.path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("RED: log 4: the robot is not the one")
+    assert "--changed new" in lines[0]
+    assert not any(line.startswith(("Go on", "Stop")) for line in lines)
+
+
 def test_a_damaged_model_refuses_no_log(fresh: Campaign, tmp_path: Path) -> None:
     (fresh.model_folder(3) / "model.npz").write_bytes(b"damaged")
     log = write_log(tmp_path / "4.csv", random_motion(fresh, 4), 4)

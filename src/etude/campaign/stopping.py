@@ -75,7 +75,8 @@ def judge(evidence: Sequence[Evidence], config: StopConfig) -> Verdict:
     recent = evidence[-config.consecutive :]
     if len(recent) < config.consecutive:
         missing = config.consecutive - len(recent)
-        return Verdict(False, "", f"{missing} more log{'s' * (missing > 1)} before a rule can fire.")
+        reason = f"{missing} more log{'s' * (missing > 1)} before a rule can fire."
+        return Verdict(False, "", reason, not harm)
     fired = _fired(recent, config)
     if harm and (fired.stop or not fired.reason.startswith("No rule")):
         return Verdict(False, "", f"{fired.reason.rstrip('.')}, but {harm}.", usable=False)

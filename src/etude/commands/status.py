@@ -45,7 +45,9 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
         )
     if found["trajectories"]:
-        lines.append(("Stop: " if found["verdict"]["stop"] else "Go on: ") + found["verdict"]["reason"])
+        verdict = found["verdict"]
+        go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
+        lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
     lines += [f"Problem: {problem}." for problem in found["problems"]]
     return lines
 

@@ -17,7 +17,7 @@ KAPPA2 = 4.0
 """Variance of a changed robot's errors over that of an unchanged one's: the deviation doubles."""
 ALARM = 100.0
 """Evidence from which the robot has changed; docs/decisions/0025 has what unchanged and changed ones reach.
-Of a model of a single log nothing is said: what a new motion teaches it looks like another robot."""
+Of a single log nothing is said: what a new motion teaches its model looks like another robot."""
 NAMED, AHEAD = 0.5, 0.5
 """Least share of the errors' variation that names a cause; of what the next leaves, it has to leave less."""
 VARYING, CONSTANT = 1.5, 0.6

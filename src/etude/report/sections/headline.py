@@ -146,7 +146,7 @@ def _prequential(record: Record) -> Html:
     name, outputs = rung_name(rung), "mean over commands"
     error, linear = _held_out(record, rung)
     seconds = robot_seconds(record)
-    count = len(record.state.told) or len(record.state.trained)
+    count = len(record.state.learned) or len(record.state.told)
     logs = f"{count} {'log' if count == 1 else 'logs'} ({duration(seconds)} of robot time)"
     cards = [_card("", duration(seconds), "of robot time in all")]
     if error is None:
