@@ -27,7 +27,7 @@ from etude.models.model import LearnedModel
 from etude.models.rows import in_order
 from etude.models.rungs import Learned, alone, base_of, earlier_of, rows_only, with_process
 from etude.models.score import Score, figures, score, trivial_prediction
-from etude.models.short import doubted, notes
+from etude.models.short import least_variance, notes
 from etude.models.student_t import StudentT, fit_student
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
@@ -233,12 +233,13 @@ def _assembled(
     spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
     model = LearnedModel(
         inputs=folds.inputs,
-        candidates=tuple(doubted(folds, candidates)),
+        candidates=tuple(candidates),
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
         calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
         independence=independence(error, folds.samples),
         member=config.process,
+        least=least_variance(folds, candidates),
         student=_student(error, spread) if config.student_t else None,
         warnings=(*notes(folds), *warnings_of(folds, trained, chosen, held)),
     )

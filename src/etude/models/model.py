@@ -35,6 +35,7 @@ class LearnedModel:
         calibrated: whether enough trajectories were held out for the variances to be believed.
         independence: (J,) see `worth`.
         member: name of the processes' member, to restore them by.
+        least: (J,) variance that is claimed anywhere at least, where motion was too short; None: none.
         student: distribution of held-out errors over predicted deviations, or None.
         warnings: sentences about commands that linear regression predicts better.
     """
@@ -46,6 +47,7 @@ class LearnedModel:
     calibrated: bool
     independence: Array
     member: str = "exact"
+    least: Array | None = None
     student: StudentT | None = None
     warnings: tuple[str, ...] = ()
 
@@ -129,6 +131,9 @@ class LearnedModel:
         variance = np.zeros_like(average)
         for own, candidate, mean, spread in parts:
             variance[:, own] += candidate.weights * (spread + (mean - average[:, own]) ** 2)
+        if self.least is not None:  # a mean that is not believed may be wrong by all of itself
+            doubted = self.least > 0.0
+            variance = np.where(doubted, np.maximum(variance, self.least + average**2), variance)
         return average, variance
 
     def mean(self, log: Log) -> Array:

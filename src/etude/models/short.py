@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +15,6 @@ LEAST_STRETCHES, LEAST_MOVING = 2.0, 0.5
 of the whole, and of a command's own joint."""
 DOUBT = 0.1
 """Part of a command's limit that is the least deviation before that."""
-ROUNDING = 1e-9
-"""Part of a variance below which another is none."""
 
 
 def short(folds: Folds) -> Mask:
@@ -28,28 +25,26 @@ def short(folds: Folds) -> Mask:
     return np.asarray((own < LEAST_MOVING * stretch) | (seconds < LEAST_STRETCHES * stretch))
 
 
-def doubted(folds: Folds, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, of short motion with at least the variance that a constant would leave, or their prior.
+def least_variance(folds: Folds, candidates: Sequence[Candidate]) -> Array | None:
+    """(J,) variance of short motion anywhere: what a constant would leave, or what the prior has; None if all
+    of it is long enough.
 
-    A controller then gives the model no trust, a design sees no difference, and no stop rule fires.
+    A controller then gives the model no trust, and no stop rule fires. Designs go on looking at the process.
     """
-    if not folds.config.calibrate:
-        return list(candidates)
+    few = short(folds)
+    if not (few.any() and folds.config.calibrate):
+        return None
     samples = folds.samples
     seen = np.nanvar(np.where(samples.usable, samples.command, np.nan), axis=0)
-    least = np.where(short(folds), np.maximum(seen, (DOUBT * folds.limit) ** 2), 0.0)
-    return [_with_least(candidate, least[list(candidate.commands)]) for candidate in candidates]
-
-
-def _with_least(candidate: Candidate, least: Array) -> Candidate:
-    assert candidate.process is not None
-    process, square = candidate.process, candidate.units[1] ** 2
-    prior = process.noise_variance + process.signal_variance
-    least = np.where(least > 0.0, np.maximum(least, square * prior), 0.0)
-    known = candidate.calibration * square * np.maximum(process.noise_variance, ROUNDING * prior)
-    factor = np.divide(least, known, out=np.ones_like(known), where=known > ROUNDING**2 * least)
-    factor = np.maximum(1.0, factor)
-    return replace(candidate, calibration=candidate.calibration * factor)
+    least = np.maximum(seen, (DOUBT * folds.limit) ** 2)
+    for candidate in candidates:
+        assert candidate.process is not None
+        prior = candidate.process.noise_variance + candidate.process.signal_variance
+        own = list(candidate.commands)
+        least[own] = np.where(
+            candidate.weights > 0.0, np.maximum(least[own], candidate.units[1] ** 2 * prior), least[own]
+        )
+    return np.where(few, least, 0.0)
 
 
 def notes(folds: Folds) -> tuple[str, ...]:

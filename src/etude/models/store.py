@@ -80,6 +80,8 @@ def model_bytes(model: LearnedModel) -> bytes:
     }
     shelf.put("ranges", model.ranges)
     shelf.put("independence", model.independence)
+    if model.least is not None:
+        shelf.put("least", model.least)
     shelf.put_all("inputs", model.inputs.arrays())
     means: dict[int, str] = {}
     processes: dict[int, int] = {}
@@ -119,6 +121,7 @@ def model_of(
         calibrated=bool(words["calibrated"]),
         independence=arrays["independence"],
         member=words["member"],
+        least=arrays.get("least"),
         student=None if student is None else StudentT(**student),
         warnings=tuple(words["warnings"]),
     )

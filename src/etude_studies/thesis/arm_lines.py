@@ -104,7 +104,9 @@ def lines(world: World, logs: Sequence[Log]) -> Mapping[str, Controller]:
     """
     kind, spec = world.kind, world.spec
     samples, inputs = world.samples(*logs), kind.inputs(spec, world.config)
-    filtered = replace(world, config=preset_config(kind, "default"))
+    default = preset_config(kind, "default")
+    data = replace(default.data, presliding=0.0)  # as when the runs began: without what friction remembers
+    filtered = replace(world, config=replace(default, data=data))
     means = {
         "linear": Linear.of(inputs, samples.log, samples.command),
         "identified": kind.physics(spec, world.config)["identified"](samples),
