@@ -288,6 +288,12 @@ INPUTS: dict[str, Callable[[Any], Any]] = {
             (p := o.plan(m, k)), pull=lambda X, g: p.pull(np.where(np.arange(X.shape[1]) < 12, X, 0.0), g)
         ),
     ),
+    "pull of the memory lost": lambda i: Twin(
+        i,
+        plan=lambda o, m, k=None: replace(
+            (p := o.plan(m, k)), pull=lambda X, g: p.pull(np.where(np.arange(X.shape[1]) < 24, X, 0.0), g)
+        ),
+    ),
     "pull of the gains lost": lambda i: Twin(
         replace(i, stick_velocity=np.full(4, 0.1)),
         plan=lambda o, m, k=None: replace((p := o.plan(m, k)), pull=lambda X, g: p.pull(X, np.zeros_like(g))),

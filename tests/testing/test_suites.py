@@ -26,9 +26,10 @@ POINTWISE = ("local_gp", "lwpr")
 """Members without covariances between inputs: designs see a guide in their place."""
 COARSE = ("lwpr",)
 """Receptive fields know little of 90 samples, and keep a noise of their own."""
-COLUMNS = [
-    (c, part, "1", op) for c, op in (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh")) for part in "ab"
-]
+OPS = (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"), ("qd", "memory"), ("qd", "rest"))
+COLUMNS = [(channel, part, "1", op) for channel, op in OPS for part in "ab"]
+NOISY = ("standing",)
+"""Kernels with noise of each sample's own."""
 
 
 def process_suite(own: Any, commands_: int = 1, covariances_: bool = True) -> ProcessSuite:
@@ -124,7 +125,8 @@ def test_wrong_processes(wrong: Any) -> None:
 @pytest.mark.parametrize("name", plugins.BUILT_IN["etude.kernels"])
 def test_every_kernel_keeps_the_laws(name: str) -> None:
     class Suite(KernelSuite):
-        kernel = plugins.load("etude.kernels", name)(COLUMNS, ("a",))
+        kernel, width = plugins.load("etude.kernels", name)(COLUMNS, ("a",)), len(COLUMNS)
+        noisy = name in NOISY
 
     assert not red(Suite())
 

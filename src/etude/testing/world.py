@@ -49,10 +49,13 @@ class World:
         return family.trajectory(p)
 
     def motion(self, seed: int, count: int = 40) -> Motion:
-        """`count` instants of a random trajectory, at the rate that inputs with memory need."""
+        """`count` instants of a random trajectory, at the rate that inputs with memory need.
+
+        Those begin in the middle: at rest a memory has a kink, and no derivative for a law to look at.
+        """
         trajectory = self.trajectory(seed)
         if self.inputs.rate > 0.0:
-            t = np.arange(count) / self.inputs.rate
+            t = 0.5 * trajectory.duration + np.arange(count) / self.inputs.rate
         else:
             t = trajectory.duration * (np.arange(count) + 0.5) / count
         return trajectory.motion(t, self.inputs.orders)
