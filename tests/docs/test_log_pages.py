@@ -13,13 +13,19 @@ from test_docs import ROOT, blocks
 import etude
 from etude.campaign.config_file import CONFIG
 
-PAGES = sorted((ROOT / "docs").glob("logs_*.md"))
-
 
 def lines(page: Path) -> list[list[str]]:
     """Words of each etude command of a page."""
     found = [line for block in blocks(page, "sh") for line in block.splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in found if line.startswith("etude ")]
+
+
+PAGES = [
+    page
+    for page in sorted((ROOT / "docs").glob("logs_*.md"))
+    if any(words[0] != "bench" for words in lines(page))
+]
+"""Pages of a format of logs; one whose commands are all benches is a page of figures."""
 
 
 @pytest.fixture
