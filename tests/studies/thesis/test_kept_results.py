@@ -124,13 +124,15 @@ def test_preset_thesis_is_pinned() -> None:
 
 MODEL = (
     "ModelConfig(rung='gp', choose_by='squared', process_from=1, kernel='ard_se', "
-    "sharing='separate', process='thesis_dictionary_error', points=500, basis=100, fit_points=500, "
-    "fit_spacing_s=0.0, steps=25, method='minimize', starts=1, schedule='update', prior='none', "
+    "sharing='separate', process='thesis_dictionary_error', points=500, inducing=0, basis=100, "
+    "fit_points=500, "
+    "fit_spacing_s=0.0, candidates=('default',), steps=25, warm_from=1, warm_steps=0, "
+    "method='minimize', starts=1, schedule='update', prior='none', "
     "noise_floor=0.0, floor_of='limit', stretch_s=8.0, calibrate=False, student_t=False)"
 )
 DATA = (
     "ArmData(inputs='desired', cutoff_hz='none', rate_hz=100.0, least_samples=0, "
-    "stick_fraction=0.0, trim_s=0.0, friction_fraction=0.0, offset='spread')"
+    "stick_fraction=0.0, trim_s=0.0, friction_fraction=0.0, presliding=0.0, offset='spread')"
 )
 TRAJECTORY = "FourierConfig(harmonics=2, duration=60.0, omega0=(0.105, 0.2), rest='ramp', ramp=2.0)"
 DESIGN = (
