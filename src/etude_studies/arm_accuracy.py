@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Inputs, Samples
+from etude.models.config import ModelConfig
 from etude.models.fit import LARGEST_FLOOR
 from etude.models.linear import LinearPhysics
 from etude.models.score import score
@@ -31,6 +32,8 @@ ROBOT = "arm4"
 TRAINING = 3
 DURATION_S = 60.0
 SEEDS, QUICK_SEEDS = 8, 2
+ALONE = ModelConfig(candidates=("default",))
+"""Members are compared on one covariance, so they look at nothing that other candidates alone look at."""
 FLOOR = 0.002
 """Noise floor as a part of the command limit, the default of `ModelConfig`."""
 
@@ -48,7 +51,7 @@ def member_rows(rng: np.random.Generator, *, quick: bool = False) -> list[Row]:
     seeds = rng.spawn(QUICK_SEEDS if quick else SEEDS)
     for own in _shown(seeds, quick=quick):
         train, test = arm_data(world, own)
-        inputs = world.kind.inputs(world.spec, world.config)
+        inputs = world.inputs(ALONE)
         _compile_members(len(inputs.columns))
         linear.append(_mean(score(test, LinearPhysics(inputs)(train).predict(test.log)).nmse))
         for name, member in MEMBERS.items():

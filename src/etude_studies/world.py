@@ -12,7 +12,7 @@ import numpy as np
 from etude import plugins
 from etude.campaign.config import CampaignConfig, preset_config
 from etude.campaign.create import find_robot
-from etude.contracts import Array, Kind, Log, Robot, Samples, Trajectory
+from etude.contracts import Array, Inputs, Kind, Log, Robot, Samples, Trajectory
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
@@ -73,6 +73,10 @@ class World:
         groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
         return self.kind.samples(self.spec, config, logs, groups)
 
+    def inputs(self, model: ModelConfig) -> Inputs:
+        """What a model of that configuration looks at."""
+        return self.kind.inputs(self.spec, replace(self.config, model=model))
+
     def learned(
         self,
         samples: Samples,
@@ -87,7 +91,7 @@ class World:
         """
         kind, spec, config = self.kind, self.spec, self.config
         physics = kind.physics(spec, config) if body else {}
-        inputs, limit = kind.inputs(spec, config), kind.limit(spec)
+        inputs, limit = self.inputs(model), kind.limit(spec)
         return train_ladder(samples, inputs, physics, limit, model, rng, previous)
 
     @property

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from scipy.stats import norm
 
 from etude.commands.bench import Bench
 from etude.errors import UsageError
+from etude.models.config import ModelConfig
+from etude.models.ladder import Ladder
 from etude_studies import (
     arm_accuracy,
     bench_models,
@@ -50,6 +54,15 @@ def third_passes(cell: Cell, rules: dict) -> dict[str, Outcome]:
     return {name: Outcome([[1.0, 2.0]], (1.0, 1.0), (1.0, 1.0)) for name in rules}
 
 
+WHOLE = World.learned
+
+
+def few_steps(self: World, samples: Any, model: ModelConfig, *more: Any, **how: Any) -> Ladder:
+    """A training of the real logs that is short; what it is worth is tested with them."""
+    brief = replace(model, steps=8, fit_points=100, candidates=("default",))
+    return WHOLE(self, samples, brief, *more, **how)
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch) -> None:
     monkeypatch.setattr(bench_models, "SIZE", 40)
@@ -64,6 +77,7 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
     monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
     monkeypatch.setattr(online_rows, "outcomes_of", third_passes)
+    monkeypatch.setattr(World, "learned", few_steps)
 
 
 def test_all_rows_are_there_and_finite(capsys) -> None:

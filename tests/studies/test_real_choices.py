@@ -13,7 +13,7 @@ from etude_studies import real_choices
 from etude_studies.real_choices import Choice, choice_rows, folds, left_out, predicted, stacked_errors
 from etude_studies.real_logs import REAL_LOGS, arm_log
 
-FEW = {"steps": 3, "fit_points": 40}
+FEW = {"steps": 3, "fit_points": 40, "candidates": ("default",)}
 QUICK = Choice(FEW)
 
 
