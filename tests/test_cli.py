@@ -62,7 +62,7 @@ def stub_learning(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def learn(campaign: Any, state: Any, number: int) -> Learned:
         low = [0.001] * len(campaign.axes)
-        scores = {"gp": {"nmse": low, "z2": [None] * len(low), "coverage": low}}
+        scores = {"gp": {"nmse": low, "z2": [None] * len(low), "coverage": [0.95] * len(low)}}
         facts = {"forecast_deviation": low, "latent_deviation": low, "noise_deviation": [1e-9] * len(low)}
         facts |= {"chosen": "gp", "rungs": ["gp"] * len(low), "robot_seconds": 60.0, "moved": None}
         return Learned([], {"models": scores, **facts})

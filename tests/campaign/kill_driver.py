@@ -30,7 +30,7 @@ CALLS = ("open", "write", "fsync", "replace", "ftruncate")
 def make_cheap(campaign: Campaign) -> None:
     """Logs come from the proposal itself, and nothing is designed: only the writing is under test."""
 
-    def log_from_name(c: Campaign, path: Path, *, degrees: bool = False) -> Log:
+    def log_from_name(c: Campaign, path: Path, **_: Any) -> Log:
         t = np.arange(0.0, 5.0, 0.02)
         q, _, qdd = asking.stored_trajectory(c, int(path.stem)).motion(t, 3).orders
         log = Log(t, {}, {}, source=path.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from etude.deploy.trajectory_files import (
 from etude.design.candidates import Source
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
+from etude.models.config import ModelConfig
 from etude.trajectories.json_text import from_json
 
 ROBOT = """\
@@ -74,6 +75,7 @@ class Tables:
 
     trajectory: Any
     data: Any
+    model: ModelConfig = field(default_factory=ModelConfig)
 
 
 def case(name: str, path: Path, **trajectory: Any) -> Case:
