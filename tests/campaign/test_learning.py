@@ -56,7 +56,10 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
     assert second.trained is not None
     assert third.trained is not None
     assert first.trained["models"] == {}
-    assert set(second.trained["models"]["gp"]) == {"nmse", "z2", "coverage", "msll"}
+    assert set(second.trained["models"]["gp"]) == {
+        *("nmse", "z2", "coverage", "msll"),
+        *("nmse_all", "z2_all", "coverage_all"),
+    }
     assert max(third.trained["models"]["gp"]["nmse"]) < 0.2
     assert third.trained["logs"] == [1, 2, 3]
     assert third.trained["robot_seconds"] == pytest.approx(3 * 20.5, abs=2.0)
@@ -159,6 +162,8 @@ def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_pat
 def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:
     samples = told_samples(learned, [1, 2, 3])
     model = newest_model(learned, learned.state())
+    alone = [c for c in model.candidates if len(c.commands) == 1]
+    model = replace(model, candidates=tuple(replace(c, weights=np.ones(1), share=np.ones(1)) for c in alone))
     (candidate,) = [c for c in model.candidates if c.commands == (1,)]
     other = replace(candidate, rung="another")
     mixed = replace(model, candidates=tuple(other if c is candidate else c for c in model.candidates))
