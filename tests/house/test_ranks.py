@@ -17,6 +17,7 @@ RANKS = {
     "errors": 0,
     "storage": 0,
     "threads": 0,
+    "compilation": 0,
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,

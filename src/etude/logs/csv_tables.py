@@ -20,7 +20,7 @@ import numpy as np
 from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.cells import numbers_of
-from etude.logs.echo import echo_names
+from etude.logs.echo import echo_names, is_number
 from etude.logs.frames import frame_log, guarded, raw_log
 from etude.logs.text_blocks import TextBlocks
 
@@ -100,7 +100,7 @@ def _cells(line: str, separator: str, where: str) -> list[str]:
 
 
 def _checked_names(names: Sequence[str], where: str) -> Sequence[str]:
-    if all(_is_number(name) for name in names):
+    if all(is_number(name) for name in names):
         raise DataError(
             "the first line has numbers where the column names should be",
             where=where,
@@ -216,11 +216,3 @@ def _frame(block: bytes, form: _Form, path: Path, dtypes: Sequence[type[pl.DataT
             )
 
     return guarded(parsed, path, "CSV")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -21,10 +21,10 @@ def echo_names(cells: Sequence[str], where: str) -> list[str]:
     """
     if len(cells) < 5 or not (cells[0].isdigit() and cells[1].isdigit() and int(cells[1]) < 10**9):
         return []
-    numbers = [_is_number(cell) for cell in cells[3:]]
+    numbers = [is_number(cell) for cell in cells[3:]]
     joints = numbers.index(True) if True in numbers else 0
     values = len(numbers) - joints
-    if not joints or _is_number(cells[2]) or not all(numbers[joints:]) or values % joints:
+    if not joints or is_number(cells[2]) or not all(numbers[joints:]) or values % joints:
         return []
     arrays = values // joints
     if arrays == 2:
@@ -41,7 +41,8 @@ def echo_names(cells: Sequence[str], where: str) -> list[str]:
     return [*STAMP, *(f"{word}[{i}]" for word in ("name", *ARRAYS[:arrays]) for i in range(joints))]
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a cell is one."""
     try:
         float(text)
     except ValueError:

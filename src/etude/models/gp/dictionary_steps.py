@@ -13,25 +13,18 @@ code is in this file because numba's cache watches only the file of the function
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from etude.compilation import compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2
 DONE, REFRESH_DUE, PIVOT_LOST = 0, 1, 2
-
-
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
 
 
 class Members(NamedTuple):
@@ -97,7 +90,7 @@ class Rule(NamedTuple):
     refresh_every: int
 
 
-@_compile
+@compiled
 def _product(P: Array, k: Array, n: int, a: Array) -> None:
     """a = P k, as sums of rows: P is symmetric, and sums of rows vectorise without reordering a reduction."""
     for j in range(n):
@@ -114,7 +107,7 @@ def _product(P: Array, k: Array, n: int, a: Array) -> None:
             a[j] += k0 * r0[j]
 
 
-@_compile
+@compiled
 def _refine(members: Members, right: Array, solution: Array, residual: Array, step: Array) -> None:
     """One step of iterative refinement of A solution = right.
 
@@ -130,7 +123,7 @@ def _refine(members: Members, right: Array, solution: Array, residual: Array, st
         solution[j] += step[j]
 
 
-@_compile
+@compiled
 def _score(kind: int, guard: float, diagonal: float, error: float, variance: float) -> float:
     """What a point is worth, from its error and variance (d included) given the others.
 
@@ -149,7 +142,7 @@ def _score(kind: int, guard: float, diagonal: float, error: float, variance: flo
     return latent * (1.0 + z2 * latent / variance)
 
 
-@_compile
+@compiled
 def _weakest(members: Members, rule: Rule, now: float) -> tuple[int, float]:
     """The member of least score weighted by age, and that score."""
     best, least = 0, np.inf
@@ -163,7 +156,7 @@ def _weakest(members: Members, rule: Rule, now: float) -> tuple[int, float]:
     return best, least
 
 
-@_compile
+@compiled
 def _fill_slot(members: Members, block: Candidates, diagonal: float, slot: int, c: int, k: Array) -> None:
     """Candidate c takes a slot: its data, and its row and column of A."""
     n = members.counts[0]
@@ -178,7 +171,7 @@ def _fill_slot(members: Members, block: Candidates, diagonal: float, slot: int, 
     block.taken[slot] = c
 
 
-@_compile
+@compiled
 def _insert(members: Members, a: Array, delta: float, error: float) -> None:
     """One more member: P grows by [a; -1][a; -1]ᵀ / delta."""
     n = members.counts[0]
@@ -200,7 +193,7 @@ def _insert(members: Members, a: Array, delta: float, error: float) -> None:
     members.log_det[0] += np.log(delta)
 
 
-@_compile
+@compiled
 def _swap(members: Members, i: int, a: Array, p: Array, variance: float, error: float) -> None:
     """Member i leaves and the candidate takes its slot: P + w wᵀ - q qᵀ, symmetric to the last bit.
 
@@ -229,7 +222,7 @@ def _swap(members: Members, i: int, a: Array, p: Array, variance: float, error: 
     members.log_det[0] += np.log(variance * pivot)
 
 
-@_compile
+@compiled
 def _variance(block: Candidates, c: int, diagonal: float, k: Array, a: Array, n: int) -> float:
     """Of candidate c given all members, thesis (2.7) with the diagonal d."""
     delta: float = block.prior[c] + diagonal
@@ -238,7 +231,7 @@ def _variance(block: Candidates, c: int, diagonal: float, k: Array, a: Array, n:
     return delta
 
 
-@_compile
+@compiled
 def _exchange(
     members: Members, block: Candidates, rule: Rule, c: int, delta: float, error: float, work: Array
 ) -> bool:
@@ -262,7 +255,7 @@ def _exchange(
     return True
 
 
-@_compile
+@compiled
 def stream(
     members: Members, block: Candidates, rule: Rule, first: int, skip: int, work: Array
 ) -> tuple[int, int]:

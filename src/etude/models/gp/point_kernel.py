@@ -10,12 +10,12 @@ stores.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from etude.compilation import compiled
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
@@ -24,14 +24,6 @@ from etude.models.gp.rest import RestNoise
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
-
-
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
 
 
 class Terms(NamedTuple):
@@ -120,7 +112,7 @@ ROUNDER = 6755399441055744.0  # 1.5 · 2^52: adding it leaves the nearest intege
 LEAST = -709.0  # its k is -1023, whose 2^k comes out as 0: what is less is not a normal number
 
 
-@_compile
+@compiled
 def _exponential(e: Array, bits: Array, n: int) -> None:
     """e[:n] becomes exp(e[:n]) for e <= 700, to two roundings; compiled `np.exp` does one number at a time.
 
@@ -151,7 +143,7 @@ def _exponential(e: Array, bits: Array, n: int) -> None:
         e[i] = (1.0 + r + r * r * p) * bits[i]
 
 
-@_compile
+@compiled
 def covariances(x: Array, Z: Array, n: int, terms: Terms, k: Array, space: Array) -> None:
     """k[:n] = k(x, z_i) for x (D,) and the first n columns of Z (D, >= n); `space` is (3, >= n)."""
     e, line, bits = space[0], space[1], space[2]
@@ -179,7 +171,7 @@ def covariances(x: Array, Z: Array, n: int, terms: Terms, k: Array, space: Array
             k[i] += line[i]
 
 
-@_compile
+@compiled
 def mean_at(x: Array, Z: Array, alpha: Array, n: int, terms: Terms, k: Array, space: Array) -> float:
     """Σ_i alpha_i k(x, z_i), thesis (2.5), NaN if x is not finite; arguments as for `covariances`."""
     for value in x:
@@ -192,7 +184,7 @@ def mean_at(x: Array, Z: Array, alpha: Array, n: int, terms: Terms, k: Array, sp
     return total
 
 
-@_compile
+@compiled
 def means_at(
     x: Array, Z: Array, alpha: Array, counts: Counts, terms: Terms, k: Array, space: Array, out: Array
 ) -> None:

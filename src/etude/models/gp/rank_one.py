@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from etude.compilation import compiled
 
 Array = NDArray[np.float64]
 
 
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
-
-
-@_compile
+@compiled
 def add_outer_product(A: Array, x: Array, forgetting: float) -> None:
     """The upper triangle of A (q, q), C order, becomes that of forgetting A + x xᵀ, in place."""
     for k in range(len(x)):
@@ -27,7 +18,7 @@ def add_outer_product(A: Array, x: Array, forgetting: float) -> None:
             A[k, j] = forgetting * A[k, j] + x[k] * x[j]
 
 
-@_compile
+@compiled
 def rank_one_update(R: Array, x: Array, forgetting: float) -> None:
     """R (q, q) becomes the factor of forgetting RᵀR + x xᵀ, in place, forgetting > 0; x (q,) is overwritten.
 

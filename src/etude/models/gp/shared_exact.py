@@ -15,7 +15,7 @@ from etude.models.gp.cholesky import factorise, inverse_lower, triangular_invers
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.priors import Prior
-from etude.models.gp.training import Method, optimise
+from etude.models.gp.training import Method, negative_posterior, optimise
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -66,16 +66,7 @@ def fit_shared(
     if steps == 0:
         return gp
 
-    def objective(parameters: Array) -> tuple[float, Array]:
-        try:
-            value, gradient = shared_likelihood(gp.with_parameters(parameters), X, Y)
-        except NumericalError:
-            return np.inf, np.zeros_like(parameters)
-        if prior is not None:
-            density, slope = prior.log_density(parameters)
-            value, gradient = value + density, gradient + slope
-        return -value, -gradient
-
+    objective = negative_posterior(lambda p: shared_likelihood(gp.with_parameters(p), X, Y), prior)
     best, refused = None, None
     for start in (gp.parameters, *others):
         try:

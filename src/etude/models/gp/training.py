@@ -66,7 +66,7 @@ def fit(
     if steps == 0:
         return gp
     chosen = weak_prior(gp.kernel, X, y) if prior == "weak" else prior
-    objective = _objective(gp, X, y, chosen)
+    objective = negative_posterior(lambda p: gp.with_parameters(p).log_marginal_likelihood(X, y), chosen)
     with threads_for(len(X)):
         return gp.with_parameters(optimise(objective, gp.parameters, method=method, steps=steps))
 
@@ -104,12 +104,12 @@ def check_method(method: str) -> None:
         raise UsageError(f"unknown training method {method!r}", next_step='Use "lbfgs" or "minimize".')
 
 
-def _objective(gp: ExactGP, X: Array, y: Array, prior: Prior | None) -> Objective:
-    """Negative log posterior density of the parameters; infinite where it cannot be computed."""
+def negative_posterior(likelihood: Objective, prior: Prior | None) -> Objective:
+    """Negative log posterior density of parameters; infinite where the likelihood cannot be computed."""
 
     def objective(parameters: Array) -> tuple[float, Array]:
         try:
-            value, gradient = gp.with_parameters(parameters).log_marginal_likelihood(X, y)
+            value, gradient = likelihood(parameters)
         except NumericalError:
             return np.inf, np.zeros_like(parameters)
         if prior is not None:

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from etude.compilation import compiled
+
 Array = NDArray[np.float64]
 
 WIDTH = 32
@@ -49,11 +51,8 @@ def _inline(function: Any) -> Any:
 
 
 def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True, **_MATHS)(function)
-    except RuntimeError:
-        return njit(**_MATHS)(function)
+    """A whole sweep."""
+    return compiled(function, **_MATHS)
 
 
 @_inline

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dpotrs
 
-from etude.errors import NumericalError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.kernel_algebra import Array
 from etude.models.gp.priors import (
@@ -19,7 +18,7 @@ from etude.models.gp.priors import (
     SLOPE_DEVIATION,
     Prior,
 )
-from etude.models.gp.training import INITIAL_NOISE, optimise
+from etude.models.gp.training import INITIAL_NOISE, negative_posterior, optimise
 from etude.models.lagrangian.prior import Index, JointPrior
 from etude.threads import threads_for
 
@@ -112,15 +111,8 @@ def fit_joint(
     if steps == 0:
         return start
 
-    def objective(vector: Array) -> tuple[float, Array]:
-        try:
-            value, gradient = joint_likelihood(prior, start.with_vector(vector), X, y, used)
-        except NumericalError:
-            return np.inf, np.zeros_like(vector)
-        if weak is not None:
-            density, slope = weak.log_density(vector)
-            value, gradient = value + density, gradient + slope
-        return -value, -gradient
-
+    objective = negative_posterior(
+        lambda vector: joint_likelihood(prior, start.with_vector(vector), X, y, used), weak
+    )
     with threads_for(len(used)):
         return start.with_vector(optimise(objective, start.vector, method=method, steps=steps))

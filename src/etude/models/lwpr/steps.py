@@ -7,11 +7,12 @@ model is partial least squares of the weighted samples, one direction after the 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from etude.compilation import compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -23,14 +24,6 @@ LEAST_FREE = 0.1
 LARGEST_STEP = 0.1
 """A gradient step that would change M by more than this part of it halves the rate instead."""
 DONE, FULL = 0, 1
-
-
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
 
 
 class Fields(NamedTuple):
@@ -91,7 +84,7 @@ class Rule(NamedTuple):
     full: bool
 
 
-@_compile
+@compiled
 def activation(fields: Fields, k: int, x: Array, full: bool) -> float:
     """w of field k at x."""
     distance = 0.0
@@ -105,7 +98,7 @@ def activation(fields: Fields, k: int, x: Array, full: bool) -> float:
     return w
 
 
-@_compile
+@compiled
 def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     """A new field at x with metric MᵀM and two directions (table 3)."""
     D = len(x)
@@ -127,7 +120,7 @@ def _generate(fields: Fields, x: Array, M: Array, rule: Rule) -> int:
     return k
 
 
-@_compile
+@compiled
 def _remove(fields: Fields, k: int) -> None:
     """The last field takes the place of field k."""
     last = fields.used[0] - 1
@@ -142,7 +135,7 @@ def _remove(fields: Fields, k: int) -> None:
     fields.used[0] = last
 
 
-@_compile
+@compiled
 def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: Array) -> float:
     """Incremental partial least squares with forgetting (table 2); returns the residual, fills s (r,)."""
     D, keep = len(x), fields.forget[k]
@@ -177,7 +170,7 @@ def _project(fields: Fields, k: int, x: Array, y: float, w: float, z: Array, s: 
     return residual
 
 
-@_compile
+@compiled
 def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> float:
     """d J1 / d w of the leave-one-out cost (eq. 12), and its memory brought up to date.
 
@@ -203,7 +196,7 @@ def _weight_gradient(fields: Fields, k: int, w: float, e: float, s: Array) -> fl
     return slope
 
 
-@_compile
+@compiled
 def _learn_metric(fields: Fields, k: int, x: Array, w: float, slope: float, rule: Rule, work: Array) -> None:
     """One stochastic gradient step of M (eq. 11): leave-one-out cost and the penalty sum(D²) / inputs.
 
@@ -244,7 +237,7 @@ def _learn_metric(fields: Fields, k: int, x: Array, w: float, slope: float, rule
             M[i, j] -= steps[i, j]
 
 
-@_compile
+@compiled
 def _add_direction(fields: Fields, k: int, rule: Rule) -> None:
     """One direction more if the newest reduced the error enough, and was given the samples to show it."""
     r, D = fields.r[k], fields.c.shape[1]
@@ -257,7 +250,7 @@ def _add_direction(fields: Fields, k: int, rule: Rule) -> None:
         fields.Q[k, r + 1], fields.WQ[k, r + 1] = 0.0, TINY
 
 
-@_compile
+@compiled
 def _update(fields: Fields, k: int, x: Array, y: float, w: float, rule: Rule, work: Array) -> None:
     """Field k absorbs a sample of weight w."""
     s = work[1 + 2 * len(x)]
@@ -270,7 +263,7 @@ def _update(fields: Fields, k: int, x: Array, y: float, w: float, rule: Rule, wo
     fields.forget[k] = rule.annealing * fields.forget[k] + (1.0 - rule.annealing) * rule.forget_last
 
 
-@_compile
+@compiled
 def absorb(
     fields: Fields, X: Array, y: Array, order: Index, first: int, M: Array, rule: Rule, work: Array
 ) -> tuple[int, int]:

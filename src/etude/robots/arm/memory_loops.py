@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
+from etude.compilation import compiled
 from etude.contracts import Array
 
 
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
-
-
-@_compile
+@compiled
 def forward(q: Array, play: Array, length: Array, first: Array, out: Array) -> None:
     """Fills `out` (T, 2, J) as `memory.remembered` says, from the state `first` (2, J)."""
     for j in range(q.shape[1]):
@@ -33,7 +23,7 @@ def forward(q: Array, play: Array, length: Array, first: Array, out: Array) -> N
             out[i, 0, j], out[i, 1, j] = sigma, p
 
 
-@_compile
+@compiled
 def backward(found: Array, length: Array, on_sigma: Array, gradient: Array) -> None:
     """Fills `gradient` (T, J) as `memory.pulled` says; `found` (T, 2, J) is what `forward` left."""
     for j in range(on_sigma.shape[1]):

@@ -7,24 +7,16 @@ stores: a callee elsewhere could change unnoticed.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from etude.compilation import compiled
 from etude.robots.arm.plant.parameters import ArmParameters
 from etude.robots.arm.plant.trace import LoopInputs, Trace
 
 Array = NDArray[np.float64]
-
-
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
 
 
 class Arrays(NamedTuple):
@@ -100,7 +92,7 @@ def _motor(arm: ArmParameters, j: int) -> list[float]:
     ]
 
 
-@_compile
+@compiled
 def _lever(q: float, pivot: Array, gear: float, linear: float) -> tuple[float, float, float]:
     """Actuator length, its derivative (the moment arm), and second derivative, at joint angle q."""
     if linear == 0.0:
@@ -114,7 +106,7 @@ def _lever(q: float, pivot: Array, gear: float, linear: float) -> tuple[float, f
     return gear * length, gear * first, gear * second
 
 
-@_compile
+@compiled
 def _rigid(q: Array, v: Array, p: Arrays, M: Array, bias: Array) -> None:
     """Inertia M (dof, dof) and Coriolis plus gravity forces bias (dof,) of the links, written in place."""
     n = p.mass.size
@@ -146,14 +138,14 @@ def _rigid(q: Array, v: Array, p: Arrays, M: Array, bias: Array) -> None:
             bias[a + 1] += force[i]
 
 
-@_compile
+@compiled
 def _friction_level(length: float, speed: float, m: Array) -> float:
     """LuGre's g(v), between static and Coulomb friction, times the ripple along the travel."""
     level = 1.0 + m[13] * np.sin(m[14] * length + m[15])
     return float(level * (m[5] + (m[6] - m[5]) * np.exp(-((speed / m[7]) ** 2))))
 
 
-@_compile
+@compiled
 def _solve(M: Array, x: Array) -> None:
     """x = M^-1 x for symmetric positive definite M, both overwritten (Cholesky without a square root)."""
     n = x.size
@@ -169,7 +161,7 @@ def _solve(M: Array, x: Array) -> None:
         x[i] /= M[i, i]
 
 
-@_compile
+@compiled
 def _step(q: Array, v: Array, z: Array, volts: Array, p: Arrays, M: Array, f: Array) -> None:
     """One semi-implicit step of angles q, rates v, bristle deflections z (all (dof,), in place).
 
@@ -199,7 +191,7 @@ def _step(q: Array, v: Array, z: Array, volts: Array, p: Arrays, M: Array, f: Ar
         q[j] += h * v[j]
 
 
-@_compile
+@compiled
 def _open_loop(q: Array, v: Array, z: Array, volts: Array, p: Arrays) -> tuple[Array, Array, Array]:
     steps, dof = volts.shape
     M, f = np.zeros((dof, dof)), np.zeros(dof)
@@ -227,7 +219,7 @@ class LoopState(NamedTuple):
     ticks: NDArray[np.int64]
 
 
-@_compile
+@compiled
 def _closed_loop(
     state: LoopState,
     q_des: Array,
@@ -266,7 +258,7 @@ def _closed_loop(
     return measured, true, tau, tau_fb
 
 
-@_compile
+@compiled
 def _inverse(q: Array, qd: Array, qdd: Array, p: Arrays) -> Array:
     """Motor voltage (T, dof) for a motion with friction at its steady state."""
     count, dof = q.shape

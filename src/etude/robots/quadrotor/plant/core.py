@@ -8,12 +8,12 @@ rotor speeds. The four currents are kept apart: they are stiff, so they take exa
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from etude.compilation import compiled
 from etude.robots.quadrotor.vehicle import GRAVITY, SPINS
 
 Array = NDArray[np.float64]
@@ -27,14 +27,6 @@ COLUMNS = 39
 acceleration (3), wind (3), supply (1)."""
 G = GRAVITY
 S0, S1, S2, S3 = SPINS
-
-
-def _compile(function: Any) -> Any:
-    """`njit`, cached on disk; where no folder is writable numba raises, and the cache is done without."""
-    try:
-        return njit(cache=True)(function)
-    except RuntimeError:
-        return njit(function)
 
 
 class Body(NamedTuple):
@@ -91,7 +83,7 @@ class Control(NamedTuple):
     full_scale: Array
 
 
-@_compile
+@compiled
 def ground_effect(z: float, p: Array) -> float:
     """Thrust near the ground over thrust far from it.
 
@@ -105,7 +97,7 @@ def ground_effect(z: float, p: Array) -> float:
     return float(1.0 / (1.0 - loss - 2.0 * r2 * h * p[3] / (body * np.sqrt(body))))
 
 
-@_compile
+@compiled
 def _axes(y: Array) -> tuple[float, float, float, float, float, float, float, float, float]:
     """R_world_body of y's quaternion, row by row."""
     w, a, b, c = y[6], y[7], y[8], y[9]
@@ -116,7 +108,7 @@ def _axes(y: Array) -> tuple[float, float, float, float, float, float, float, fl
     )  # fmt: skip
 
 
-@_compile
+@compiled
 def _times(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """M (3, 3) times a vector."""
     return (
@@ -126,7 +118,7 @@ def _times(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]
     )
 
 
-@_compile
+@compiled
 def _rotors(
     y: Array, current: Array, vx: float, vy: float, vz: float, b: Body
 ) -> tuple[float, float, float, float, float, float, float]:
@@ -155,7 +147,7 @@ def _rotors(
     return fx, fy, fz, mx, my, mz, spin
 
 
-@_compile
+@compiled
 def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out: Array) -> None:
     """dy/dt into `out` for given currents; wind (3,) in the world; noise (6,) on both accelerations."""
     qw, qx, qy, qz, wx, wy, wz = y[6], y[7], y[8], y[9], y[10], y[11], y[12]
@@ -188,7 +180,7 @@ def derivative(y: Array, current: Array, wind: Array, noise: Array, b: Body, out
         out[13 + k] = (m[2] * current[k] - m[1] * W * abs(W)) / m[5] - s * out[12]
 
 
-@_compile
+@compiled
 def _currents(
     start: Array, y: Array, W: Array, slope: Array, volts: Array, t: float, b: Body, out: Array
 ) -> None:
@@ -205,7 +197,7 @@ def _currents(
         )
 
 
-@_compile
+@compiled
 def _step(
     y: Array, i: Array, volts: Array, wind: Array, noise: Array, h: float, b: Body, work: Array
 ) -> None:
@@ -239,7 +231,7 @@ def _step(
         i[k] = j[k]
 
 
-@_compile
+@compiled
 def _position_loop(
     y: Array, position: Array, velocity: Array, ff: Array, total: Array, period: float, c: Control, out: Array
 ) -> None:
@@ -267,7 +259,7 @@ def _position_loop(
     out[0], out[1], out[2] = out[0] / length, out[1] / length, up / length
 
 
-@_compile
+@compiled
 def _attitude_loop(y: Array, wish: Array, yaw_rate: float, c: Control, volts: Array) -> None:
     """PD on attitude and the static map of the nominal vehicle from thrust and moments to four voltages."""
     r00, r01, _, r10, r11, _, r20, r21, _ = _axes(y)
@@ -283,7 +275,7 @@ def _attitude_loop(y: Array, wish: Array, yaw_rate: float, c: Control, volts: Ar
         volts[k] = c.motor[2] * c.motor[0] * square / c.motor[1] + c.motor[1] * np.sqrt(square)
 
 
-@_compile
+@compiled
 def _set_points(y: Array, wish: Array, ff: Array, c: Control, command: Array) -> None:
     """Roll, pitch, yaw rate and thrust over their full scales, clipped; yaw is held at 0 by its rate."""
     yaw = np.arctan2(2 * (y[7] * y[8] + y[6] * y[9]), 1 - 2 * (y[8] * y[8] + y[9] * y[9]))
@@ -296,7 +288,7 @@ def _set_points(y: Array, wish: Array, ff: Array, c: Control, command: Array) ->
         command[k] = min(max(command[k] + ff[k], -1.0 if k < 3 else 0.0), 1.0)
 
 
-@_compile
+@compiled
 def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
     """Direction of the thrust (world) and thrust that set-points ask for, at the yaw that there is."""
     yaw = np.arctan2(2 * (y[7] * y[8] + y[6] * y[9]), 1 - 2 * (y[8] * y[8] + y[9] * y[9]))
@@ -306,7 +298,7 @@ def _wish(y: Array, command: Array, c: Control, out: Array) -> None:
     out[2], out[3] = np.cos(pitch) * np.cos(roll), command[3] * c.full_scale[2]
 
 
-@_compile
+@compiled
 def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: Array) -> None:
     """What the motors are asked for at this tick, into `volts`; without set-points the command too."""
     if c.mode == OPEN_LOOP:
@@ -323,7 +315,7 @@ def _drive(y: Array, wish: Array, ff: Array, c: Control, command: Array, volts: 
             command[k] = volts[k]
 
 
-@_compile
+@compiled
 def ending(y: Array, room: Array, ground: float) -> int:
     """Why the flight ends in state y, or FLOWN; room (7,): corners and radius."""
     for n in range(17):
@@ -339,7 +331,7 @@ def ending(y: Array, room: Array, ground: float) -> int:
     return FLOWN
 
 
-@_compile
+@compiled
 def fly(
     plan: Array, ff: Array, air: Array, noise: Array, y0: Array, i0: Array, total: Array,
     h: float, b: Body, c: Control, room: Array, ground: float,
