@@ -13,6 +13,7 @@ from etude.trajectories.extremes import riesz_range
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.json_text import from_json
 from etude.trajectories.moves import random_moves
+from etude.trajectories.splined import Splined
 
 NAMES = ("a", "b")
 LOWER, UPPER = np.array([-1.0, 0.1]), np.array([0.5, 2.0])
@@ -31,10 +32,17 @@ def drawn(config: FourierConfig):
     return family.trajectory(scaled(RNG, feasible)[0])
 
 
+def splined(orders: int, motion=drawn(FourierConfig(duration=20.0)).slowed(1.05)):
+    t = np.linspace(0.0, motion.duration, 151)
+    return Splined(t, motion.motion(t, orders).orders)
+
+
 TRAJECTORIES = {
     "fourier, null space": drawn(FourierConfig(duration=20.0)),
     "fourier, phase ramp": drawn(FourierConfig(2, 20.0, (0.4, 0.9), "ramp", 2.0)),
     "moves": random_moves(RNG, LOWER, UPPER, SPEED, BEND, 4),
+    "quintics": splined(3),
+    "septics": splined(4),
 }
 EVERY = pytest.mark.parametrize("motion", TRAJECTORIES.values(), ids=TRAJECTORIES.keys())
 

@@ -58,7 +58,7 @@ def test_certificate_as_json() -> None:
         left = min(row["upper"] - row["proved_upper"], row["proved_lower"] - row["lower"])
         assert row["margin"] == left >= 0.0
     moves = json.loads(certify(PointToPoint(np.zeros((2, 3)), 1.0), arm()).to_json())
-    assert moves["rows"][0]["method"] == "extremes, exact"
+    assert moves["rows"][0]["method"] == "values that the motion stays between"
     rows = json.loads(certify(flight(), room(radius=9.0)).to_json())["rows"]
     assert "twice the degree" in rows[3]["method"]
 

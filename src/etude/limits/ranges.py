@@ -109,7 +109,7 @@ def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
 def method_of(kappa: float, degree: int) -> str:
     """How samples with that kappa prove something, for the certificate."""
     if kappa == 1.0:
-        return "extremes, exact"
+        return "values that the motion stays between"
     samples = round(math.pi / math.acos(kappa))
     if degree == 1:
         return f"Riesz bound from {samples} samples per harmonic"

@@ -7,14 +7,16 @@ import json
 from etude.errors import UsageError
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.trajectories.splined import Splined
 
-FORMS: dict[str, type[FourierTrajectory] | type[PointToPoint]] = {
+FORMS: dict[str, type[FourierTrajectory] | type[PointToPoint] | type[Splined]] = {
     "fourier": FourierTrajectory,
     "moves": PointToPoint,
+    "splined": Splined,
 }
 
 
-def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint:
+def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint | Splined:
     """The trajectory that `to_json` wrote, of any form, bit for bit. Files of 0.1 say `kind` for `form`.
 
     Raises:
