@@ -32,7 +32,8 @@ def drawn(config: FourierConfig):
     return family.trajectory(scaled(RNG, feasible)[0])
 
 
-def splined(orders: int, motion=drawn(FourierConfig(duration=20.0)).slowed(1.05)):
+def splined(orders: int):
+    motion = drawn(FourierConfig(duration=20.0)).slowed(1.05)
     t = np.linspace(0.0, motion.duration, 151)
     return Splined(t, motion.motion(t, orders).orders)
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 FORM = "splined"
 HALVINGS = 3
-"""Of each piece before its control points bound it: a quintic's then exceed it by at most 1/64 of its bend."""
+"""Of each piece before its control points bound it: a quintic's exceed it by at most 1/64 of its bend."""
 CURVES = {1: "lines", 2: "cubics", 3: "quintics", 4: "septics"}
 
 

@@ -1,0 +1,38 @@
+"""A trajectory with the command that the model expects along it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Model, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded:
+    """What exporters take where the command goes along with the motion.
+
+    Attributes:
+        trajectory: the motion.
+        command: t (T,) s -> (T, J) in the robot's command unit.
+    """
+
+    trajectory: Trajectory
+    command: Callable[[Array], Array]
+
+
+def commanded(trajectory: Trajectory, model: Model) -> Commanded:
+    """The trajectory and the mean of the model's command of a perfect run."""
+
+    def command(t: Array) -> Array:
+        states = model.inputs.states(trajectory.motion(t, model.inputs.orders))
+        return np.asarray(model.predict(states)[0])
+
+    return Commanded(trajectory, command)
+
+
+def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:
+    """The motion, and its command if there is one."""
+    return (what.trajectory, what.command) if isinstance(what, Commanded) else (what, None)

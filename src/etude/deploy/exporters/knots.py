@@ -1,0 +1,118 @@
+"""Where a motion is sampled for a receiver that joins points by curves: as often as the curve needs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Index, Kind, Trajectory
+from etude.deploy.commanded import Commanded, parted
+from etude.errors import UsageError
+from etude.limits.certificate import REST_TOLERANCE
+from etude.trajectories.splined import Splined
+
+NANO = 10**9
+SLOWEST, FASTEST = 10.0, 1000.0
+"""Points per second: quintics through ten are mostly within 1e-8 of a series."""
+CLOSE = 1e-7
+"""Largest distance of the curve from the motion, as a part of the path's size."""
+EFFORT_RATE = 100.0
+"""Points per second where commands go along: receivers join these by lines."""
+SPACE = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Knots:
+    """Points of a motion at whole nanoseconds.
+
+    Attributes:
+        names: of the coordinates.
+        nanoseconds: (K,) increasing, from 0.
+        points: (O, K, k) position and derivatives.
+        command: (K, J), or None.
+        form: of the motion.
+    """
+
+    names: tuple[str, ...]
+    nanoseconds: Index
+    points: Array
+    command: Array | None
+    form: str
+
+    @property
+    def times(self) -> Array:
+        """(K,) s."""
+        return np.asarray(self.nanoseconds / NANO)
+
+    def played(self) -> Splined:
+        """The curve through them."""
+        return Splined(self.times, self.points, like=self.form)
+
+
+def knots_of(what: Trajectory | Commanded, kind: Kind, spec: Any, orders: int) -> Knots:
+    """Points as few as keep the curve of that many orders within CLOSE of the motion.
+
+    Raises:
+        UsageError: a thousand points per second are not enough.
+    """
+    motion, command = parted(what)
+    rate = EFFORT_RATE if command else SLOWEST
+    fine = np.linspace(0.0, motion.duration, max(2001, math.ceil(40.0 * motion.duration)))
+    path = motion.motion(fine, 1).orders[0]
+    size = max(float(np.ptp(path, axis=0).max()), float(np.finfo(float).tiny))
+    while rate <= FASTEST:
+        found = _at_rate(motion, names_of(kind, spec), rate, orders)
+        error = np.abs(found.played().motion(fine, 1).orders[0] - path).max()
+        if error <= CLOSE * size:
+            values = command(found.times) if command else None
+            return Knots(found.names, found.nanoseconds, found.points, values, found.form)
+        rate *= 2.0
+    raise UsageError(
+        f"the motion is too quick for {FASTEST:g} points per second",
+        next_step="Run it slower: etude ask --speed 50.",
+    )
+
+
+def names_of(kind: Kind, spec: Any) -> tuple[str, ...]:
+    """Of the path's coordinates."""
+    return next(c.parts for c in kind.channels(spec) if c.name == kind.path)
+
+
+def require_joints(kind: Kind, spec: Any, what: str) -> None:
+    """UsageError if the robot's path is one in space."""
+    if names_of(kind, spec) == SPACE:
+        raise UsageError(f"{what} moves joints, and the path of {spec.name!r} is x, y, z")
+
+
+def require_space(kind: Kind, spec: Any, what: str) -> None:
+    """UsageError unless the robot's path is one in space."""
+    if names_of(kind, spec) != SPACE:
+        raise UsageError(f"{what} flies a path of x, y, z, and {spec.name!r} has none")
+
+
+def grid_of(motion: Trajectory, rate: float) -> Index:
+    """(K,) ns at which pieces begin and end, and in between at least `rate` times a second."""
+    ends = [0]
+    for start, _, piece in motion.pieces():
+        for edge in (start, start + piece.duration):
+            ends.append(round(edge * NANO))
+    ends = sorted({*ends, round(motion.duration * NANO)})
+    parts = [
+        np.linspace(a, b, max(1, math.ceil((b - a) / NANO * rate - 1e-6)) + 1)[:-1]
+        for a, b in zip(ends, ends[1:], strict=False)
+    ]
+    return np.rint(np.concatenate([*parts, [ends[-1]]])).astype(np.int64)
+
+
+def _at_rate(motion: Trajectory, names: tuple[str, ...], rate: float, orders: int) -> Knots:
+    nanoseconds = grid_of(motion, rate)
+    t = np.minimum(nanoseconds / NANO, motion.duration)
+    points = np.ascontiguousarray(motion.motion(t, orders).orders)
+    for end in (0, -1):  # rest is exact in what is sent: controllers refuse a motion that ends in motion
+        speed = np.abs(points[1:2]).max(initial=0.0)
+        if orders > 1 and np.abs(points[1, end]).max() <= REST_TOLERANCE * speed:
+            points[1, end] = 0.0
+    return Knots(names, nanoseconds, points, None, motion.form)
