@@ -287,7 +287,7 @@ def test_plug_ins_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert rows["etude.robots", "arm"]["source"] == "etude"
     assert cli.main(["plugins"]) == 0
     text = capsys.readouterr().out
-    assert all(group in text for group in ("etude.robots", "etude.kernels", "etude.exporters\n  none yet"))
+    assert all(group in text for group in ("etude.robots", "etude.kernels", "etude.exporters", "ros2_yaml"))
 
 
 def test_renamed_keys_are_said_on_stderr(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:

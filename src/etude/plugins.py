@@ -57,7 +57,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "lerobot": "etude.logs.lerobot:read_lerobot",
         "crazyflie": "etude.logs.usd_card:read_usd_card",
     },
-    "etude.exporters": {},
+    "etude.exporters": {
+        "ros2": "etude.deploy.exporters.joint_trajectory:MCAP",
+        "ros2_sqlite": "etude.deploy.exporters.joint_trajectory:SQLITE",
+        "ros2_yaml": "etude.deploy.exporters.joint_trajectory_yaml:YAML",
+        "ros2_csv": "etude.deploy.exporters.csv_player:PLAYED",
+        "px4": "etude.deploy.exporters.offboard:OFFBOARD",
+        "crazyflie": "etude.deploy.exporters.poly4d:POLY4D",
+        "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
+    },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etude import plugins
+from etude.campaign.export import Exported, export
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
@@ -43,6 +45,7 @@ class Proposal:
         duration: s.
         new: False if it had been asked for before and is still open.
         status: how it was found.
+        exported: the same motion in the formats that were asked for.
     """
 
     number: int
@@ -51,6 +54,7 @@ class Proposal:
     duration: float
     new: bool
     status: str
+    exported: tuple[Exported, ...] = ()
 
 
 def ask(
@@ -60,6 +64,8 @@ def ask(
     go_on: bool = False,
     speed: int = 100,
     tasks: Path | None = None,
+    formats: Sequence[str] = (),
+    effort: bool = False,
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Proposal:
@@ -71,15 +77,19 @@ def ask(
         go_on: ignore the stop rule.
         speed: per cent; below 100 the same path is also written slowed down, in a folder of its own.
         tasks: a file of motions that the model is for.
+        formats: also write it for these receivers, names among `etude.exporters`.
+        effort: with the learned command where the format has a place for it.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
-        UsageError: a file of the open proposal is missing, or is not what was committed.
+        UsageError: a file of the open proposal is missing, or is not what was committed; an unknown format.
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
     motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
+    for name in formats:
+        plugins.load("etude.exporters", name)  # a name that is wrong is said before anything is asked
     with campaign.writing():
         learn_pending(campaign, learner, say)
         state = campaign.state()
@@ -88,7 +98,10 @@ def ask(
         else:
             number, made = state.next_number, True
             status = _propose(campaign, state, number, motions, tasks, go_on, say)
-        return _present(campaign, number, made, status, speed)
+        found = _present(campaign, number, made, status, speed)
+        motion = stored_trajectory(campaign, number, speed)
+        written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
+        return replace(found, exported=tuple(written))
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:

@@ -12,6 +12,7 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
+    from etude.campaign.export import Exported
     from etude.limits.certificate import Certificate
 
 
@@ -25,6 +26,11 @@ class Ask(Common):
     tasks: Path | None = None
     """What the robot will do with the model: a trajectory.json, or a CSV with the time and a
     column for each axis."""
+    format: tuple[str, ...] = ()
+    """Also write the motion for what plays it: ros2, ros2_sqlite, ros2_yaml, ros2_csv, px4, crazyflie,
+    lerobot, or another package's exporter; certified as its receiver reads it."""
+    effort: bool = False
+    """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -35,7 +41,16 @@ class Ask(Common):
         from etude.limits.certificate import spare, use
 
         campaign = opened(self.folder, say)
-        found = ask(campaign, new=self.new, go_on=self.go_on, speed=self.speed, tasks=self.tasks, say=say)
+        found = ask(
+            campaign,
+            new=self.new,
+            go_on=self.go_on,
+            speed=self.speed,
+            tasks=self.tasks,
+            formats=self.format,
+            effort=self.effort,
+            say=say,
+        )
         files = [
             str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
         ]
@@ -54,6 +69,7 @@ class Ask(Common):
             table(["axis", "limit", "proved min", "proved max", "used"], rows),
             f"Proved for all times; {_ends(found.certificate)}. Written:",
             *(f"  {name}" for name in files),
+            *(line for one in found.exported for line in _exported(one)),
             f"Run it, then: etude tell {self.folder} LOG",
         ]
         data = {
@@ -64,6 +80,7 @@ class Ask(Common):
             "speed": self.speed,
             "files": files,
             "certified": found.certificate.ok,
+            "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
         }
         return Outcome("\n".join(lines), data)
@@ -73,3 +90,15 @@ def _ends(certificate: Certificate) -> str:
     if certificate.at_rest:
         return "at rest at both ends"
     return f"the plan is in motion at its ends, at {100 * certificate.end_speed:.0f} % of the speed limit"
+
+
+def _exported(one: Exported) -> list[str]:
+    """The files, and what is proved of what their receiver plays."""
+    missing = [row for row in one.certificate.rows if row.status == "not looked at"]
+    but = (
+        f"; not looked at: {', '.join(row.quantity for row in missing)} ({missing[0].method})"
+        if missing
+        else ""
+    )
+    head = f"For {one.format}, proved as its receiver plays it{but}:"
+    return [head, *(f"  {path}" for path in one.files)]

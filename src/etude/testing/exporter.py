@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.contracts import Exporter, Kind
-from etude.limits.certificate import certify
+from etude.deploy.played import certify_played
 from etude.testing.differences import close
 from etude.testing.world import World, world
 
@@ -36,8 +36,10 @@ class ExporterSuite:
 
     def test_what_it_plays_is_certified(self) -> None:
         here = self.world
-        played = type(self).exporter.back(type(self).exporter(here.trajectory(1), here.kind, here.spec))  # type: ignore[attr-defined]
-        assert certify(played, here.limits).ok, "what the receiver plays leaves a limit"
+        trajectory = here.trajectory(1)
+        files = type(self).exporter(trajectory, here.kind, here.spec)
+        found = certify_played(type(self).exporter, files, here.limits, trajectory.form)
+        assert found.seen, "nothing is proved of what the receiver plays"
 
     def test_the_same_motion_gives_the_same_bytes(self) -> None:
         here = self.world

@@ -119,7 +119,7 @@ class Splined:
             UsageError: an order that jumps without bound, or a degree other than 1 and 2.
         """
         if not 0 <= order < self.bounded or degree not in (1, 2):
-            raise UsageError(f"nothing bounds derivative {order}, degree {degree}, of {self.curve}")
+            raise UsageError(f"nothing bounds derivative {order} of {self.curve}")
         if self.held:
             values = self.points[order]
         else:

@@ -39,7 +39,9 @@ def _head(size: int) -> str:
     if size < ARGUMENT:
         lines.append(f'ros2 topic pub --once {TOPIC} {MESSAGE} "$(cat {FILE})"')
     else:
-        lines.append("Too long for an argument of a command: ros2 topic pub has --yaml-file in newer releases;")
+        lines.append(
+            "Too long for an argument of a command: ros2 topic pub has --yaml-file in newer releases;"
+        )
         lines.append("or play the bag that etude ask --format ros2 writes.")
     return "".join(f"# {line}\n" for line in lines)
 

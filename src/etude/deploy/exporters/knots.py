@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -101,10 +102,10 @@ def grid_of(motion: Trajectory, rate: float) -> Index:
             ends.append(round(edge * NANO))
     ends = sorted({*ends, round(motion.duration * NANO)})
     parts = [
-        np.linspace(a, b, max(1, math.ceil((b - a) / NANO * rate - 1e-6)) + 1)[:-1]
-        for a, b in zip(ends, ends[1:], strict=False)
+        np.linspace(a, b, max(1, math.ceil((b - a) / NANO * rate - 1e-6)) + 1)[:-1] for a, b in pairwise(ends)
     ]
-    return np.rint(np.concatenate([*parts, [ends[-1]]])).astype(np.int64)
+    whole: Index = np.rint(np.concatenate([*parts, [ends[-1]]])).astype(np.int64)
+    return whole
 
 
 def _at_rate(motion: Trajectory, names: tuple[str, ...], rate: float, orders: int) -> Knots:

@@ -1,0 +1,91 @@
+"""An open proposal in the format of what plays it, certified as its receiver reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from etude import plugins
+from etude.campaign.folder import Campaign
+from etude.campaign.journal import Event, require_intact
+from etude.campaign.learn import newest_model
+from etude.contracts import Trajectory
+from etude.deploy.commanded import Commanded, commanded
+from etude.deploy.played import certify_played
+from etude.errors import UsageError
+from etude.limits.certificate import Certificate
+from etude.storage import write_atomic
+
+GROUP = "etude.exporters"
+CERTIFICATE = "certificate.json"
+FORCES = ("N m", "N")
+"""Units of commands that a field named effort may hold."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Files in another format.
+
+    Attributes:
+        format: its name among `etude.exporters`.
+        files: their paths.
+        certificate: of what the receiver plays of these bytes.
+    """
+
+    format: str
+    files: tuple[Path, ...]
+    certificate: Certificate
+
+
+def export(
+    campaign: Campaign, number: int, trajectory: Trajectory, folder: Path, name: str, *, effort: bool = False
+) -> Exported:
+    """Writes `folder`/`name`/... once and commits it; afterwards holds the files against the journal.
+
+    The caller holds the writer's lock.
+
+    Args:
+        campaign: the folder. number: of the proposal.
+        trajectory: what to run. folder: where its own files are.
+        name: of the exporter.
+        effort: with the learned command along the motion.
+
+    Raises:
+        UsageError: no such format, not one for this robot, no model to take commands from, commands that are
+            no forces, or a file that was changed since.
+        UnsafeTrajectoryError: what the receiver plays leaves a limit; nothing is written.
+    """
+    exporter = plugins.load(GROUP, name)
+    what = _with_effort(campaign, trajectory) if effort else trajectory
+    files = exporter(what, campaign.kind, campaign.spec)
+    certificate = certify_played(exporter, files, campaign.limits(), trajectory.form)
+    place = folder / (f"{name}_effort" if effort else name)
+    contents = {**files, CERTIFICATE: certificate.to_json().encode()}
+    paths = [place / file for file in contents]
+    earlier = _committed(campaign, number, paths[-1])
+    if earlier:
+        advice = "Do not run it. Restore the file from a copy, or delete the folder's files and ask again."
+        require_intact(campaign.path, earlier, advice)
+    else:
+        for path, data in zip(paths, contents.values(), strict=True):
+            write_atomic(path, data)
+        campaign.commit("exported", number, paths, format=name, effort=effort)
+    return Exported(name, tuple(paths), certificate)
+
+
+def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
+    unit = getattr(campaign.spec, "command_unit", "")
+    if unit not in FORCES:
+        raise UsageError(
+            f"commands of {campaign.spec.name!r} are in {unit or 'no force'}, an effort is in N m or N",
+            next_step="Export without --effort.",
+        )
+    return commanded(trajectory, newest_model(campaign, campaign.state()))
+
+
+def _committed(campaign: Campaign, number: int, path: Path) -> list[Event]:
+    """The last export of that file, unless somebody deleted all of it."""
+    name = path.relative_to(campaign.path).as_posix()
+    found = [e for e in campaign.events() if e.number == number and e.event == "exported" and name in e.files]
+    there = found and any((campaign.path / file).exists() for file in found[-1].files)
+    return found[-1:] if there else []
