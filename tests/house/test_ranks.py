@@ -50,7 +50,8 @@ FORBIDDEN = {("robots", "design"), ("robots", "campaign")}
 
 
 def modules() -> list[Path]:
-    return sorted(SOURCE.rglob("*.py"))
+    """All but the programs that are copied to robots: they are data."""
+    return sorted(path for path in SOURCE.rglob("*.py") if path.parent.name != "players")
 
 
 def module_name(path: Path) -> str:
