@@ -1,8 +1,9 @@
 """etude study changed_robot: how soon a load or more friction is noticed, how often nothing is taken for it.
 
 A cell is one robot and seed: a model of two random motions of a minute, ten unchanged runs of other motions,
-a run with a fifth of the rated load and one with friction half as large again. Rated is the load with which
-no joint needs more than half its command to stand anywhere inside its limits.
+and one run each with a fifth of the rated load, friction half as large again, and a sensor of one joint's
+command that reads a twentieth of its range too much. Rated is the load with which no joint needs more than
+half its command to stand anywhere inside its limits.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log, Trajectory
-from etude.models.changed import ALARM, Cause, cause, evidence, first_alarm
+from etude.contracts import Array, Log, Samples, Trajectory
+from etude.models.cause import cause
+from etude.models.changed import ALARM, evidence, first_alarm, scores
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
-from etude_studies.rows import Row, rows_json, table
+from etude_studies.changed_rows import rows_of
+from etude_studies.rows import rows_json, table
 from etude_studies.seven_joints import SevenJoints
 from etude_studies.world import World
 
 ROBOTS = ("arm4", "arm4_rough", "seven_joints")
 LOGS, UNCHANGED = 2, 10
-LOAD, FRICTION = 0.2, 1.5
-SOON = 20.0
-"""s of motion within which a change should be noticed."""
+LOAD, FRICTION, SENSOR = 0.2, 1.5, 0.05
 POSES = 2000
-OTHERS = (10.0, 30.0, 50.0)
+OTHERS = (5.0, 7.0, 15.0, 20.0, 30.0)
 """Thresholds of which the cells keep the seconds too."""
 
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, and prints the rows."""
     cells = {robot: [cell(robot, s, folder) for s in range(seed, seed + seeds)] for robot in ROBOTS}
+    cells["all"] = [c for own in cells.values() for c in own]
     rows = [row for robot, own in cells.items() for row in rows_of(robot, own)]
-    rows += rows_of("all", [c for own in cells.values() for c in own])
     if json:
         print(rows_json(rows, f"etude study changed_robot --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:
@@ -92,66 +93,44 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
     """Largest evidence and first alarm of each run, and what was named."""
     plant, rng = Plant.of(robot), np.random.default_rng([seed, 6])
     world = plant.world
-    rated = plant.rated()
+    rated, joint = plant.rated(), seed % world.spec.dof
     logs = [plant.run(world.motion(rng), rng, {}) for _ in range(LOGS)]
     model = world.learned(world.samples(*logs), world.config.model, rng).model
-    runs: dict[str, dict[str, float]] = {f"unchanged_{i}": {} for i in range(UNCHANGED)}
-    changed: dict[str, dict[str, float]] = {
+    sensor = f"sensor_{world.spec.names[joint]}"
+    whats: dict[str, dict[str, float]] = {
+        **{f"unchanged_{i}": {} for i in range(UNCHANGED)},
         "load": {"payload": LOAD * rated},
         "friction": {"friction": FRICTION},
+        "offset": {sensor: SENSOR * float(world.spec.command[joint])},
     }
-    found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist()}
-    for name, what in {**runs, **changed}.items():
-        found[name] = judged(world, model, plant.run(world.motion(rng), rng, what))
+    found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist(), "freedom": model.freedom}
+    for name, what in whats.items():
+        found[name] = judged(model, world.samples(plant.run(world.motion(rng), rng, what)))
     return found
 
 
-def judged(world: World, model: LearnedModel, log: Log) -> dict[str, Any]:
+def judged(model: LearnedModel, samples: Samples) -> dict[str, Any]:
     """The test of one log, as `tell` makes it."""
-    samples = world.samples(log)
     mean, variance = model.predict(samples.log)
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
-    path = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
-    motion: tuple[Array, Array, Array] = (
-        model.static(samples.log),
-        samples.log["qd"],
-        samples.log["qdd"],
-    )
-    named: Cause = cause(error, deviation, use, motion)
+    path = evidence(scores(error / deviation, model.freedom), np.minimum(model.worth(), 1.0), use)
+    alarm = seconds_to(path, samples.t, ALARM)
+    named = "" if alarm is None else cause(error, deviation, use, _motion(model, samples))
     return {
         "largest": float(path.max()),
-        "alarm_s": seconds_to(path, samples.t, ALARM),
+        "alarm_s": alarm,
         "others": {f"{alarm:g}": seconds_to(path, samples.t, alarm) for alarm in OTHERS},
         "named": named,
         "z2": float(np.mean((error / deviation)[use] ** 2)),
     }
 
 
+def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array]:
+    return model.static(samples.log), samples.log["qd"], samples.log["qdd"]
+
+
 def seconds_to(path: Array, t: Array, alarm: float) -> float | None:
     """s of motion until the evidence is above that; None if it never is."""
     at = first_alarm(path, alarm)
     return None if at is None else float(t[at])
-
-
-def rows_of(robot: str, cells: list[dict[str, Any]]) -> list[Row]:
-    """Shares of runs in which a change was noticed soon and named right, and false alarms."""
-    unchanged = [c[name] for c in cells for name in c if name.startswith("unchanged")]
-    alarms = sum(own["alarm_s"] is not None for own in unchanged)
-    against = f"of {len(unchanged)} unchanged runs"
-    rows = [Row(f"false_alarms_{robot}", alarms, "1", against)]
-    for name in ("load", "friction"):
-        own = [c[name] for c in cells]
-        soon = [o["alarm_s"] is not None and o["alarm_s"] <= SOON for o in own]
-        rows += [
-            Row(
-                f"{name}_noticed_{robot}", float(np.mean(soon)), "1", f"within {SOON:g} s, of {len(own)} runs"
-            ),
-            Row(f"{name}_named_{robot}", float(np.mean([o["named"] == name for o in own])), "1"),
-            Row(
-                f"{name}_misnamed_{robot}",
-                float(np.mean([o["named"] not in (name, "unknown") for o in own])),
-                "1",
-            ),
-        ]
-    return rows

@@ -38,10 +38,13 @@ ENCODER, TORQUE = 2e-5, 2e-3
 
 @dataclass(frozen=True)
 class SevenJoints:
-    """Stands in for a simulated robot: `run`, `inverse`, `changed`. payload in kg at the flange."""
+    """Stands in for a simulated robot: `run`, `inverse`, `changed`. payload in kg at the flange; sensor (7,),
+    N m, what the logged torques read too much.
+    """
 
     payload: float = 0.0
     friction: float = 1.0
+    sensor: tuple[float, ...] = (0.0,) * 7
 
     @cached_property
     def world(self) -> World:
@@ -49,10 +52,14 @@ class SevenJoints:
         return described(0.0)
 
     def changed(self, **what: float) -> SevenJoints:
-        """The arm with another `payload` (kg), or `friction` so many times as large."""
-        if not what.keys() <= {"payload", "friction"}:
+        """The arm with another `payload` (kg), `friction` so many times as large, or so many N m added to the
+        logged torque of a joint (`sensor_j1`).
+        """
+        offsets = {f"sensor_j{i + 1}": value for i, value in enumerate(self.sensor)}
+        if not what.keys() <= {"payload", "friction", *offsets}:
             raise UsageError(f"the arm of seven joints cannot change its {', '.join(what)}")
-        return replace(self, **what)
+        sensor = tuple(what.get(name, value) for name, value in offsets.items())
+        return replace(self, sensor=sensor, **{k: v for k, v in what.items() if k not in offsets})
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, 7) torques, N m, of the body and its friction."""
@@ -71,7 +78,7 @@ class SevenJoints:
         q, qd, qdd = motion.motion(t, 3).orders
         known = {c.name: c for c in self.world.kind.channels(self.world.spec)}
         limit = np.array([row[2] for row in LINKS])
-        command = self.inverse(q, qd, qdd) + TORQUE * limit * rng.standard_normal(q.shape)
+        command = self.inverse(q, qd, qdd) + TORQUE * limit * rng.standard_normal(q.shape) + self.sensor
         values = {"q": q + ENCODER * rng.standard_normal(q.shape), "command": command}
         return Log(t, {n: known[n] for n in values}, values, "seven joints")
 

@@ -1,12 +1,22 @@
-"""The sequential test of a changed robot: golden numbers, Wald's ratio, and what is named."""
+"""The sequential test of a changed robot: golden numbers, Wald's ratio, scores, what samples are worth."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, t
 
-from etude.models.changed import ALARM, KAPPA2, cause, evidence, first_alarm
+from etude.models.changed import (
+    ALARM,
+    FREEDOM,
+    KAPPA2,
+    MOST_FREEDOM,
+    evidence,
+    first_alarm,
+    independence,
+    scores,
+    tails,
+)
 
 GOLDEN = [0.0, 0.40342640972, 1.74435281944, 1.44465422916, 2.26995563888]
 
@@ -20,7 +30,21 @@ def test_a_step_is_the_logarithm_of_the_likelihood_ratio() -> None:
     z = np.array([[3.1, 2.2]])
     ratio = norm.logpdf(z, scale=np.sqrt(KAPPA2)) - norm.logpdf(z)
     assert evidence(z, np.ones(2))[0] == pytest.approx(ratio.sum(), rel=1e-12)
-    assert evidence(z * 2.0, np.ones(2), scale=4.0)[0] == pytest.approx(ratio.sum(), rel=1e-12)
+
+
+def test_scores_are_as_improbable_as_the_errors() -> None:
+    z = np.array([[-9.0, -1.2, 0.0], [0.3, 2.0, 40.0]])
+    np.testing.assert_allclose(norm.sf(np.abs(scores(z, 3.0))), t.sf(np.abs(z), 3.0), rtol=1e-9)
+    np.testing.assert_array_equal(np.sign(scores(z, 3.0)), np.sign(z))
+    assert np.isfinite(scores(np.array([1e300, -np.inf]), MOST_FREEDOM)).all()
+
+
+def test_tails_are_those_of_held_out_errors_and_never_quite_normal() -> None:
+    rng = np.random.default_rng(0)
+    heavy = np.where(rng.uniform(size=(4000, 2)) < 0.5, t.rvs(3.0, size=(4000, 2), random_state=rng), np.nan)
+    assert 2.0 < tails(heavy) < 5.0
+    assert tails(rng.standard_normal((4000, 2))) == MOST_FREEDOM
+    assert tails(np.full((4, 2), np.nan)) == FREEDOM
 
 
 def test_what_says_nothing_does_not_count() -> None:
@@ -30,42 +54,50 @@ def test_what_says_nothing_does_not_count() -> None:
     assert found[0] == found[1] == pytest.approx(evidence(z[:1, :1], np.ones(1))[0])
 
 
-def test_an_unchanged_robot_does_not_alarm_and_a_changed_one_does() -> None:
+def test_heavy_tails_are_no_other_robot_and_a_doubled_deviation_is() -> None:
     rng = np.random.default_rng(0)
-    same, changed = rng.standard_normal((2000, 4)), 2.0 * rng.standard_normal((2000, 4))
-    worth = np.full(4, 0.2)
-    assert first_alarm(evidence(same, worth), ALARM) is None
-    at = first_alarm(evidence(changed, worth), ALARM)
+    same, worth = t.rvs(5.0, size=(2000, 4), random_state=rng), np.full(4, 0.2)
+    assert first_alarm(evidence(same, worth), ALARM) is not None
+    assert first_alarm(evidence(scores(same, tails(same)), worth), ALARM) is None
+    found = evidence(scores(2.0 * same, tails(same)), worth)
+    at = first_alarm(found, ALARM)
     assert at is not None
-    assert evidence(changed, worth)[at] > ALARM >= evidence(changed, worth)[at - 1]
+    assert found[at] > ALARM >= found[at - 1]
 
 
-class TestCause:
-    rng = np.random.default_rng(1)
-    t = np.arange(0.0, 60.0, 0.125)[:, None]
-    rates = np.array([[0.7, 1.1, 1.7]])
-    q = np.sin(t * rates) + 0.6 * np.cos(2.3 * t * rates)
-    v = np.gradient(q, 0.125, axis=0)
-    a = np.gradient(v, 0.125, axis=0)
-    motion = (np.sin(q), v, a)
-    noise = rng.standard_normal(q.shape)
-    use = np.abs(v) > 0.05
-    deviation = np.ones_like(q)
+class TestIndependence:
+    """Of errors in eight trajectories of 600 samples of two outputs."""
 
-    @pytest.mark.parametrize(
-        ("error", "name"),
-        [
-            (5.0 * np.sin(q) + 2.0 * a, "load"),
-            (5.0 * np.sign(v), "friction"),
-            (np.full_like(q, 4.0), "offset"),
-            (0.0 * q, "unknown"),
-            (5.0 * rng.standard_normal(q.shape), "unknown"),
-            (4.0 * np.sign(v) + 6.0 * np.sin(q), "unknown"),
-        ],
-    )
-    def test_it_is_named_only_where_it_is_clear(self, error: np.ndarray, name: str) -> None:
-        assert cause(error + self.noise, self.deviation, self.use, self.motion) == name
+    rng = np.random.default_rng(3)
+    t = np.tile(np.arange(600) * 0.1, 8)
+    group = np.repeat(np.arange(8), 600)
+    white = rng.standard_normal((4800, 2))
+    use = np.ones((4800, 2), dtype=bool)
 
-    def test_without_samples_nothing_is_named(self) -> None:
-        nothing = np.zeros_like(self.use)
-        assert cause(self.noise, self.deviation, nothing, self.motion) == "unknown"
+    def worth(self, z: np.ndarray, use: np.ndarray | None = None) -> np.ndarray:
+        return independence(z, MOST_FREEDOM, self.t, self.group, self.use if use is None else use)
+
+    def test_errors_that_are_independent_are_worth_themselves(self) -> None:
+        np.testing.assert_allclose(self.worth(self.white), 1.0, atol=0.15)
+
+    def test_of_ten_equal_errors_each_is_worth_a_tenth(self) -> None:
+        np.testing.assert_allclose(self.worth(np.repeat(self.white[::10], 10, axis=0)), 0.1, rtol=0.25)
+
+    def test_bursts_of_errors_are_alike_though_their_signs_are_not(self) -> None:
+        size = np.repeat(np.abs(self.white[::10]), 10, axis=0)
+        flickering = size * np.sign(self.white)
+        assert abs(np.mean(flickering[1:] * flickering[:-1])) < 0.05
+        np.testing.assert_allclose(self.worth(flickering), 0.1, rtol=0.25)
+
+    def test_samples_that_were_not_held_out_add_nothing_and_those_at_rest_are_not_asked(self) -> None:
+        thinned = np.where(np.arange(4800)[:, None] % 10 == 0, self.white, np.nan)
+        np.testing.assert_allclose(self.worth(thinned), 0.1, rtol=0.2)
+        moving = self.use & (np.arange(4800)[:, None] % 2 == 0)
+        np.testing.assert_allclose(self.worth(thinned, moving), 0.2, rtol=0.2)
+
+    def test_where_nothing_was_held_out_a_sample_is_worth_itself(self) -> None:
+        np.testing.assert_array_equal(self.worth(np.full_like(self.white, np.nan)), 1.0)
+
+    def test_a_level_of_the_errors_that_is_a_trajectorys_own_is_no_dependence(self) -> None:
+        level = 1.0 + 0.5 * self.group[:, None]
+        assert self.worth(level * self.white)[0] > 0.8

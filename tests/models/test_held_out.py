@@ -15,7 +15,6 @@ from etude.models.held_out import (
     contiguous_blocks,
     fold_numbers,
     held_out_blocks,
-    independence,
     split_blocks,
 )
 from etude.models.linear import LinearPhysics, at_rest
@@ -102,19 +101,6 @@ def test_at_rest_only_rates_are_zero() -> None:
     assert not log["qd"].any()
     assert not log["qdd"].any()
     np.testing.assert_array_equal(log["q"], trajectory(0).log["q"])
-
-
-def test_independence_of_white_and_of_smooth_errors() -> None:
-    data, rng = trajectories(8), np.random.default_rng(0)
-    white = rng.standard_normal(data.command.shape)
-    np.testing.assert_allclose(independence(white, data), 1.0, atol=0.2)
-    smooth = white.copy()
-    for i in range(1, len(smooth)):
-        smooth[i] = 0.8 * smooth[i - 1] + 0.6 * white[i]
-    np.testing.assert_allclose(independence(smooth, data), 0.2 / 1.8, rtol=0.4)
-    thinned = np.where(np.arange(len(data))[:, None] % 10 == 0, white, np.nan)
-    np.testing.assert_allclose(independence(thinned, data), 0.1, rtol=0.2)
-    np.testing.assert_array_equal(independence(np.full_like(white, np.nan), data), 1.0)
 
 
 def test_points_are_spread_apart_and_over_all_trajectories() -> None:

@@ -14,10 +14,11 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.learn import is_stored, stored_model
 from etude.campaign.state import CHANGED, State
-from etude.contracts import Finding, Log, Samples
+from etude.contracts import Array, Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.changed import ALARM, Cause, cause, evidence, first_alarm
+from etude.models.cause import Cause, alone, cause
+from etude.models.changed import ALARM, evidence, first_alarm, scores
 from etude.models.model import LearnedModel
 
 Answer = Literal["new", "forget", "same"]
@@ -28,8 +29,8 @@ LEAST_LOGS = 2
 CAUSES: dict[Cause, str] = {
     "load": "a load was taken up or put down: the errors follow gravity and inertia",
     "friction": "friction has changed: the errors follow the sign of the velocity",
-    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts in poses much "
-    "alike",
+    "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts on one axis "
+    "in poses much alike",
     "unknown": "which part of it cannot be told from the errors",
 }
 STEP = (
@@ -62,21 +63,22 @@ def _judged(model: LearnedModel, samples: Samples, seconds: float) -> Finding | 
     mean, variance = model.predict(samples.log)
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
-    found = evidence(error / deviation, np.minimum(model.worth(), 1.0), use)
-    at = first_alarm(found, ALARM)
+    z = scores(error / deviation, model.freedom)
+    at = first_alarm(evidence(z, np.minimum(model.worth(), 1.0), use), ALARM)
     if at is None:
         return None
-    t = samples.t
+    t, only = samples.t, alone(error, deviation, use)
     z2 = float(np.mean((error / deviation)[use] ** 2))
+    place = "" if only is None else f", nearly all of it in {model.commands[only]}"
     sentence = (
         f"the robot is not the one that the model knows: after {t[at] - t[0]:.0f} s of {seconds:.0f} s the "
-        f"errors were beyond chance (squared, {z2:.3g} times the predicted variance); "
+        f"errors were beyond chance (squared, {z2:.3g} times the predicted variance{place}); "
         f"{CAUSES[_cause(model, samples, error, deviation)]}"
     )
     return Finding(CHANGED, "red", sentence, STEP, FLAG, ((float(t[at]), float(t[-1])),))
 
 
-def _cause(model: LearnedModel, samples: Samples, error: np.ndarray, deviation: np.ndarray) -> Cause:
+def _cause(model: LearnedModel, samples: Samples, error: Array, deviation: Array) -> Cause:
     """What has changed, for commands that do work on coordinates whose rates the samples have."""
     channels = samples.log.channels
     rate = _rate_of(samples, channels["command"].acts_on)

@@ -1,6 +1,7 @@
 """What was learned: one ladder of rungs for every kind of robot, its members, scores and store."""
 
 PUBLIC = (
+    "cause",
     "changed",
     "config",
     "fit",

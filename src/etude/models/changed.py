@@ -1,43 +1,60 @@
-"""Is this log of the robot that the model knows? Wald's sequential test of its errors, and what has changed.
+"""Is this log of the robot that the model knows? Wald's sequential test of its errors.
 
-With z = (command - mean) / deviation of each output, the errors of an unchanged robot are N(0, 1) and those
-of a changed one N(0, kappa^2); the logarithm of their likelihood ratio is summed from sample to sample, never
-below 0 (Page 1954). Errors of neighbouring samples are alike, so each counts `worth` of an independent one.
+With z = (command - mean) / deviation of each output, the scores of an unchanged robot's errors are N(0, 1)
+and those of a changed one N(0, kappa^2); the logarithm of their likelihood ratio is summed from sample to
+sample, never below 0 (Page 1954). Errors of neighbouring samples are alike, so each counts `worth` of an
+independent one.
+
+Errors of an unchanged robot have heavy tails: near a reversal, or in a state that is new, a few of them are
+ten deviations large. A normal distribution takes those few for another robot. So errors are held against
+Student's t with the tails that held-out ones have, and `scores` are the normal deviates of the same odds.
 """
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.contracts import Array, Index, Mask
+from etude.models.student_t import fit_student
 
 KAPPA2 = 4.0
-"""Variance of a changed robot's errors over that of an unchanged one's: the deviation doubles."""
-ALARM = 100.0
-"""Evidence from which the robot has changed; docs/decisions/0025 has what unchanged and changed ones reach.
-Of a single log nothing is said: what a new motion teaches its model looks like another robot."""
-NAMED, AHEAD = 0.5, 0.5
-"""Least share of the errors' variation that names a cause; of what the next leaves, it has to leave less."""
-VARYING, CONSTANT = 1.5, 0.6
-"""Mean square of z about its mean above which errors vary beyond chance; least share of a constant."""
+"""Variance of a changed robot's scores over that of an unchanged one's: the deviation doubles."""
+FREEDOM, MOST_FREEDOM = 5.0, 20.0
+"""Degrees of freedom of Student's t where no errors were held out, and most that are believed of some."""
+ALARM = 10.0
+"""Evidence from which the robot has changed. Among n independent samples chance passes h with a probability
+of about n exp(-h): 60 of them pass 10 in one run of 400."""
+BLOCKS = 12
+"""Parts of a trajectory that are long against the time in which errors are alike: 5 s of a minute."""
+FARTHEST = 1e12
+"""Deviations beyond which all errors are equally impossible."""
 
-Cause = Literal["load", "friction", "offset", "unknown"]
+
+def tails(z: Array) -> float:
+    """Degrees of freedom of Student's t for errors over predicted deviations; NaN where not held out."""
+    fitted = fit_student(z[np.isfinite(z)])
+    return FREEDOM if fitted is None else min(MOST_FREEDOM, fitted.freedom)
 
 
-def evidence(z: Array, worth: Array, use: Mask | None = None, scale: Array | float = 1.0) -> Array:
+def scores(z: Array, freedom: float) -> Array:
+    """Normal deviates, of z's shape and signs, as improbable as these errors are for Student's t."""
+    from scipy.special import ndtri, stdtr
+
+    tail = stdtr(freedom, -np.minimum(np.abs(z), FARTHEST))
+    return np.asarray(-np.sign(z) * ndtri(tail))
+
+
+def evidence(z: Array, worth: Array, use: Mask | None = None) -> Array:
     """(n,) evidence of a changed robot after each sample, nats; see `ALARM`.
 
-    S <- max(0, S + sum_j g_j/2 (z_j^2/c_j (1 - 1/kappa^2) - ln kappa^2)).
+    S <- max(0, S + sum_j g_j/2 (z_j^2 (1 - 1/kappa^2) - ln kappa^2)).
 
     Args:
-        z: (n, J) errors over predicted deviations, in the order of time.
+        z: (n, J) scores of errors over predicted deviations, in the order of time.
         worth: (J,) g, independent samples that a sample is worth.
         use: (n, J) samples that say something; None: all.
-        scale: (J,) c, mean of z^2 on held-out motion of the same robot; 1 where variances are calibrated.
     """
-    gain = 0.5 * worth * (z**2 / scale * (1.0 - 1.0 / KAPPA2) - np.log(KAPPA2))
+    gain = 0.5 * worth * (z**2 * (1.0 - 1.0 / KAPPA2) - np.log(KAPPA2))
     steps = np.where(np.ones_like(z, dtype=bool) if use is None else use, gain, 0.0).sum(axis=1)
     found, total = np.empty(len(steps)), 0.0
     for i, step in enumerate(steps.tolist()):
@@ -52,49 +69,36 @@ def first_alarm(found: Array, alarm: float) -> int | None:
     return int(above[0]) if len(above) else None
 
 
-def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array, Array]) -> Cause:
-    """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
+def independence(z: Array, freedom: float, t: Array, group: Index, use: Mask) -> Array:
+    """(J,) independent samples that one sample is worth to `evidence`, from held-out errors.
 
-    A load changes what gravity and inertia take: the errors follow the static parts and the accelerations.
-    Friction follows the sign of the velocity and the velocity. An offset is constant, and so is a load's
-    gravity in poses that are much alike: where the errors hardly vary the two cannot be told apart.
+    The evidence sums squares, so it is theirs that must be independent: errors that change their sign from
+    sample to sample still come in bursts. Between blocks of a trajectory they are; a sample is worth the
+    variance of squared scores over that of their sums in blocks, times the samples in it. One figure for all
+    outputs, since one alone has few blocks. 1 where nothing was held out.
 
     Args:
-        deviation: (n, J) predicted, by which outputs are weighed.
-        use: (n, J) samples that say something.
-        motion: static part (n, J), velocity (n, J) and acceleration (n, J).
+        z: (n, J) errors over predicted deviations, NaN where not held out. freedom: their `tails`.
+        t, group: (n,) s, and the trajectory.
+        use: (n, J) samples that say something, as for `evidence`; those of them that were not held out add
+            nothing.
     """
-    static, velocity, acceleration = motion
-    body = np.column_stack([static, acceleration])
-    total, varying, count, load, friction = 0.0, 0.0, 0, 0.0, 0.0
-    for j, own in enumerate(use.T):
-        if own.sum() < 3 * (body.shape[1] + 1):
-            continue
-        z = error[own, j] / deviation[own, j]
-        rest = z - z.mean()
-        top = max(float(np.abs(velocity[own, j]).max()), 1e-300)
-        rub = np.column_stack([np.tanh(velocity[own, j] / (0.05 * top)), velocity[own, j]])
-        total, varying, count = total + float(z @ z), varying + float(rest @ rest), count + len(z)
-        friction += _explained(rest, rub)
-        load += _explained(rest, body[own])
-    if not count:
-        return "unknown"
-    if varying > VARYING * count and max(load, friction) >= NAMED * varying:
-        left = varying - np.array([load, friction])
-        if left.min() <= AHEAD * left.max():
-            return "load" if load > friction else "friction"
-    return "offset" if total - varying >= CONSTANT * total else "unknown"
+    power = summed = 0.0
+    known = np.isfinite(z) & use
+    for number in np.unique(group):
+        inside = group == number
+        block = _blocks(t[inside])
+        for column, own in zip(z[inside].T, known[inside].T, strict=True):
+            squared = scores(column[own], freedom) ** 2
+            rest = squared - squared.mean() if len(squared) else squared
+            sums = np.bincount(block[own], rest, BLOCKS)
+            power += float(rest @ rest) * (1.0 - 1.0 / BLOCKS)  # what centring takes from the sums
+            summed += float(sums @ sums)
+    share = known.sum() / max(int(use.sum()), 1)
+    return np.full(z.shape[1], share * min(1.0, power / summed) if summed > 0.0 else 1.0)
 
 
-def _explained(error: Array, features: Array) -> float:
-    """Squares of a centred error (n,) that features (n, p) explain, less what as many random ones would."""
-    columns = features - features.mean(axis=0)
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
-    if not columns.shape[1]:
-        return 0.0
-    basis = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    Q = basis[0][:, basis[1] > 1e-8 * basis[1][0]]
-    by_chance = Q.shape[1] / len(error) * float(error @ error)
-    found: float = float(np.sum((Q.T @ error) ** 2)) - by_chance
-    return max(0.0, found)
+def _blocks(t: Array) -> Index:
+    """(n,) the part of a trajectory, of equal duration, that each time is in."""
+    part = (t - t.min()) / max(float(np.ptp(t)), np.finfo(float).tiny) * BLOCKS
+    return np.minimum(part.astype(np.int64), BLOCKS - 1)

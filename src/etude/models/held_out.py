@@ -222,29 +222,3 @@ def near(t: Array, test: Mask, gap_s: float) -> Mask:
     after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
     nearest = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
     return np.asarray(nearest < gap_s - 1e-9)
-
-
-def independence(error: Array, samples: Samples) -> Array:
-    """(J,) independent samples that one sample is worth, from held-out errors (n, J), NaN where not known.
-
-    1 / (1 + 2 Σ ρ_k) over the first lags at which the errors' autocorrelation within trajectories is above
-    chance; samples between those that were held out add nothing. 1 where nothing was held out.
-    """
-    return np.array(
-        [_worth(column, samples.group, use) for column, use in zip(error.T, samples.usable.T, strict=True)]
-    )
-
-
-def _worth(error: Array, group: Index, usable: Mask) -> float:
-    known = np.isfinite(error)
-    rows = [error[known & (group == number)] for number in np.unique(group[known])]
-    power = sum(float(row @ row) for row in rows)
-    if not power > 0.0:
-        return 1.0
-    total, count = 0.0, sum(len(row) for row in rows)
-    for lag in range(1, max(len(row) for row in rows)):
-        correlation = sum(float(row[lag:] @ row[:-lag]) for row in rows if len(row) > lag) / power
-        if correlation <= 2.0 / np.sqrt(count):
-            break
-        total += correlation
-    return count / max(int(np.count_nonzero(usable)), count) / (1.0 + 2.0 * total)

@@ -17,11 +17,12 @@ from etude.contracts import Array, Inputs, Physics, Samples
 from etude.errors import DataError, UsageError
 from etude.models.averaging import Average, averages
 from etude.models.candidates import beside_default
+from etude.models.changed import independence, tails
 from etude.models.choice import TRAJECTORIES, choices, warnings_of
 from etude.models.config import ModelConfig
 from etude.models.contracts import Offered
 from etude.models.fit import Folds, Rows, rows_of
-from etude.models.held_out import Base, HeldOut, fitted_base, fold_numbers, independence
+from etude.models.held_out import Base, HeldOut, fitted_base, fold_numbers
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.rows import in_order
@@ -215,7 +216,7 @@ def _assembled(
     baseline: HeldOut,
 ) -> Ladder:
     """The model of all groups, with the choice for each command."""
-    config, pairs = folds.config, list(zip(folds.groups, groups, strict=True))
+    config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
     held, calibrated = _joined(folds, pairs)
     held |= {rung: average.held for rung, average in averaged.items()}
     calibrated |= {rung: average.held.variance for rung, average in averaged.items()}
@@ -231,13 +232,17 @@ def _assembled(
     candidates = [_weighed(own.candidate, share, chosen) for own, share in parts.values()]
     error = np.column_stack([held[rung].error[:, j] for j, rung in enumerate(chosen)])
     spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
+    use = samples.usable & samples.moving
+    z = np.where(use, error / np.sqrt(spread), np.nan)
+    freedom = tails(z)
     model = LearnedModel(
         inputs=folds.inputs,
         candidates=tuple(candidates),
         commands=folds.commands,
         ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
         calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
-        independence=independence(error, folds.samples),
+        independence=independence(z, freedom, samples.t, samples.group, use),
+        freedom=freedom,
         member=config.process,
         least=least_variance(folds, candidates),
         student=_student(error, spread) if config.student_t else None,

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Log, Mean, Posterior
 from etude.errors import UsageError
+from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
 from etude.models.given import as_log
 from etude.models.linear import at_rest
@@ -34,6 +35,7 @@ class LearnedModel:
         ranges: (2, D) least and largest of each input trained on.
         calibrated: whether enough trajectories were held out for the variances to be believed.
         independence: (J,) see `worth`.
+        freedom: degrees of freedom of Student's t, the tails of held-out errors over predicted deviations.
         member: name of the processes' member, to restore them by.
         least: (J,) variance that is claimed anywhere at least, where motion was too short; None: none.
         student: distribution of held-out errors over predicted deviations, or None.
@@ -46,6 +48,7 @@ class LearnedModel:
     ranges: Array
     calibrated: bool
     independence: Array
+    freedom: float = FREEDOM
     member: str = "exact"
     least: Array | None = None
     student: StudentT | None = None

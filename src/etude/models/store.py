@@ -20,6 +20,7 @@ import numpy as np
 from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
 from etude.models.candidates import CANDIDATES
+from etude.models.changed import FREEDOM
 from etude.models.contracts import Offered, share_of
 from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
@@ -75,6 +76,7 @@ def model_bytes(model: LearnedModel) -> bytes:
         "member": model.member,
         "commands": model.commands,
         "calibrated": model.calibrated,
+        "freedom": model.freedom,
         "student": None if model.student is None else asdict(model.student),
         "warnings": model.warnings,
     }
@@ -120,6 +122,7 @@ def model_of(
         ranges=arrays["ranges"],
         calibrated=bool(words["calibrated"]),
         independence=arrays["independence"],
+        freedom=float(words.get("freedom", FREEDOM)),
         member=words["member"],
         least=arrays.get("least"),
         student=None if student is None else StudentT(**student),

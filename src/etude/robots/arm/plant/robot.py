@@ -18,6 +18,7 @@ from etude.robots.arm.spec import COMMAND, ORDERS, PATH, PLAN, ArmSpec
 
 Engine = Literal["compiled", "mujoco"]
 FEEDFORWARD, FEEDBACK, TRUE = "command_ff", "command_fb", "q_true"
+SENSOR = "sensor_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class ArmRobot:
         parameters: what it is.
         engine: "compiled", or "mujoco", independent of it; they agree to 0.001 deg over a minute.
         lead_in: s at rest in the first desired position before t = 0, kept in the log.
+        sensor: (J,) command units that the logged command reads too much; (): nothing.
     """
 
     name: str
@@ -37,6 +39,7 @@ class ArmRobot:
     parameters: ArmParameters
     engine: Engine = "compiled"
     lead_in: float = 2.0
+    sensor: tuple[float, ...] = ()
 
     def run(
         self,
@@ -105,20 +108,31 @@ class ArmRobot:
         return np.where(turning, np.rad2deg(error), error), tuple("deg" if t else "m" for t in turning)
 
     def changed(self, **what: float) -> ArmRobot:
-        """The robot with `payload` (kg) at its hand and `friction` times as large.
+        """The robot with `payload` (kg) at its hand, `friction` times as large, or with so much added to the
+        logged command of a joint (`sensor_<joint>`, command units).
 
         Raises:
             UsageError: another change, or an impossible one.
         """
         made = {"payload": with_payload, "friction": with_friction}
-        parameters = self.parameters
+        joints = {f"{SENSOR}{name}": place for place, name in enumerate(self.spec.names)}
+        parameters, sensor = self.parameters, self._sensor()
         for name, value in what.items():
-            if name not in made:
+            if name in joints:
+                sensor[joints[name]] += value
+            elif name in made:
+                parameters = made[name](parameters, value)
+            else:
                 raise UsageError(
-                    f"a simulated arm has no '{name}' to change", next_step=f"It has {', '.join(made)}."
+                    f"a simulated arm has no '{name}' to change",
+                    next_step=f"It has {', '.join([*made, *joints])}.",
                 )
-            parameters = made[name](parameters, value)
-        return replace(self, parameters=parameters)
+        if not np.isfinite(sensor).all():
+            raise UsageError("a sensor's offset must be a finite number")
+        return replace(self, parameters=parameters, sensor=tuple(sensor.tolist()))
+
+    def _sensor(self) -> Array:
+        return np.array(self.sensor or (0.0,) * self.spec.dof)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
         """The exact inverse model: the command (T, J) that keeps up this motion (T, J each).
@@ -162,7 +176,11 @@ class ArmRobot:
             trace = running.advance(inputs.tick(k, feedforward[k]))
             traces.append(trace)
             if controller is not None:
-                measured = {PATH[0]: trace.q[0], COMMAND: trace.tau[0], FEEDBACK: trace.tau_fb[0]}
+                measured = {
+                    PATH[0]: trace.q[0],
+                    COMMAND: trace.tau[0] + self._sensor(),
+                    FEEDBACK: trace.tau_fb[0],
+                }
                 plans = {name: row[name] for name in PLAN}
                 controller.observe(t, {**plans, **measured, FEEDFORWARD: feedforward[k]})
         return self._log(plan, feedforward, Trace.joined(traces))
@@ -180,7 +198,7 @@ class ArmRobot:
         values = {
             PATH[0]: trace.q,
             **dict(zip(PLAN, plan.orders, strict=True)),
-            COMMAND: trace.tau,
+            COMMAND: trace.tau + self._sensor(),
             FEEDFORWARD: feedforward,
             FEEDBACK: trace.tau_fb,
             TRUE: trace.q_true,

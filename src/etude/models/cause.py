@@ -1,0 +1,71 @@
+"""What has changed: which of load, friction and a sensor's offset the errors of a changed robot follow."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from etude.contracts import Array, Mask
+
+NAMED = 0.5
+"""Most of the errors' squares that a cause may leave to be named."""
+AHEAD = 0.5
+"""Most that it may leave of what another leaves."""
+ALONE = 0.8
+"""Least share of the squares in one output that makes it the only one, and of those that go with gravity."""
+SLOW = 0.05
+"""Of the largest velocity, within which friction turns round."""
+
+Cause = Literal["load", "friction", "offset", "unknown"]
+
+
+def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array, Array]) -> Cause:
+    """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
+
+    Friction follows the sign of the velocity and the velocity, an offset is constant. A load follows gravity
+    and acceleration; in poses much alike its gravity is constant, too. Then it is taken for a load if several
+    outputs are off at once, all with gravity or all against it, and else for an offset.
+
+    Args:
+        deviation: (n, J) predicted, by which outputs are weighed.
+        use: (n, J) samples that say something.
+        motion: static part (n, J), velocity (n, J) and acceleration (n, J).
+    """
+    left, squares, along = np.zeros(3), np.zeros(use.shape[1]), np.zeros(use.shape[1])
+    for j, own in enumerate(use.T):
+        static, velocity, acceleration = (part[own, j] for part in motion)
+        one = np.ones_like(velocity)
+        rub = [np.tanh(velocity / (SLOW * _top(velocity))), velocity]
+        z = error[own, j] / deviation[own, j]
+        models = [one, static, acceleration], rub, [one]
+        left += [_left(z, np.column_stack(columns) / deviation[own, j, None]) for columns in models]
+        squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[own, j]))
+    total = squares.sum()
+    load, friction, constant = left / total if total > 0.0 else np.ones(3)
+    if friction <= NAMED and friction <= AHEAD * load:
+        return "friction"
+    if load > NAMED or load > AHEAD * friction:
+        return "unknown"
+    several = squares.max() < ALONE * total and abs(along @ squares) >= ALONE * total
+    return "load" if several or load <= AHEAD * constant else "offset"
+
+
+def alone(error: Array, deviation: Array, use: Mask) -> int | None:
+    """The output that holds nearly all of the errors' squares; None if there is none."""
+    squares = np.where(use, (error / deviation) ** 2, 0.0).sum(axis=0)
+    first = int(np.argmax(squares))
+    return first if squares[first] >= ALONE * squares.sum() > 0.0 else None
+
+
+def _left(z: Array, features: Array) -> float:
+    """Squares of z (n,) that no combination of the features (n, p) explains."""
+    size = np.linalg.norm(features, axis=0)
+    columns = features[:, size > 0.0] / size[size > 0.0]
+    return (
+        float(np.sum((z - columns @ np.linalg.lstsq(columns, z)[0]) ** 2)) if columns.size else float(z @ z)
+    )
+
+
+def _top(velocity: Array) -> float:
+    return max(float(np.abs(velocity).max(initial=0.0)), np.finfo(float).tiny)
