@@ -6,17 +6,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from etude.campaign import ask as asking
 from etude.campaign import learn as learning
 from etude.campaign import simulate as module
+from etude.campaign import tell as telling
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.learn import Learned
+from etude.campaign.several import tell
 from etude.campaign.simulate import simulate
 from etude.campaign.simulate import test_motions as motions_of
-from etude.contracts import Controller, Model
+from etude.campaign.state import CHANGED
+from etude.cli import main
+from etude.contracts import Controller, Finding, Model
 from etude.errors import UsageError
 from etude.limits.certificate import certify
 from etude.robots.arm import motions as arm_motions
@@ -113,6 +118,47 @@ def test_the_other_engine_agrees(arm: Campaign, tmp_path: Path) -> None:
     pairs = zip(arm.state().evaluated, other.state().evaluated, strict=True)
     for a, b in pairs:
         np.testing.assert_allclose(a["tracking_error_deg"], b["tracking_error_deg"], atol=0.002)
+
+
+@pytest.fixture
+def noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is told is of another robot."""
+    found = Finding(CHANGED, "red", "the robot is another one", "Say --changed new.", "--changed")
+    monkeypatch.setattr(telling, "change_found", lambda *_: found)
+
+
+@pytest.mark.usefixtures("noticed")
+def test_a_changed_robot_that_is_noticed_waits_and_nothing_is_run_after_it(arm: Campaign) -> None:
+    said: list[str] = []
+    assert list(simulate(arm, 2, say=said.append, change={"payload": 0.5})) == []
+    assert [r.number for r in arm.state().held] == [1]
+    assert "Log 1 is not learned yet: the robot is another one. Say --changed new." in said
+    with pytest.raises(UsageError, match="log 1 waits for the answer"):
+        next(iter(simulate(arm, 1)))
+    tell(arm, [], changed="same")
+    assert [r.number for r in simulate(arm, 1)] == [2]
+
+
+def test_the_changed_robot_is_run_and_one_that_is_not_noticed_is_learned(
+    arm: Campaign, tmp_path: Path
+) -> None:
+    other = create_campaign(tmp_path / "other", "arm4", seed=4)[0]
+    (other.path / "campaign.toml").write_text(CONFIG)
+    assert [r.number for r in simulate(arm, 1)] == [1]
+    assert [r.number for r in simulate(open_campaign(other.path), 1, change={"friction": 1.5})] == [1]
+    one, two = (pl.read_parquet(lab.path / "simulated" / "0001.parquet") for lab in (arm, other))
+    assert one["q_des_elbow"].equals(two["q_des_elbow"])
+    assert (one["command_elbow"] - two["command_elbow"]).abs().max() > 5.0
+
+
+def test_changes_that_are_none(arm: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    for word, said in (
+        ("payload", "is no change"),
+        ("friction=much", "is no change"),
+        ("wind=3", "no 'wind'"),
+    ):
+        assert main(["simulate", str(arm.path), "--rounds", "0", "--change", word]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_a_robot_without_a_plant(campaign: Campaign) -> None:

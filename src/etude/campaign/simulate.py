@@ -34,7 +34,11 @@ IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
 
 
 def simulate(
-    campaign: Campaign, rounds: int, engine: str = "", say: Say = lambda _: None
+    campaign: Campaign,
+    rounds: int,
+    engine: str = "",
+    say: Say = lambda _: None,
+    change: Mapping[str, float] | None = None,
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
@@ -42,17 +46,22 @@ def simulate(
     wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once. A run
     whose log is refused is given up, and another trajectory asked for.
 
+    With a `change` the robot is another one in these rounds, and its logs are told as a person would tell
+    them: the first that is noticed waits for an answer, and nothing is run after it.
+
     Args:
         campaign: the folder.
         rounds: trajectories to learn.
         engine: of the simulation, where the robot has several; "": its own.
         say: receives one sentence per step.
+        change: as for `Robot.changed`; None: the robot is what it was.
 
     Raises:
-        UsageError: the robot has no simulated plant, or no such engine.
+        UsageError: the robot has no simulated plant, no such engine or change, or a log waits for an answer.
         DataError: too many logs were refused.
     """
-    loop = _Loop.of(campaign, engine)
+    _check_answered(campaign)
+    loop = _Loop.of(campaign, engine, change or {})
     for name, controller in loop.baselines.items():
         loop.evaluate(0, controller, name)
     left = interrupted_round(campaign, say)
@@ -63,6 +72,8 @@ def simulate(
         if done == rounds:
             return
         number = loop.learned_one(say)
+        if campaign.state().held:
+            return
         if number is not None:
             done += 1
             yield loop.evaluate_round(number)
@@ -80,17 +91,32 @@ def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
     return campaign.kind.tests(campaign.spec, campaign.config, rng)
 
 
+def _check_answered(campaign: Campaign) -> None:
+    held = campaign.state().held
+    if held:
+        raise UsageError(
+            f"log {held[0].number} waits for the answer to whether the robot has changed",
+            where=str(campaign.path),
+            next_step=f"etude tell {campaign.path} --changed new (or forget, or same).",
+        )
+
+
 @dataclass(frozen=True)
 class _Loop:
-    """A campaign and the simulated robot that stands in for the real one."""
+    """A campaign and the simulated robot that stands in for the real one.
+
+    Attributes:
+        answer: to whether the robot has changed; "" where that is rehearsed.
+    """
 
     campaign: Campaign
     robot: Robot
+    answer: str
     tests: Mapping[str, Trajectory]
     baselines: Mapping[str, Controller | None]
 
     @classmethod
-    def of(cls, campaign: Campaign, engine: str) -> _Loop:
+    def of(cls, campaign: Campaign, engine: str, change: Mapping[str, float]) -> _Loop:
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         robot = kind.robot(spec, config)
         if robot is None:
@@ -101,7 +127,8 @@ class _Loop:
             )
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
-        return cls(campaign, robot, test_motions(campaign), kind.baselines(spec, config))
+        robot, answer = (robot.changed(**change), "") if change else (robot, "same")
+        return cls(campaign, robot, answer, test_motions(campaign), kind.baselines(spec, config))
 
     def learned_one(self, say: Say) -> int | None:
         """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
@@ -113,11 +140,14 @@ class _Loop:
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_log(path, log)
         try:
-            tell(campaign, path, number=number, changed="same", say=say)
+            told = tell(campaign, path, number=number, changed=self.answer, say=say)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)
             return None
+        if told.held:
+            for found in told.findings:
+                say(f"Log {number} is not learned yet: {found.sentence}. {found.step}")
         return number
 
     def evaluate_round(self, number: int) -> SimulatedRound:

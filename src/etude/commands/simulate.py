@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+import tyro
+
 from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
@@ -26,6 +28,10 @@ class Simulate(Common):
     engine: Literal["compiled", "mujoco", ""] = ""
     """Of an arm: two independent implementations of the same physics; compiled if not given, mujoco is
     slower."""
+    change: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What is another robot in these rounds: payload=0.5 (kg), friction=1.5 (times), sensor_elbow=20 (added
+    to that joint's command in the log); of a vehicle payload, drag, sag or wind. The log that is noticed waits
+    for an answer. May be given again."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.simulate import simulate
@@ -35,7 +41,7 @@ class Simulate(Common):
             raise UsageError(f"the number of rounds must be 0 or more, not {self.rounds}")
         rounds: list[SimulatedRound] = []
         campaign = opened(self.folder, say)
-        for done in simulate(campaign, self.rounds, self.engine, say):
+        for done in simulate(campaign, self.rounds, self.engine, say, _changes(self.change)):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
@@ -46,8 +52,27 @@ class Simulate(Common):
             "seed": state.seed,
             "rounds": [_figures(done) for done in rounds],
             "baselines": baselines,
+            "waiting": [r.number for r in state.held],
         }
         return Outcome(_table(baselines, rounds, unit), data)
+
+
+def _changes(words: Sequence[str]) -> dict[str, float]:
+    """By name, of name=value. UsageError if one is not."""
+    from etude.errors import UsageError
+
+    found = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise UsageError(
+                f"{word!r} is no change",
+                where="--change",
+                next_step="Write name=value, such as friction=1.5.",
+            ) from None
+    return found
 
 
 def _figures(done: SimulatedRound) -> dict[str, Any]:

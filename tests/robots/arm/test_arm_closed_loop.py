@@ -136,5 +136,18 @@ def test_a_changed_robot_has_the_change_and_other_changes_are_refused(robot: Arm
     motion = Swing(robot, 4.0)
     one, other = (r.run(motion, None, None) for r in (robot, robot.changed(payload=0.5, friction=1.2)))
     assert np.abs(one["q_true"] - other["q_true"]).max() > 1e-3
-    with pytest.raises(UsageError, match=r"no 'wind' to change.*payload, friction"):
+    with pytest.raises(UsageError, match=r"no 'wind' to change.*payload, friction, sensor_"):
         robot.changed(wind=1.0)
+    with pytest.raises(UsageError, match="must be a finite number"):
+        robot.changed(**{f"sensor_{robot.spec.names[1]}": np.nan})
+
+
+def test_a_sensor_reads_too_much_and_the_robot_moves_as_before(robot: ArmRobot) -> None:
+    motion, name = Swing(robot, 4.0), f"sensor_{robot.spec.names[2]}"
+    other = robot.changed(**{name: 3.0}).changed(**{name: 1.5}, friction=1.0)
+    one, two = (r.run(motion, None, None) for r in (robot, other))
+    np.testing.assert_array_equal(one["q_true"], two["q_true"])
+    np.testing.assert_allclose(two["command"] - one["command"], [[0.0, 0.0, 4.5, 0.0]] * len(one), atol=1e-9)
+    slow = Fixed(np.zeros((400, 4)), ahead=False)
+    asked = other.run(motion, slow, None)
+    np.testing.assert_array_equal([row["command"] for _, row in slow.seen], asked["command"])
