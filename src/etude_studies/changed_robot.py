@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log, Samples, Trajectory
-from etude.models.cause import cause
-from etude.models.changed import ALARM, evidence, first_alarm, scores
-from etude.models.model import LearnedModel
+from etude.contracts import Array, Log, Trajectory
+from etude.models.changed import first_alarm
+from etude.models.judged import Judged, judged
 from etude.storage import write_atomic
 from etude_studies.changed_rows import rows_of
 from etude_studies.rows import rows_json, table
@@ -105,29 +104,20 @@ def measured(robot: str, seed: int) -> dict[str, Any]:
     }
     found: dict[str, Any] = {"rated": rated, "worth": model.worth().tolist(), "freedom": model.freedom}
     for name, what in whats.items():
-        found[name] = judged(model, world.samples(plant.run(world.motion(rng), rng, what)))
+        samples = world.samples(plant.run(world.motion(rng), rng, what))
+        found[name] = facts_of(judged(model, samples), samples.t)
     return found
 
 
-def judged(model: LearnedModel, samples: Samples) -> dict[str, Any]:
-    """The test of one log, as `tell` makes it."""
-    mean, variance = model.predict(samples.log)
-    error, deviation = samples.command - mean, np.sqrt(variance)
-    use = samples.usable & samples.moving
-    path = evidence(scores(error / deviation, model.freedom), np.minimum(model.worth(), 1.0), use)
-    alarm = seconds_to(path, samples.t, ALARM)
-    named = "" if alarm is None else cause(error, deviation, use, _motion(model, samples))
+def facts_of(found: Judged, t: Array) -> dict[str, Any]:
+    """The test of one log as a cell keeps it; t (n,) s of motion."""
     return {
-        "largest": float(path.max()),
-        "alarm_s": alarm,
-        "others": {f"{alarm:g}": seconds_to(path, samples.t, alarm) for alarm in OTHERS},
-        "named": named,
-        "z2": float(np.mean((error / deviation)[use] ** 2)),
+        "largest": float(found.evidence.max()),
+        "alarm_s": None if found.alarm is None else float(t[found.alarm]),
+        "others": {f"{alarm:g}": seconds_to(found.evidence, t, alarm) for alarm in OTHERS},
+        "named": found.cause,
+        "z2": found.z2,
     }
-
-
-def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array]:
-    return model.static(samples.log), samples.log["qd"], samples.log["qdd"]
 
 
 def seconds_to(path: Array, t: Array, alarm: float) -> float | None:

@@ -14,11 +14,11 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.learn import is_stored, stored_model
 from etude.campaign.state import CHANGED, State
-from etude.contracts import Array, Finding, Log, Samples
+from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.cause import Cause, alone, cause
-from etude.models.changed import ALARM, evidence, first_alarm, scores
+from etude.models.cause import Cause
+from etude.models.judged import judged
 from etude.models.model import LearnedModel
 
 Answer = Literal["new", "forget", "same"]
@@ -54,45 +54,23 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
         model = stored_model(campaign, trained[-1].number)
-        return _judged(model, samples, duration(log))
+        return _finding(model, samples, duration(log))
     except (KeyError, DataError):  # an input that this log lacks; of a damaged model learning speaks
         return None
 
 
-def _judged(model: LearnedModel, samples: Samples, seconds: float) -> Finding | None:
-    mean, variance = model.predict(samples.log)
-    error, deviation = samples.command - mean, np.sqrt(variance)
-    use = samples.usable & samples.moving
-    z = scores(error / deviation, model.freedom)
-    at = first_alarm(evidence(z, np.minimum(model.worth(), 1.0), use), ALARM)
-    if at is None:
+def _finding(model: LearnedModel, samples: Samples, seconds: float) -> Finding | None:
+    found, t = judged(model, samples), samples.t
+    if found.alarm is None:
         return None
-    t, only = samples.t, alone(error, deviation, use)
-    z2 = float(np.mean((error / deviation)[use] ** 2))
-    place = "" if only is None else f", nearly all of it in {model.commands[only]}"
+    at = float(t[found.alarm])
+    place = "" if found.output is None else f", nearly all of it in {model.commands[found.output]}"
     sentence = (
-        f"the robot is not the one that the model knows: after {t[at] - t[0]:.0f} s of {seconds:.0f} s the "
-        f"errors were beyond chance (squared, {z2:.3g} times the predicted variance{place}); "
-        f"{CAUSES[_cause(model, samples, error, deviation)]}"
+        f"the robot is not the one that the model knows: after {at - t[0]:.0f} s of {seconds:.0f} s the "
+        f"errors were beyond chance (squared, {found.z2:.3g} times the predicted variance{place}); "
+        f"{CAUSES[found.cause]}"
     )
-    return Finding(CHANGED, "red", sentence, STEP, FLAG, ((float(t[at]), float(t[-1])),))
-
-
-def _cause(model: LearnedModel, samples: Samples, error: Array, deviation: Array) -> Cause:
-    """What has changed, for commands that do work on coordinates whose rates the samples have."""
-    channels = samples.log.channels
-    rate = _rate_of(samples, channels["command"].acts_on)
-    second = _rate_of(samples, rate)
-    if not second or samples.log[rate].shape != error.shape:
-        return "unknown"
-    motion = model.static(samples.log), samples.log[rate], samples.log[second]
-    return cause(error, deviation, samples.usable & samples.moving, motion)
-
-
-def _rate_of(samples: Samples, name: str) -> str:
-    """The channel that is the rate of that one; "" if there is none."""
-    found = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
-    return next(found, "")
+    return Finding(CHANGED, "red", sentence, STEP, FLAG, ((at, float(t[-1])),))
 
 
 def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -> bool:

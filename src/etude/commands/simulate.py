@@ -29,9 +29,9 @@ class Simulate(Common):
     """Of an arm: two independent implementations of the same physics; compiled if not given, mujoco is
     slower."""
     change: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What is another robot in these rounds: payload=0.5 (kg), friction=1.5 (times), sensor_elbow=20 (added
-    to that joint's command in the log); of a vehicle payload, drag, sag or wind. The log that is noticed waits
-    for an answer. May be given again."""
+    """What is another robot in these rounds: payload=0.5 (kg), friction=1.5 (times), sensor_elbow=20 (more in
+    that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
+    answer. May be given again."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.simulate import simulate

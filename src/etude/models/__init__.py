@@ -6,6 +6,7 @@ PUBLIC = (
     "config",
     "fit",
     "held_out",
+    "judged",
     "ladder",
     "linear",
     "model",

@@ -101,4 +101,4 @@ def independence(z: Array, freedom: float, t: Array, group: Index, use: Mask) ->
 def _blocks(t: Array) -> Index:
     """(n,) the part of a trajectory, of equal duration, that each time is in."""
     part = (t - t.min()) / max(float(np.ptp(t)), np.finfo(float).tiny) * BLOCKS
-    return np.minimum(part.astype(np.int64), BLOCKS - 1)
+    return np.asarray(np.minimum(part.astype(np.int64), BLOCKS - 1))
