@@ -21,6 +21,7 @@ def rows_of(robot: str, cells: Sequence[dict[str, Any]]) -> list[Row]:
     unchanged = [c[name] for c in cells for name in c if name.startswith("unchanged")]
     alarms = sum(own["alarm_s"] is not None for own in unchanged)
     rows = [
+        Row(f"freedom_{robot}", float(np.median([c["freedom"] for c in cells])), "1", "median, of the tails"),
         Row(
             f"false_alarms_{robot}", alarms, "1", f"of {len(unchanged)}; {_interval(alarms, len(unchanged))}"
         ),

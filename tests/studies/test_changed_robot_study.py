@@ -23,7 +23,7 @@ def run(alarm_s: float | None, named: str = "unknown", largest: float = 1.0) -> 
 def test_rows_count_false_alarms_soon_and_late_ones_and_names_of_the_noticed() -> None:
     cells = [
         {
-            "rated": 1.0,
+            "freedom": 4.0,
             "unchanged_0": run(None, largest=3.0),
             "unchanged_1": run(40.0, "load", 12.0),
             "load": run(4.0, "load"),
@@ -31,7 +31,7 @@ def test_rows_count_false_alarms_soon_and_late_ones_and_names_of_the_noticed() -
             "offset": run(None),
         },
         {
-            "rated": 1.0,
+            "freedom": 4.0,
             "unchanged_0": run(None),
             "unchanged_1": run(None),
             "load": run(20.0, "offset"),
@@ -40,6 +40,7 @@ def test_rows_count_false_alarms_soon_and_late_ones_and_names_of_the_noticed() -
         },
     ]
     rows = {row.metric: row for row in rows_of("arm", cells)}
+    assert rows["freedom_arm"].value == 4.0
     assert (rows["false_alarms_arm"].value, rows["largest_unchanged_arm"].value) == (1, 12.0)
     assert rows["false_alarms_arm"].reference == "of 4; 95 %: 0.046 to 0.699"
     noticed = [rows[f"{name}_noticed_arm"].value for name in ("load", "friction", "offset")]
