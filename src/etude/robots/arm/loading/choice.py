@@ -1,0 +1,226 @@
+"""Which joints are the arm: those that somebody names, or the one arm that a file has.
+
+A file does not say whether its base is bolted. So it is taken to be one arm only where there is one: a single
+chain of two or more moving joints begins at the base. Everything else is refused with what was found.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from etude.errors import UsageError
+
+FINGER = re.compile("grip|finger|jaw|knuckle|thumb", re.IGNORECASE)
+SHORTEST_STROKE = 0.1
+"""m: a sliding joint at the very end with less way than this is a finger, not an axis."""
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A moving joint of a file: hinge or slide.
+
+    Attributes:
+        name: its name.
+        before: the moving joint that carries it, "" at the base.
+        lower, upper: its range, rad or m; infinite if there is none.
+        slides: True for a sliding joint.
+        leader, factor, offset: of a joint that follows another one (`<mimic>`): position = factor * leader's
+            + offset.
+    """
+
+    name: str
+    before: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    slides: bool = False
+    leader: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The joints that move, where the others are held, and why. Attributes as of `loaded.Loaded`."""
+
+    joints: tuple[str, ...]
+    held: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+
+
+def choose(
+    found: Sequence[Moving], wanted: Sequence[str] | None, given: Mapping[str, float], where: str
+) -> Choice:
+    """The choice among a file's moving joints.
+
+    Args:
+        found: all of them, each after the one that carries it.
+        wanted: names or patterns; None: the one arm.
+        given: positions of joints that are held, rad or m.
+        where: the file, for messages.
+
+    Raises:
+        UsageError: no arm or several, a name that is no moving joint, a position outside its joint's range.
+    """
+    joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
+    held, unseen = _held(found, joints, given, where)
+    notes = []
+    if wanted is None:
+        notes = [
+            f"{_position(found, name, at)}: name it in --joints if it should move."
+            for name, at in held.items()
+            if not _leader(found, name)
+        ]
+    if held:
+        stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
+        unseen = [f"held joints are taken to stay where they are: {stays}", *unseen]
+    return Choice(joints, held, tuple(notes), tuple(unseen))
+
+
+def _position(found: Sequence[Moving], name: str, at: float) -> str:
+    unit = "m" if _by_name(found)[name].slides else "rad"
+    return f"Joint '{name}' is held at {at:.4g} {unit}"
+
+
+def _by_name(found: Sequence[Moving]) -> dict[str, Moving]:
+    return {joint.name: joint for joint in found}
+
+
+def _leader(found: Sequence[Moving], name: str) -> str:
+    return _by_name(found)[name].leader
+
+
+def _named(found: Sequence[Moving], wanted: Sequence[str], where: str) -> tuple[str, ...]:
+    """The joints that names and patterns mean, in their order; those of a pattern from the base outwards."""
+    known = [joint.name for joint in found]
+    chosen: list[str] = []
+    for word in wanted:
+        meant = [name for name in known if name == word] or [n for n in known if fnmatchcase(n, word)]
+        chosen += [name for name in meant if name not in chosen]
+        _require_joints([] if meant else [word], known, where)
+    for name in chosen:
+        if leader := _leader(found, name):
+            raise UsageError(
+                f"joint '{name}' follows '{leader}' (<mimic>)",
+                where=where,
+                next_step=f"Name '{leader}' instead: a joint that follows another is no axis of its own.",
+            )
+    if not chosen:
+        raise UsageError("no joint is named", where=where, next_step=f"Choose of {', '.join(known)}.")
+    return tuple(chosen)
+
+
+def _require_joints(unknown: Sequence[str], known: Sequence[str], where: str) -> None:
+    if unknown:
+        raise UsageError(
+            f"the model has no moving joint {', '.join(unknown)}",
+            where=where,
+            next_step=f"Its moving joints are {', '.join(known)}.",
+        )
+
+
+def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
+    """The one chain of joints from the base to its tip, without fingers."""
+    free = _without_fingers(found)
+    after = {joint.name: [j for j in free if j.before == joint.name] for joint in free}
+    starts = [joint for joint in free if joint.before == ""]
+    limbs = [joint for joint in starts if _length(joint, after) >= 2]
+    if len(limbs) > 1:
+        raise UsageError(
+            f"several limbs begin at the base: {_described(limbs, after)}",
+            where=where,
+            next_step="Is the base bolted down? Then choose an arm with --joints; a robot that walks or flies "
+            "has no inverse dynamics of this kind.",
+        )
+    if not limbs:
+        if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower):
+            return (free[0].name,)
+        raise UsageError(
+            f"no arm: no chain of two or more joints begins at the base (moving joints: "
+            f"{', '.join(joint.name for joint in found) or 'none'})",
+            where=where,
+            next_step="Choose the joints with --joints if there is an arm all the same.",
+        )
+    path = limbs
+    while following := _next(path[-1], after, where):
+        path.append(following)
+    tip = path[-1]
+    if tip.slides and len(path) > 2 and tip.upper - tip.lower <= SHORTEST_STROKE:
+        path.pop()
+    return tuple(joint.name for joint in path)
+
+
+def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
+    """Joints that follow no other and are no finger; nor is what fingers carry."""
+    left: list[Moving] = []
+    dropped: set[str] = set()
+    for joint in found:
+        if joint.leader or joint.before in dropped or FINGER.search(joint.name):
+            dropped.add(joint.name)
+        else:
+            left.append(joint)
+    return left
+
+
+def _length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
+    return 1 + max((_length(one, after) for one in after[joint.name]), default=0)
+
+
+def _next(joint: Moving, after: Mapping[str, list[Moving]], where: str) -> Moving | None:
+    """The joint that carries the arm on; None at its tip, where several single joints are a hand."""
+    branches = after[joint.name]
+    if len(branches) == 1:
+        return branches[0]
+    long = [one for one in branches if _length(one, after) >= 2]
+    if len(long) > 1:
+        raise UsageError(
+            f"several limbs begin after joint '{joint.name}': {_described(long, after)}",
+            where=where,
+            next_step="Choose one with --joints; the others are held.",
+        )
+    return long[0] if long else None
+
+
+def _described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str:
+    return ", ".join(f"{joint.name} and {_length(joint, after) - 1} more" for joint in limbs)
+
+
+def _held(
+    found: Sequence[Moving], chosen: Sequence[str], given: Mapping[str, float], where: str
+) -> tuple[dict[str, float], list[str]]:
+    """Positions of all joints that are not chosen, and followers that stand still although they should move.
+
+    Without a given one: 0 if that is in range, else the limit next to it.
+    """
+    joints = _by_name(found)
+    _require_joints([name for name in given if name not in joints], list(joints), where)
+    for name, at in given.items():
+        _check_given(joints[name], at, chosen, where)
+    at = {name: given.get(name, min(max(0.0, joint.lower), joint.upper)) for name, joint in joints.items()}
+    unseen = []
+    for name, joint in joints.items():
+        if joint.leader in joints and name not in given:
+            at[name] = joint.factor * at[joint.leader] + joint.offset
+            if joint.leader in chosen:
+                unseen.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")
+    return {name: at[name] for name in joints if name not in chosen}, unseen
+
+
+def _check_given(joint: Moving, at: float, chosen: Sequence[str], where: str) -> None:
+    if joint.name in chosen:
+        raise UsageError(
+            f"joint '{joint.name}' moves, so it cannot be held",
+            where=where,
+            next_step="Leave it out of --joints, or out of --hold.",
+        )
+    slack = 1e-6
+    if not joint.lower - slack <= at <= joint.upper + slack:
+        raise UsageError(
+            f"joint '{joint.name}' cannot be held at {at:g}: its range is {joint.lower:g} to {joint.upper:g}",
+            where=where,
+            next_step="Positions are in rad, or m for a sliding joint.",
+        )

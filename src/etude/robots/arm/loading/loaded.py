@@ -1,0 +1,74 @@
+"""A robot's model file, loaded: what MuJoCo compiles, and what a person should know of how it came about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from etude.contracts import Index
+from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A model of exactly the chosen joints; every other joint is welded where it is held.
+
+    Static bodies are fused into the ones that carry them, masses and inertias are repaired. Every collision
+    shape is a geom named "link#k", after the link of the file that it belongs to; those of the base are geoms
+    of the world. Meshes are convex hulls.
+
+    Attributes:
+        xml: URDF or MJCF text without actuators, for `mujoco.MjSpec.from_string(xml, assets=assets)`.
+        assets: the meshes that it names.
+        joints: the chosen joints, in the order that was asked for; see `columns`.
+        held: the file's other moving joints and the position each is held at, rad or m.
+        notes: one sentence for each repair or assumption, to be confirmed by a person once.
+        unseen: one sentence for each thing that a certificate did not look at: shapes guessed, a base taken
+            to be fixed, joints taken to be held.
+    """
+
+    xml: str
+    assets: Mapping[str, bytes]
+    joints: tuple[str, ...]
+    held: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+
+    def spec(self) -> Any:
+        """A new `mujoco.MjSpec`, to add sensors, actuators or excluded pairs to.
+
+        Raises:
+            UsageError: MuJoCo cannot read the model.
+        """
+        import mujoco
+
+        try:
+            return mujoco.MjSpec.from_string(self.xml, assets=dict(self.assets))
+        except ValueError as problem:
+            raise refused(problem) from None
+
+    def model(self) -> mujoco.MjModel:
+        """The compiled model. Errors as `spec`."""
+        try:
+            return self.spec().compile()
+        except ValueError as problem:
+            raise refused(problem) from None
+
+    def columns(self, model: mujoco.MjModel) -> Index:
+        """(J,) addresses of `joints` in a model's qpos, which for hinges and slides are those in qvel."""
+        return np.array([int(model.jnt_qposadr[model.joint(name).id]) for name in self.joints])
+
+
+def refused(problem: ValueError, where: str = "") -> UsageError:
+    """What MuJoCo says of a model that it cannot load."""
+    return UsageError(
+        f"MuJoCo cannot load the model: {str(problem).strip()}",
+        where=where,
+        next_step="Every moving link needs a mass and an inertia of its own.",
+    )

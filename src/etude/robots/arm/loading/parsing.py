@@ -1,0 +1,45 @@
+"""A model file as a tree of elements, once it is one: no xacro, one root, no name twice."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+
+from etude.errors import UsageError
+
+
+def parsed(path: Path) -> ET.Element:
+    """The root element of a URDF (<robot>) or an MJCF (<mujoco>).
+
+    Raises:
+        UsageError: no such file, no XML, xacro, neither of the two, or names that repeat.
+    """
+    try:
+        root = ET.parse(path).getroot()
+    except FileNotFoundError:
+        raise UsageError(f"there is no model file {path}", next_step="Check the path.") from None
+    except (ET.ParseError, OSError, UnicodeDecodeError) as problem:
+        raise UsageError(f"not a readable URDF or MJCF file: {problem}", where=str(path)) from None
+    if any("xacro" in element.tag for element in root.iter()) or path.suffix == ".xacro":
+        raise UsageError(
+            "this is a xacro file",
+            where=str(path),
+            next_step=f"Expand it first: xacro {path.name} > {path.name.split('.')[0]}.urdf "
+            "(ROS has the command; so has pip install xacro).",
+        )
+    if root.tag not in ("robot", "mujoco"):
+        raise UsageError(
+            f"the root element is <{root.tag}>; URDF has <robot>, MJCF has <mujoco>", where=str(path)
+        )
+    if root.tag == "robot":
+        _refuse_repeated(root, path)
+    return root
+
+
+def _refuse_repeated(root: ET.Element, path: Path) -> None:
+    for tag in ("link", "joint"):
+        for name, count in Counter(element.get("name", "") for element in root.findall(tag)).items():
+            if count > 1 or not name:
+                what = f"{tag} '{name}' is described {count} times" if name else f"a {tag} has no name"
+                raise UsageError(what, where=str(path), next_step=f"Give each {tag} a name of its own.")

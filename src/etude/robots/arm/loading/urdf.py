@@ -1,0 +1,96 @@
+"""A URDF, rewritten so that MuJoCo loads it: chosen joints, convex hulls, sound inertias.
+
+MuJoCo reads URDF, but none of those that name their meshes as ROS does, and none with an inertia of zero. So
+a new file is written of what matters, and nothing of the old one is patched.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.robots.arm.loading.choice import Choice, choose
+from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.loading.urdf_shapes import shapes_of
+from etude.robots.arm.loading.urdf_tree import UrdfTree, angles_of, numbers, pose_of, read_tree
+
+COMPILER = {
+    "fusestatic": "true",
+    "discardvisual": "false",
+    "inertiafromgeom": "false",  # or a link without inertia would weigh as much as water of its shape
+    "boundmass": "1e-9",
+    "boundinertia": "1e-12",
+}
+
+
+def load_urdf(
+    root: ET.Element,
+    path: Path,
+    wanted: Sequence[str] | None,
+    given: Mapping[str, float],
+    mesh_roots: Sequence[Path] = (),
+) -> Loaded:
+    """`load.load` of a parsed URDF."""
+    tree = read_tree(root, str(path))
+    choice = chosen_of(tree, wanted, given)
+    shapes = shapes_of(tree, choice.joints, path, mesh_roots)
+    new = ET.Element("robot", name=root.get("name", "robot"))
+    ET.SubElement(ET.SubElement(new, "mujoco"), "compiler", COMPILER)
+    for name, link in tree.links.items():
+        written = ET.SubElement(new, "link", name=name)
+        written.extend(link.findall("inertial"))
+        written.extend(shapes.elements.get(name, ()))
+    for joint in tree.joints:
+        new.append(rewritten(joint, choice))
+    xml = ET.tostring(new, encoding="unicode")
+    notes, unseen = (*choice.notes, *shapes.notes), (*_base(tree), *choice.unseen, *shapes.unseen)
+    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen)
+
+
+def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:
+    """The choice of joints in a URDF; a base that the file leaves free is fixed only if joints are named."""
+    floating = tree.floating()
+    if floating and wanted is None:
+        raise UsageError(
+            f"the base is not fixed: joint '{floating[0]}' is floating or planar",
+            where=tree.where,
+            next_step="Only a robot on a fixed base has an inverse dynamics here. If the base stands still, "
+            "choose the arm with --joints.",
+        )
+    return choose(tree.moving(), wanted, given, tree.where)
+
+
+def _base(tree: UrdfTree) -> tuple[str, ...]:
+    loose = "".join(f" although '{name}' is floating or planar" for name in tree.floating())
+    return (f"the base '{tree.root}' is taken to be fixed{loose}",)
+
+
+def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
+    """A chosen joint as it is; any other one fixed where it is held."""
+    name = joint.get("name", "")
+    if name in choice.joints:
+        kept = ET.Element("joint", joint.attrib)
+        kept.extend(
+            part for part in joint if part.tag in ("parent", "child", "origin", "axis", "limit", "dynamics")
+        )
+        return kept
+    fixed = ET.Element("joint", name=name, type="fixed")
+    fixed.extend(part for part in joint if part.tag in ("parent", "child"))
+    turn, at = pose_of(joint)
+    element = joint.find("axis")
+    axis = numbers(None if element is None else element.get("xyz"), "1 0 0")
+    axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
+    value = choice.held.get(name, 0.0)
+    if joint.get("type") == "prismatic":
+        at = at + turn @ (axis * value)
+    elif value:
+        from etude.robots.arm.physics.kinematics import axis_rotation
+
+        turn = turn @ axis_rotation(axis, np.array([value]))[0]
+    xyz, rpy = (" ".join(repr(float(x)) for x in three) for three in (at, angles_of(turn)))
+    ET.SubElement(fixed, "origin", xyz=xyz, rpy=rpy)
+    return fixed
