@@ -133,8 +133,8 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
         raise UsageError(
             f"several limbs begin at the base: {_described(limbs, after)}",
             where=where,
-            next_step="Is the base bolted down? Then choose an arm with --joints; a robot that walks or flies "
-            "has no inverse dynamics of this kind.",
+            next_step="Is the base bolted down? Then choose an arm with --joints. Robots that walk or fly are "
+            "none of this kind.",
         )
     if not limbs:
         if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower):
@@ -155,7 +155,7 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
 
 
 def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
-    """Joints that follow no other and are no finger; nor is what fingers carry."""
+    """Joints that follow no other and are no finger; nor is what fingers carry. A finger alone is the arm."""
     left: list[Moving] = []
     dropped: set[str] = set()
     for joint in found:
@@ -163,7 +163,7 @@ def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
             dropped.add(joint.name)
         else:
             left.append(joint)
-    return left
+    return left or [joint for joint in found if not joint.leader]
 
 
 def _length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
@@ -200,14 +200,14 @@ def _held(
     _require_joints([name for name in given if name not in joints], list(joints), where)
     for name, at in given.items():
         _check_given(joints[name], at, chosen, where)
-    at = {name: given.get(name, min(max(0.0, joint.lower), joint.upper)) for name, joint in joints.items()}
+    stand = {name: given.get(name, min(max(0.0, one.lower), one.upper)) for name, one in joints.items()}
     unseen = []
     for name, joint in joints.items():
         if joint.leader in joints and name not in given:
-            at[name] = joint.factor * at[joint.leader] + joint.offset
+            stand[name] = joint.factor * stand[joint.leader] + joint.offset
             if joint.leader in chosen:
                 unseen.append(f"joint '{name}' follows '{joint.leader}' (<mimic>), here it stands still")
-    return {name: at[name] for name in joints if name not in chosen}, unseen
+    return {name: stand[name] for name in joints if name not in chosen}, unseen
 
 
 def _check_given(joint: Moving, at: float, chosen: Sequence[str], where: str) -> None:

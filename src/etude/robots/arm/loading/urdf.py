@@ -14,6 +14,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.choice import Choice, choose
+from etude.robots.arm.loading.inertia import masses_of
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.urdf_shapes import shapes_of
 from etude.robots.arm.loading.urdf_tree import UrdfTree, angles_of, numbers, pose_of, read_tree
@@ -25,6 +26,8 @@ COMPILER = {
     "boundmass": "1e-9",
     "boundinertia": "1e-12",
 }
+KEPT = ("parent", "child", "origin", "axis", "limit", "dynamics")
+"""Of a joint that moves."""
 
 
 def load_urdf(
@@ -37,17 +40,20 @@ def load_urdf(
     """`load.load` of a parsed URDF."""
     tree = read_tree(root, str(path))
     choice = chosen_of(tree, wanted, given)
+    masses = masses_of(tree, choice.joints)
     shapes = shapes_of(tree, choice.joints, path, mesh_roots)
     new = ET.Element("robot", name=root.get("name", "robot"))
     ET.SubElement(ET.SubElement(new, "mujoco"), "compiler", COMPILER)
-    for name, link in tree.links.items():
+    for name in tree.links:
         written = ET.SubElement(new, "link", name=name)
-        written.extend(link.findall("inertial"))
+        if name in masses.elements:
+            written.append(masses.elements[name])
         written.extend(shapes.elements.get(name, ()))
     for joint in tree.joints:
         new.append(rewritten(joint, choice))
     xml = ET.tostring(new, encoding="unicode")
-    notes, unseen = (*choice.notes, *shapes.notes), (*_base(tree), *choice.unseen, *shapes.unseen)
+    notes = (*choice.notes, *masses.notes, *shapes.notes)
+    unseen = (*_base(tree), *choice.unseen, *shapes.unseen)
     return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen)
 
 

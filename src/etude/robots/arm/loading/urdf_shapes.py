@@ -1,14 +1,27 @@
-"""Collision shapes of a URDF's links."""
+"""Collision shapes of a URDF's links: boxes and the like as they are, meshes as convex hulls.
+
+Where a part that moves as one has no collision shape at all, what is drawn of it is taken; where a mesh is
+missing, the one that is drawn, and at last a guess, which is said.
+"""
 
 from __future__ import annotations
 
-import copy
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from etude.robots.arm.loading.urdf_tree import UrdfTree
+import numpy as np
+
+from etude.contracts import Array
+from etude.robots.arm.loading.hulls import hull, obj_text
+from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_readers import read_vertices
+from etude.robots.arm.loading.urdf_tree import UrdfTree, numbers, parent
+
+SLENDER = 0.25
+"""Radius of a guessed shape by the distance to the next joint."""
 
 
 @dataclass(frozen=True)
@@ -16,17 +29,123 @@ class Shapes:
     """<collision> elements by link, and the meshes they name. Other attributes as of `loaded.Loaded`."""
 
     elements: Mapping[str, Sequence[ET.Element]]
-    assets: Mapping[str, bytes] = field(default_factory=dict)
+    assets: Mapping[str, bytes]
     notes: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
 
 
+@dataclass
+class _Meshes:
+    """The meshes of one model file, each read once; `missing` are those that were not found."""
+
+    model: Path
+    roots: Sequence[Path]
+    assets: dict[str, bytes] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    _read: dict[Path, Array] = field(default_factory=dict)
+
+    def add(self, mesh: ET.Element, link: str) -> str:
+        """The name of an asset with the hull of a <mesh>; "" if there is no such file."""
+        name = mesh.get("filename", "")
+        path = mesh_path(name, self.model, self.roots)
+        if path is None:
+            self.missing.append(name)
+            return ""
+        if path not in self._read:
+            self._read[path] = read_vertices(path)
+        scale = numbers(mesh.get("scale"), "1 1 1", f"{self.model}, link '{link}'")
+        asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
+        self.assets[asset] = obj_text(*hull(self._read[path] * scale))
+        return asset
+
+
 def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Sequence[Path]) -> Shapes:
-    """The collision shapes of every link, named "link#k"; meshes to come."""
-    elements = {}
-    for name, link in tree.links.items():
-        kept = [copy.deepcopy(c) for c in link.findall("collision") if c.find("geometry/mesh") is None]
-        for k, collision in enumerate(kept):
-            collision.set("name", f"{name}#{k}")
-        elements[name] = kept
-    return Shapes(elements)
+    """The collision shapes of every link, named "link#k".
+
+    Raises:
+        UsageError: a mesh that is there cannot be read.
+    """
+    meshes = _Meshes(path, mesh_roots)
+    elements: dict[str, list[ET.Element]] = {}
+    notes: list[str] = []
+    unseen: list[str] = []
+    for cluster in tree.clusters(joints):
+        kind = (
+            "collision"
+            if any(tree.links[name].find("collision") is not None for name in cluster)
+            else "visual"
+        )
+        for name in cluster:
+            elements[name] = _of_link(tree, name, kind, meshes, unseen)
+        drawn = [name for name in cluster if elements[name]]
+        if kind == "visual" and drawn:
+            notes.append(
+                f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions."
+            )
+        if not drawn:
+            unseen.append(f"the shape of link '{cluster[0]}': the file has none")
+    if meshes.missing:
+        notes.append(
+            f"Meshes are missing: {', '.join(dict.fromkeys(meshes.missing))}. Name the folder that holds "
+            "them, or their package, with --mesh-root."
+        )
+    return Shapes(elements, meshes.assets, tuple(notes), tuple(unseen))
+
+
+def _of_link(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+    """The new <collision> elements of one link, of its <collision> or <visual> elements."""
+    found: list[ET.Element] = []
+    for shape in tree.links[link].findall(kind):
+        found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unseen)
+    for k, element in enumerate(found):
+        element.set("name", f"{link}#{k}")
+    return found
+
+
+def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]:
+    """The new element of a shape; none if its mesh is missing."""
+    mesh, geometry = shape.find("geometry/mesh"), shape.find("geometry")
+    new = ET.Element("collision")
+    new.extend(shape.findall("origin"))
+    if mesh is None:
+        if geometry is None or not len(geometry):
+            return []
+        new.append(geometry)
+        return [new]
+    asset = meshes.add(mesh, link)
+    if asset:
+        ET.SubElement(ET.SubElement(new, "geometry"), "mesh", filename=asset)
+    return [new] if asset else []
+
+
+def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+    """What is drawn of a link whose collision mesh is missing; else a capsule to the next joint, a guess."""
+    if kind == "collision":
+        drawn = [
+            new for shape in tree.links[link].findall("visual") for new in _of_shape(shape, link, meshes)
+        ]
+        if drawn:
+            unseen.append(f"the shape of link '{link}': its mesh is missing, what is drawn was taken")
+            return drawn
+    ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
+    end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
+    unseen.append(f"the shape of link '{link}': its mesh is missing, a capsule was guessed")
+    return [_capsule(end)] if end.any() else []
+
+
+def _offset(joint: ET.Element) -> Array:
+    origin = joint.find("origin")
+    return numbers(None if origin is None else origin.get("xyz"), "0 0 0")
+
+
+def _capsule(end: Array) -> ET.Element:
+    """A capsule from the link's origin to `end` (3,)."""
+    length = float(np.linalg.norm(end))
+    yaw, pitch = np.arctan2(end[1], end[0]), np.arctan2(np.hypot(end[0], end[1]), end[2])
+    new = ET.Element("collision")
+    ET.SubElement(
+        new, "origin", xyz=" ".join(map(str, (end / 2).tolist())), rpy=f"0 {float(pitch)} {float(yaw)}"
+    )
+    shape = {"radius": str(SLENDER * length), "length": str(length)}
+    ET.SubElement(ET.SubElement(new, "geometry"), "capsule", shape)
+    return new

@@ -86,6 +86,8 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
             )
         carried[child(joint)] = joint
     bases = [name for name in links if name not in carried]
+    if not links:
+        raise UsageError("the file describes no link", where=where, next_step="Is it the expanded URDF?")
     if len(bases) != 1:
         raise UsageError(
             f"the file has {len(bases)} base links{': ' if bases else ''}{', '.join(bases)}",
