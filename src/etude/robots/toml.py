@@ -122,7 +122,7 @@ def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:
             several = isinstance(item, tuple)
             for one in item if several else (item,):
                 lines += ["", f"[[{name}]]" if several else f"[{name}]"]
-                lines += [f"{key} = {toml_value(v)}" for key, v in _stated(one)]
+                lines += [f"{key} = {toml_value(v)}" for key, v in _entries(one)]
     return "\n".join(lines) + "\n"
 
 
@@ -204,11 +204,25 @@ def _stated(value: Any) -> list[tuple[str, Any]]:
     return [
         (field.name, getattr(value, field.name))
         for field in dataclasses.fields(value)
-        if _required(field) or getattr(value, field.name) != field.default
+        if _required(field) or getattr(value, field.name) != _default(field)
     ]
 
 
+def _default(field: dataclasses.Field[Any]) -> Any:
+    made = field.default_factory
+    return field.default if made is dataclasses.MISSING else made()
+
+
+def _entries(table: Any) -> list[tuple[str, Any]]:
+    """Keys and values of one table; those of a mapping are quoted, as they are any text."""
+    if isinstance(table, Mapping):
+        return [(toml_value(key), item) for key, item in table.items()]
+    return _stated(table)
+
+
 def _is_table(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return bool(value)
     if isinstance(value, tuple):
         return bool(value) and dataclasses.is_dataclass(value[0])
     return dataclasses.is_dataclass(value)

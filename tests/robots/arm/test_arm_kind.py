@@ -91,7 +91,7 @@ def test_odd_names_from_a_urdf_are_quoted_and_what_was_assumed_is_said(tmp_path:
     spec = KIND.spec(tmp_path / "robot.toml")
     assert spec.names[0].startswith(ODD)
     assert [axis.unit for axis in spec.axes] == ["rad", "m"]
-    assert len(described.confirm) == 2
+    assert len(described.confirm) == 1  # one sentence for all assumed accelerations
     assert '\\"one\\"' in described.confirm[0]
     assert described.files["robot.toml"].decode().startswith("# Confirm: Acceleration limit")
 

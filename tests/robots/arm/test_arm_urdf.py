@@ -1,4 +1,4 @@
-"""URDF and MJCF: loaded without meshes, joints by name, limits never guessed in silence."""
+"""URDF and MJCF: joints by name, limits never guessed in silence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.model_file import joint_rows, load_mujoco_model
+from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.urdf import STOPPING_TIME, spec_from_model
 
 MESH = '<visual><geometry><mesh filename="package://arm/meshes/link.stl"/></geometry></visual>'
@@ -54,26 +54,30 @@ def test_urdf_gives_limits_and_lists_what_it_derived(urdf: Path) -> None:
     np.testing.assert_array_equal(found.spec.upper, [2.0, 1.5])
     np.testing.assert_array_equal(found.spec.command, [40.0, 20.0])
     np.testing.assert_allclose(found.spec.acceleration, found.spec.velocity / STOPPING_TIME)
-    assert [s for s in found.confirm if "Acceleration" in s and "confirm" in s and "elbow" in s]
+    (assumed,) = [sentence for sentence in found.confirm if "cceleration" in sentence]
+    assert "assumed" in assumed
+    assert "shoulder 6, elbow 8" in assumed
 
 
 def test_gravity_torque_from_a_meshless_model(urdf: Path) -> None:
     import mujoco
 
     spec = spec_from_model(urdf).spec
-    model = load_mujoco_model(spec)
+    loaded = load_arm(spec, shapes=False)
+    model = loaded.model()
     data = mujoco.MjData(model)
     mujoco.mj_inverse(model, data)
     # Stretched out along x, axis y: a positive turn lowers the arm, so holding it takes a negative torque.
-    _, rows = joint_rows(model, spec)
+    rows = loaded.columns(model)
     expected = [-9.81 * (3 * 0.2 + 1 * 0.5), -9.81 * 0.1]
     np.testing.assert_allclose(data.qfrc_inverse[rows], expected, rtol=1e-6)
 
 
 def test_joints_are_matched_by_name_in_any_order(urdf: Path) -> None:
     spec = spec_from_model(urdf, joints=("elbow", "shoulder")).spec
-    model = load_mujoco_model(spec)
-    assert joint_rows(model, spec)[1] == [1, 0]
+    loaded = load_arm(spec)
+    assert loaded.joints == ("elbow", "shoulder")
+    assert loaded.columns(loaded.model()).tolist() == [1, 0]
 
 
 def test_missing_limits_are_all_listed(tmp_path: Path) -> None:
@@ -84,7 +88,7 @@ def test_missing_limits_are_all_listed(tmp_path: Path) -> None:
     )
     with pytest.raises(UsageError) as problem:
         spec_from_model(path)
-    assert "shoulder (velocity, acceleration); elbow (lower, upper, command)" in str(problem.value)
+    assert "shoulder (velocity, acceleration); elbow (command)" in str(problem.value)
     given = {
         "shoulder": {"velocity": 1.0},
         "elbow": {"lower": -1, "upper": 1, "command": 5, "acceleration": 2},
@@ -104,7 +108,7 @@ def test_mjcf_loads_without_its_meshes(tmp_path: Path) -> None:
     spec = spec_from_model(path, given=given, command_unit="N").spec
     np.testing.assert_allclose(spec.lower, [-np.pi / 3, 0.0])
     np.testing.assert_allclose(spec.command, [100.0, 9.0])
-    assert load_mujoco_model(spec).ngeom == 1
+    assert load_arm(spec).model().ngeom == 1
 
 
 @pytest.mark.parametrize(
@@ -130,8 +134,8 @@ def test_wrong_joints_name_the_models_joints(urdf: Path) -> None:
         spec_from_model(urdf, joints=("knee",))
     spec = spec_from_model(urdf).spec
     wrong = replace(spec, axes=(replace(spec.axes[0], name="knee"),))
-    with pytest.raises(UsageError, match=r"no joint knee.*shoulder"):
-        load_mujoco_model(wrong)
+    with pytest.raises(UsageError, match=r"no moving joint knee.*shoulder"):
+        load_arm(wrong)
 
 
 def test_floating_bases_and_absent_models_are_refused(tmp_path: Path, urdf: Path) -> None:
@@ -140,10 +144,11 @@ def test_floating_bases_and_absent_models_are_refused(tmp_path: Path, urdf: Path
     base = f'<body><freejoint name="base"/><geom size=".1"/>{arm}</body>'
     path.write_text(f"<mujoco><worldbody>{base}</worldbody></mujoco>")
     spec = spec_from_model(urdf).spec
-    floating = replace(spec, axes=(replace(spec.axes[0], name="arm"),), model_file=path)
-    with pytest.raises(UsageError, match="free or a ball joint"):
-        load_mujoco_model(floating)
+    with pytest.raises(UsageError, match="base is not fixed: joint 'base' is free or a ball joint"):
+        spec_from_model(path)
+    held = replace(spec, axes=(replace(spec.axes[0], name="arm"),), model_file=path)
+    assert any("although 'base' leaves it free" in sentence for sentence in load_arm(held).unseen)
     with pytest.raises(UsageError, match="has no model_file"):
-        load_mujoco_model(replace(spec, model_file=None))
+        load_arm(replace(spec, model_file=None))
     with pytest.raises(UsageError, match="there is no model file"):
-        load_mujoco_model(replace(spec, model_file=tmp_path / "gone.urdf"))
+        load_arm(replace(spec, model_file=tmp_path / "gone.urdf"))

@@ -14,6 +14,8 @@ velocity = 2.0              # largest |qd|, rad/s
 acceleration = 4.0          # largest |qdd|, rad/s^2
 command = 150.0             # largest |command|, in command_unit
 unit = "m"                  # optional: of a sliding joint
+[held]                      # optional: the model file's other joints, and where they stand, rad or m
+gripper = 0.02
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ class RobotTable:
     plant: str | None = None
     units_checked: bool = False
     axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
+    held: dict[str, float] = field(default_factory=dict)
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -68,7 +71,9 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
             where=where,
             next_step="Correct the path (relative to this file), or leave model_file out.",
         )
-    spec = ArmSpec(table.name, table.axis, table.command_unit, table.rate, model_file, table.plant)
+    spec = ArmSpec(
+        table.name, table.axis, table.command_unit, table.rate, model_file, table.plant, table.held
+    )
     return check_spec(spec, where=where, units_checked=table.units_checked)
 
 
@@ -92,5 +97,6 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         plant=spec.plant,
         units_checked=bool(unit_suspicion(spec)),
         axis=spec.axes,
+        held=dict(spec.held),
     )
     return write_values(table, comments)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -52,6 +53,7 @@ class ArmSpec:
         rate: logging and control rate, Hz.
         model_file: URDF or MJCF with the rigid-body model, or None.
         plant: name of the simulated plant that stands in for the robot, or None.
+        held: joints of the model file that are no axes, and where they stand, rad or m.
     """
 
     name: str
@@ -60,6 +62,7 @@ class ArmSpec:
     rate: float
     model_file: Path | None = None
     plant: str | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dof(self) -> int:

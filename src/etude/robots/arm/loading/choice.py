@@ -28,6 +28,7 @@ class Moving:
         before: the moving joint that carries it, "" at the base.
         lower, upper: its range, rad or m; infinite if there is none.
         slides: True for a sliding joint.
+        endless: True for a hinge that turns without end.
         leader, factor, offset: of a joint that follows another one (`<mimic>`): position = factor * leader's
             + offset.
     """
@@ -37,6 +38,7 @@ class Moving:
     lower: float = -math.inf
     upper: float = math.inf
     slides: bool = False
+    endless: bool = False
     leader: str = ""
     factor: float = 1.0
     offset: float = 0.0
@@ -133,8 +135,8 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
         raise UsageError(
             f"several limbs begin at the base: {_described(limbs, after)}",
             where=where,
-            next_step="Is the base bolted down? Then choose an arm with --joints. Robots that walk or fly are "
-            "none of this kind.",
+            next_step="Is the base bolted down? Then choose an arm with --joints. "
+            "Robots that walk or fly are none of this kind.",
         )
     if not limbs:
         if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower):
@@ -148,9 +150,11 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
     path = limbs
     while following := _next(path[-1], after, where):
         path.append(following)
-    tip = path[-1]
-    if tip.slides and len(path) > 2 and tip.upper - tip.lower <= SHORTEST_STROKE:
-        path.pop()
+    tip, stroke = path[-1], path[-1].upper - path[-1].lower
+    if len(path) > 2 and (
+        (tip.slides and stroke <= SHORTEST_STROKE) or any(j.leader == tip.name for j in found)
+    ):
+        path.pop()  # a finger: it has a short way, or others do as it does
     return tuple(joint.name for joint in path)
 
 

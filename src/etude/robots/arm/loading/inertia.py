@@ -18,6 +18,7 @@ from etude.robots.arm.loading.urdf_tree import UrdfTree, number
 
 SMALLEST = 1e-9
 """kg m^2: a principal moment below is lifted to it."""
+NO_MASS = 1e-6  # kg
 ENTRIES = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 
 
@@ -59,7 +60,10 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
         for name in cluster:
             inertial = tree.links[name].find("inertial")
             if inertial is not None:
-                elements[name], mass, old = _sound(inertial, f"{tree.where}, link '{name}'")
+                element, mass, old = _sound(inertial, f"{tree.where}, link '{name}'")
+                if mass < NO_MASS:  # a frame that somebody gave an empty <inertial>
+                    continue
+                elements[name] = element
                 carried += mass
                 repaired += [f"'{name}' ({mass:.4g} kg, {old})"] if old else []
         empty += [] if carried > 0 else [cluster[0]]

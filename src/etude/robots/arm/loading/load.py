@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from etude.errors import UsageError
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.parsing import parsed
+from etude.robots.arm.spec import ArmSpec
 
 
 def load(
@@ -15,6 +17,8 @@ def load(
     *,
     held: Mapping[str, float] | None = None,
     mesh_roots: Sequence[Path] = (),
+    shapes: bool = True,
+    drives: bool = False,
 ) -> Loaded:
     """The model of a URDF or MJCF file's arm.
 
@@ -23,7 +27,9 @@ def load(
         joints: the joints that move, names or patterns such as "arm_*"; None: those of the one arm that the
             file has.
         held: positions of others, rad or m; the rest are held at 0, or at their limit next to it.
-        mesh_roots: folders to look for meshes in first.
+        mesh_roots: folders to look for meshes in first; of a URDF.
+        shapes: False: masses alone, without reading any mesh of a URDF.
+        drives: keep an MJCF's actuators, and the tendons that they pull.
 
     Raises:
         UsageError: no such file, not loadable, no arm or several, a floating base, a joint that does not
@@ -34,7 +40,21 @@ def load(
     if root.tag == "robot":
         from etude.robots.arm.loading.urdf import load_urdf
 
-        return load_urdf(root, path, joints, given, mesh_roots)
+        return load_urdf(root, path, joints, given, mesh_roots, shapes)
     from etude.robots.arm.loading.mjcf import load_mjcf
 
-    return load_mjcf(root, path, joints, given)
+    return load_mjcf(path, joints, given, drives)
+
+
+def load_arm(spec: ArmSpec, *, shapes: bool = True, drives: bool = False) -> Loaded:
+    """The robot's own model, of its `model_file`: its axes move, the others are held where it says.
+
+    Raises:
+        UsageError: as `load`; or the robot has no model file.
+    """
+    if spec.model_file is None:
+        raise UsageError(
+            f"robot '{spec.name}' has no model_file",
+            next_step="Add a URDF or MJCF, or choose a model without one.",
+        )
+    return load(spec.model_file, spec.names, held=spec.held, shapes=shapes, drives=drives)

@@ -31,6 +31,8 @@ class Loaded:
         notes: one sentence for each repair or assumption, to be confirmed by a person once.
         unseen: one sentence for each thing that a certificate did not look at: shapes guessed, a base taken
             to be fixed, joints taken to be held.
+        excluded: pairs of geoms that an MJCF excludes from contact, by name.
+        source: the file, for messages.
     """
 
     xml: str
@@ -39,6 +41,8 @@ class Loaded:
     held: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
+    excluded: tuple[tuple[str, str], ...] = ()
+    source: str = ""
 
     def spec(self) -> Any:
         """A new `mujoco.MjSpec`, to add sensors, actuators or excluded pairs to.
@@ -51,14 +55,14 @@ class Loaded:
         try:
             return mujoco.MjSpec.from_string(self.xml, assets=dict(self.assets))
         except ValueError as problem:
-            raise refused(problem) from None
+            raise refused(problem, self.source) from None
 
     def model(self) -> mujoco.MjModel:
         """The compiled model. Errors as `spec`."""
         try:
             return self.spec().compile()
         except ValueError as problem:
-            raise refused(problem) from None
+            raise refused(problem, self.source) from None
 
     def columns(self, model: mujoco.MjModel) -> Index:
         """(J,) addresses of `joints` in a model's qpos, which for hinges and slides are those in qvel."""

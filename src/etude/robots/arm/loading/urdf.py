@@ -16,7 +16,7 @@ from etude.errors import UsageError
 from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.inertia import masses_of
 from etude.robots.arm.loading.loaded import Loaded
-from etude.robots.arm.loading.urdf_shapes import shapes_of
+from etude.robots.arm.loading.urdf_shapes import NO_SHAPES, shapes_of
 from etude.robots.arm.loading.urdf_tree import UrdfTree, angles_of, numbers, pose_of, read_tree
 
 COMPILER = {
@@ -35,13 +35,14 @@ def load_urdf(
     path: Path,
     wanted: Sequence[str] | None,
     given: Mapping[str, float],
-    mesh_roots: Sequence[Path] = (),
+    mesh_roots: Sequence[Path],
+    with_shapes: bool,
 ) -> Loaded:
     """`load.load` of a parsed URDF."""
     tree = read_tree(root, str(path))
     choice = chosen_of(tree, wanted, given)
     masses = masses_of(tree, choice.joints)
-    shapes = shapes_of(tree, choice.joints, path, mesh_roots)
+    shapes = shapes_of(tree, choice.joints, path, mesh_roots) if with_shapes else NO_SHAPES
     new = ET.Element("robot", name=root.get("name", "robot"))
     ET.SubElement(ET.SubElement(new, "mujoco"), "compiler", COMPILER)
     for name in tree.links:
@@ -54,7 +55,7 @@ def load_urdf(
     xml = ET.tostring(new, encoding="unicode")
     notes = (*choice.notes, *masses.notes, *shapes.notes)
     unseen = (*_base(tree), *choice.unseen, *shapes.unseen)
-    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen)
+    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen, (), str(path))
 
 
 def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:

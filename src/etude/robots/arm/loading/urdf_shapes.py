@@ -34,6 +34,9 @@ class Shapes:
     unseen: tuple[str, ...] = ()
 
 
+NO_SHAPES = Shapes({}, {})
+
+
 @dataclass
 class _Meshes:
     """The meshes of one model file, each read once; `missing` are those that were not found."""

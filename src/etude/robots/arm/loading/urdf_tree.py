@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -124,11 +124,12 @@ def _link(joint: ET.Element, tag: str) -> str:
 def _moving(joint: ET.Element, carrier: str, where: str) -> Moving:
     name, place = joint.get("name", ""), f"{where}, joint '{joint.get('name')}'"
     lower, upper = hard_range(joint, place)
-    slides, mimic = joint.get("type") == "prismatic", joint.find("mimic")
+    kind, mimic = joint.get("type"), joint.find("mimic")
+    own = Moving(name, carrier, lower, upper, kind == "prismatic", kind == "continuous")
     if mimic is None:
-        return Moving(name, carrier, lower, upper, slides)
+        return own
     factor, offset = (number(mimic.get(key, start), place) for key, start in _MIMIC)
-    return Moving(name, carrier, lower, upper, slides, mimic.get("joint", ""), factor, offset)
+    return replace(own, leader=mimic.get("joint", ""), factor=factor, offset=offset)
 
 
 _MIMIC = (("multiplier", "1"), ("offset", "0"))

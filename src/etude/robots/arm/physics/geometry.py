@@ -30,8 +30,8 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
     """
     if spec.model_file is None:
         return None
-    from etude.robots.arm.model_file import load_mujoco_model
+    from etude.robots.arm.loading.load import load_arm
     from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
-    model = load_mujoco_model(spec)
+    model = load_arm(spec, shapes=False, drives=True).model()
     return Geometry(tree_from_mujoco(model, spec.names), drives_from_mujoco(model, spec.names))

@@ -1,0 +1,86 @@
+"""The limits that a model file states of its joints, and those that it leaves out."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, number
+
+if TYPE_CHECKING:
+    import mujoco
+
+Limits = Mapping[str, dict[str, float]]
+"""Joint -> those of "lower", "upper", "velocity", "command" that the file states."""
+
+
+def urdf_limits(tree: UrdfTree) -> Limits:
+    """Of the moving joints: <limit>, within the soft limits of <safety_controller>.
+
+    Zero velocity or effort means "not stated" in many files.
+    """
+    found = {}
+    for joint in tree.joints:
+        place = f"{tree.where}, joint '{joint.get('name')}'"
+        lower, upper = _soft_range(joint, hard_range(joint, place), place)
+        limit = joint.find("limit")
+        stated = {} if limit is None else limit.attrib
+        values = {name: number(stated.get(key, "0"), place) for key, name in _RATES}
+        values = {name: value for name, value in values.items() if value != 0}
+        if math.isfinite(upper - lower):
+            values |= {"lower": lower, "upper": upper}
+        found[joint.get("name", "")] = values
+    return found
+
+
+_RATES = (("velocity", "velocity"), ("effort", "command"))
+
+
+def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tuple[float, float]:
+    """The narrower of hard and soft range; a controller that states no positions narrows nothing."""
+    safety = joint.find("safety_controller")
+    if safety is None:
+        return hard
+    soft = [safety.get("soft_lower_limit"), safety.get("soft_upper_limit")]
+    lower, upper = (number(text or "0", place) for text in soft)
+    if None in soft or not lower < upper:
+        return hard
+    return max(hard[0], lower), min(hard[1], upper)
+
+
+def mjcf_limits(model: mujoco.MjModel) -> Limits:
+    """Of hinges and slides: ranges, and from force ranges the command. MJCF knows no velocity limits."""
+    import mujoco
+
+    found = {}
+    for j in range(model.njnt):
+        if mujoco.mjtJoint(model.jnt_type[j]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            values: dict[str, float] = {}
+            if model.jnt_limited[j]:
+                values |= {"lower": float(model.jnt_range[j, 0]), "upper": float(model.jnt_range[j, 1])}
+            command = _mjcf_command(model, j)
+            if command < math.inf:
+                values["command"] = command
+            found[model.joint(j).name] = values
+    return found
+
+
+def _mjcf_command(model: mujoco.MjModel, joint: int) -> float:
+    """Largest force at a joint that its own range or its actuator's allows; inf if neither is limited."""
+    import mujoco
+
+    if model.jnt_actfrclimited[joint]:
+        return float(abs(model.jnt_actfrcrange[joint]).max())
+    for actuator in range(model.nu):
+        direct = model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_JOINT)
+        if direct and model.actuator_trnid[actuator, 0] == joint:
+            gear = abs(float(model.actuator_gear[actuator, 0]))
+            if model.actuator_forcelimited[actuator]:
+                return gear * float(abs(model.actuator_forcerange[actuator]).max())
+            motor = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_NONE)
+            if model.actuator_ctrllimited[actuator] and motor:
+                gain = abs(float(model.actuator_gainprm[actuator, 0]))
+                return gear * gain * float(abs(model.actuator_ctrlrange[actuator]).max())
+    return math.inf
