@@ -578,6 +578,17 @@ class Kind(Protocol):
     ) -> Controller: ...  # the model beside the feedback
 
 
+class Choosing(Protocol):
+    """Capability of a `Kind` whose descriptions may hold more than one robot needs: `described` of the
+    joints that move (names or patterns; none: those that the file's one robot has), with others held at
+    given positions, and folders in which to look for meshes first. Who lacks the method has none.
+    """
+
+    def chosen(
+        self, path: Path, joints: Sequence[str], held: Mapping[str, float], mesh_roots: Sequence[Path]
+    ) -> Described: ...
+
+
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
 # plays: certify that
 Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]

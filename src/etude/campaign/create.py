@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,20 @@ from etude.storage import write_atomic, writer_lock
 GROUP = "etude.robots"
 
 
+@dataclass(frozen=True)
+class Part:
+    """What to take of a description, for kinds that can choose; see `contracts.Choosing`."""
+
+    joints: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    mesh_roots: tuple[Path, ...] = ()
+
+
+WHOLE = Part()
+
+
 def create_campaign(
-    path: Path, robot: str, preset_name: str = "default", seed: int = 0
+    path: Path, robot: str, preset_name: str = "default", seed: int = 0, part: Part = WHOLE
 ) -> tuple[Campaign, tuple[str, ...]]:
     """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
 
@@ -28,6 +41,7 @@ def create_campaign(
         robot: a built-in robot's name, or the path of a description that some kind of robot recognises.
         preset_name: of the kind, "default" or "thesis"; written out in full.
         seed: of every random number the campaign draws.
+        part: of the robot that the description holds.
 
     Returns:
         the campaign, and one sentence for each assumption that a person should confirm.
@@ -38,7 +52,7 @@ def create_campaign(
     """
     path = Path(path)
     kind, description = find_robot(robot)
-    described = kind.described(description)
+    described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
     config = replace(preset_config(kind, preset_name), seed=seed)
     _make_folder(path)
     with writer_lock(path):
@@ -54,6 +68,17 @@ def create_campaign(
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
     return open_campaign(path), described.confirm
+
+
+def _chosen(kind: Kind, description: Path, part: Part) -> Described:
+    if not hasattr(kind, "chosen"):
+        raise UsageError(
+            f"a robot of the kind '{kind.name}' has no joints to choose from",
+            where=str(description),
+            next_step="Leave --joints, --hold and --mesh-root out.",
+        )
+    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots)
+    return found
 
 
 def load_robot(robot: str | Path) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from etude.commands.common import Common, Folder
@@ -24,19 +25,45 @@ class Init(Common):
     seed: int = 0
     """Of every random number the campaign draws."""
 
+    joints: tuple[str, ...] = ()
+    """Of a URDF or MJCF: the joints that move, by name or pattern ("arm_*"); the others are held."""
+    hold: tuple[str, ...] = ()
+    """Where others are held, joint=position in rad or m; at 0, or their limit next to it, if not said."""
+    mesh_root: tuple[Path, ...] = ()
+    """Folders to look for meshes in first, with their package's name or without."""
+
     def run(self, _: Say) -> Outcome:
-        from etude.campaign.create import create_campaign
+        from etude.campaign.create import Part, create_campaign
         from etude.errors import UsageError
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed)
+        part = Part(self.joints, _positions(self.hold), self.mesh_root)
+        campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
             lines += ["Please confirm in robot.toml:", *(f"  - {sentence}" for sentence in confirm)]
         lines.append(f"Next: etude ask {self.folder}, or etude tell {self.folder} LOG if you have one.")
         data = {"folder": str(self.folder), "robot": campaign.name, "axes": campaign.axes, "confirm": confirm}
         return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})
+
+
+def _positions(held: tuple[str, ...]) -> dict[str, float]:
+    """Positions by joint of joint=position. UsageError if one is no such thing."""
+    from etude.errors import UsageError
+
+    found = {}
+    for one in held:
+        joint, _, position = one.rpartition("=")
+        try:
+            found[joint] = float(position)
+        except ValueError:
+            joint = ""
+        if not joint:
+            raise UsageError(
+                f"{one!r} is no joint=position", where="--hold", next_step="Write --hold finger=0.02."
+            )
+    return found
 
 
 def _moves(campaign: Campaign) -> str:

@@ -90,6 +90,14 @@ class ArmKind:
 
         return describe(path)
 
+    def chosen(
+        self, path: Path, joints: Sequence[str], held: Mapping[str, float], mesh_roots: Sequence[Path]
+    ) -> Described:
+        """The same of an arm that is part of a larger robot, with meshes from these folders."""
+        from etude.robots.arm.description import describe
+
+        return describe(path, joints or None, held, mesh_roots)
+
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
         from etude.robots.arm.description import read

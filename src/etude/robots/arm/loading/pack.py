@@ -1,0 +1,117 @@
+"""A model file made to stand alone: its meshes lie beside it, and it names them there."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+from etude.errors import UsageError
+from etude.robots.arm.loading.hulls import hull, obj_text
+from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_readers import read_vertices
+from etude.robots.arm.loading.parsing import parsed
+from etude.robots.arm.loading.urdf_tree import numbers
+
+MESHES = "robot_meshes"
+DEEPEST = 20
+"""Levels of includes; more is a circle."""
+
+
+def packed(path: Path, mesh_roots: Sequence[Path] = ()) -> tuple[bytes, dict[str, bytes]]:
+    """The model file's bytes, and the mesh files that they name, by their path relative to it.
+
+    A URDF keeps everything but its pictures; its meshes become their convex hulls. An MJCF keeps everything,
+    includes in their places. What is missing stays missing. A file without meshes and includes is copied byte
+    by byte.
+
+    Raises:
+        UsageError: unreadable XML or mesh, a missing include, or includes in a circle.
+    """
+    data = path.read_bytes()
+    root = parsed(path)
+    if root.tag == "robot":
+        meshes = _packed_urdf(root, path, mesh_roots)
+        changed = bool(meshes)
+    else:
+        includes = root.find(".//include") is not None
+        if includes:
+            _expand(root, path.parent, 0)
+        meshes = _packed_mjcf(root, path)
+        changed = includes or bool(meshes)
+    return (bytes(ET.tostring(root, encoding="utf-8")) if changed else data), meshes
+
+
+def _packed_urdf(root: ET.Element, path: Path, mesh_roots: Sequence[Path]) -> dict[str, bytes]:
+    """Replaces meshes by hulls; pictures stay where no collision shape does."""
+    meshes: dict[str, bytes] = {}
+    for link in root.findall("link"):
+        kept = [s for s in link.findall("collision") if _pack_shape(s, path, mesh_roots, meshes)]
+        if kept and len(kept) == len(link.findall("collision")):
+            for drawn in link.findall("visual"):
+                link.remove(drawn)
+        else:
+            for drawn in link.findall("visual"):
+                _pack_shape(drawn, path, mesh_roots, meshes)
+    return meshes
+
+
+def _pack_shape(shape: ET.Element, path: Path, mesh_roots: Sequence[Path], meshes: dict[str, bytes]) -> bool:
+    """Gives a shape the hull of its mesh; False if the mesh is missing."""
+    mesh = shape.find("geometry/mesh")
+    if mesh is None:
+        return True
+    found = mesh_path(mesh.get("filename", ""), path, mesh_roots)
+    if found is None:
+        return False
+    name = f"{MESHES}/{len(meshes)}_{found.stem}.obj"
+    scale = numbers(mesh.attrib.pop("scale", None), "1 1 1", str(path))
+    meshes[name] = obj_text(*hull(read_vertices(found) * scale))
+    mesh.set("filename", name)
+    return True
+
+
+def _packed_mjcf(root: ET.Element, path: Path) -> dict[str, bytes]:
+    """Meshes under names of their own, beside the file."""
+    meshes: dict[str, bytes] = {}
+    compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
+    folder = path.parent / compiler.get("meshdir", compiler.get("assetdir", ""))
+    elements = [mesh for mesh in root.findall("asset/mesh") if mesh.get("file")]
+    if not all((folder / mesh.attrib["file"]).is_file() for mesh in elements):
+        return {}
+    for mesh in elements:
+        file = folder / mesh.attrib["file"]
+        name = f"{MESHES}/{len(meshes)}_{file.name}"
+        meshes[name] = file.read_bytes()
+        mesh.set("name", mesh.get("name", file.stem))
+        mesh.set("file", name)
+    for one in root.findall("compiler") if meshes else ():
+        for key in ("meshdir", "assetdir"):
+            one.attrib.pop(key, None)
+    return meshes
+
+
+def _expand(element: ET.Element, folder: Path, depth: int) -> None:
+    """Replaces each <include file="..."> below `element` by the children of that file's root.
+
+    `folder` is the main file's: MuJoCo means every path from there, in included files too.
+    """
+    if depth > DEEPEST:
+        raise UsageError("the model's files include each other in a circle", where=str(folder))
+    children: list[ET.Element] = []
+    for child in element:
+        if child.tag == "include":
+            included = _parse(folder / child.attrib.get("file", ""))
+            _expand(included, folder, depth + 1)
+            children += list(included)
+        else:
+            _expand(child, folder, depth)
+            children.append(child)
+    element[:] = children
+
+
+def _parse(path: Path) -> ET.Element:
+    try:
+        return ET.parse(path).getroot()
+    except (OSError, ET.ParseError) as error:
+        raise UsageError(f"the model file cannot be read: {error}", where=str(path)) from None
