@@ -13,6 +13,7 @@ from etude.robots.arm.loading.choice import Choice, Moving
 from etude.robots.arm.loading.file_limits import Limits, mjcf_limits, urdf_limits
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.toml import toml_value
 
 STOPPING_TIME = 0.5  # s: the rule for accelerations that a file does not give, velocity limit / 0.5 s
 WANTED = ("lower", "upper", "velocity", "acceleration", "command")
@@ -109,7 +110,14 @@ def _assume_ranges(limits: dict[str, dict[str, float]], moving: Mapping[str, Mov
         limits[joint] = {"lower": -math.pi, "upper": math.pi, **limits[joint]}
     if not endless:
         return ()
-    return (f"Ranges are assumed, half a turn to either side: {', '.join(endless)} turn without end.",)
+    return (
+        f"Ranges are assumed, half a turn to either side: {', '.join(map(_shown, endless))} turn without end.",
+    )
+
+
+def _shown(joint: str) -> str:
+    """A joint's name within a sentence: quoted if it has blanks or quotes of its own."""
+    return joint if joint.replace("_", "").replace("-", "").isalnum() else toml_value(joint)
 
 
 def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
@@ -118,7 +126,7 @@ def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
     for joint, values in limits.items():
         if "acceleration" not in values and values.get("velocity", 0) > 0:
             values["acceleration"] = values["velocity"] / STOPPING_TIME
-            assumed.append(f"{joint} {values['acceleration']:.4g}")
+            assumed.append(f"{_shown(joint)} {values['acceleration']:.4g}")
     if not assumed:
         return ()
     return (

@@ -181,18 +181,20 @@ def _shapes(
     for b in range(model.nbody):
         parts.setdefault(_part(model, choice, b), []).append(b)
     kept: dict[int, list[int]] = {}
-    notes = []
+    drawn, notes = [], []
     for part, bodies in parts.items():
         geoms = [g for b in bodies for g in _geoms(model, b) if int(model.geom_type[g]) in SHAPES]
         solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         for g in solid or geoms:
             kept.setdefault(int(model.geom_bodyid[g]), []).append(g)
         if part and geoms and not solid:
-            notes.append(f"What is drawn of {_name(model, part)} is taken as shape: nothing of it collides.")
+            drawn.append(_name(model, part))
         if part and not geoms:
             unseen.append(f"the shape of body '{_name(model, part)}': the file has none")
         if any(int(model.geom_type[g]) == 0 for b in bodies for g in _geoms(model, b)):
             notes.append("A plane of the file is left out: it is the room, not the robot.")
+    if drawn and model.geom_contype.any():  # a file in which nothing collides means nothing by it
+        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
     return kept, tuple(notes)
 
 

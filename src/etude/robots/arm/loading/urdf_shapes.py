@@ -72,21 +72,16 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
     elements: dict[str, list[ET.Element]] = {}
     notes: list[str] = []
     unseen: list[str] = []
+    drawn: list[str] = []
     for cluster in tree.clusters(joints):
-        kind = (
-            "collision"
-            if any(tree.links[name].find("collision") is not None for name in cluster)
-            else "visual"
-        )
+        solid = any(tree.links[name].find("collision") is not None for name in cluster)
         for name in cluster:
-            elements[name] = _of_link(tree, name, kind, meshes, unseen)
-        drawn = [name for name in cluster if elements[name]]
-        if kind == "visual" and drawn:
-            notes.append(
-                f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions."
-            )
-        if not drawn:
-            unseen.append(f"the shape of link '{cluster[0]}': the file has none")
+            elements[name] = _of_link(tree, name, "collision" if solid else "visual", meshes, unseen)
+        shaped = [name for name in cluster if elements[name]]
+        drawn += [] if solid else shaped
+        unseen += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
+    if drawn:
+        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions.")
     if meshes.missing:
         notes.append(
             f"Meshes are missing: {', '.join(dict.fromkeys(meshes.missing))}. Name the folder that holds "
