@@ -16,6 +16,14 @@ command = 150.0             # largest |command|, in command_unit
 unit = "m"                  # optional: of a sliding joint
 [held]                      # optional: the model file's other joints, and where they stand, rad or m
 gripper = 0.02
+[mounting]                  # optional: the base in the room, z up
+position = [0.0, 0.0, 0.8]  # m
+rotation = [0.0, 0.0, 0.0]  # roll, pitch, yaw, rad
+[tool]                      # optional, and [payload] alike: fields of loading.attached.Attached
+mass = 0.9                  # kg
+centre = [0.0, 0.0, 0.06]   # of mass, m in the frame of the link that the last axis moves
+shape = "cylinder"          # box, cylinder or sphere; without inertia = [...] it gives the inertia
+size = [0.04, 0.12]         # radius and length, m
 """
 
 from __future__ import annotations
@@ -25,6 +33,7 @@ from pathlib import Path
 
 from etude.errors import UsageError
 from etude.robots.arm.checks import check_spec, unit_suspicion
+from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import decoded, from_table, read_text, write_values
 
@@ -46,6 +55,9 @@ class RobotTable:
     units_checked: bool = False
     axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
     held: dict[str, float] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    tool: Attached | None = None
+    payload: Attached | None = None
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -71,9 +83,8 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
             where=where,
             next_step="Correct the path (relative to this file), or leave model_file out.",
         )
-    spec = ArmSpec(
-        table.name, table.axis, table.command_unit, table.rate, model_file, table.plant, table.held
-    )
+    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload")}
+    spec = ArmSpec(table.name, table.axis, table.command_unit, table.rate, model_file, **own)
     return check_spec(spec, where=where, units_checked=table.units_checked)
 
 
@@ -98,5 +109,8 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         units_checked=bool(unit_suspicion(spec)),
         axis=spec.axes,
         held=dict(spec.held),
+        mounting=spec.mounting,
+        tool=spec.tool,
+        payload=spec.payload,
     )
     return write_values(table, comments)

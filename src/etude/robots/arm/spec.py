@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from etude.contracts import Array, Channel
+from etude.robots.arm.loading.attached import Attached, Mounting
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -54,6 +55,8 @@ class ArmSpec:
         model_file: URDF or MJCF with the rigid-body model, or None.
         plant: name of the simulated plant that stands in for the robot, or None.
         held: joints of the model file that are no axes, and where they stand, rad or m.
+        mounting: of the model file's base in the room; None: as in the file.
+        tool, payload: what it carries beyond the model file, or None.
     """
 
     name: str
@@ -63,6 +66,9 @@ class ArmSpec:
     model_file: Path | None = None
     plant: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    tool: Attached | None = None
+    payload: Attached | None = None
 
     @property
     def dof(self) -> int:

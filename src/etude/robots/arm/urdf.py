@@ -86,7 +86,8 @@ def _read(
         tree = read_tree(root, str(path))
         found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
     else:
-        from etude.robots.arm.loading.mjcf import chosen_in, compiled, moving
+        from etude.robots.arm.loading.mjcf import chosen_in, compiled
+        from etude.robots.arm.loading.mjcf_joints import moving
 
         model, _ = compiled(path)
         found, limits, choice = moving(model), mjcf_limits(model), chosen_in(model, joints, held, str(path))
@@ -111,7 +112,8 @@ def _assume_ranges(limits: dict[str, dict[str, float]], moving: Mapping[str, Mov
     if not endless:
         return ()
     return (
-        f"Ranges are assumed, half a turn to either side: {', '.join(map(_shown, endless))} turn without end.",
+        f"Ranges are assumed, half a turn to either side, of joints without end: "
+        f"{', '.join(map(_shown, endless))}.",
     )
 
 

@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from etude.errors import UsageError
+from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.spec import ArmSpec
+
+NOTHING = Additions()
 
 
 def load(
@@ -19,6 +22,7 @@ def load(
     mesh_roots: Sequence[Path] = (),
     shapes: bool = True,
     drives: bool = False,
+    added: Additions = NOTHING,
 ) -> Loaded:
     """The model of a URDF or MJCF file's arm.
 
@@ -30,6 +34,7 @@ def load(
         mesh_roots: folders to look for meshes in first; of a URDF.
         shapes: False: masses alone, without reading any mesh of a URDF.
         drives: keep an MJCF's actuators, and the tendons that they pull.
+        added: mounting of the base, tool and payload.
 
     Raises:
         UsageError: no such file, not loadable, no arm or several, a floating base, a joint that does not
@@ -40,10 +45,10 @@ def load(
     if root.tag == "robot":
         from etude.robots.arm.loading.urdf import load_urdf
 
-        return load_urdf(root, path, joints, given, mesh_roots, shapes)
+        return load_urdf(root, path, joints, given, mesh_roots, shapes, added)
     from etude.robots.arm.loading.mjcf import load_mjcf
 
-    return load_mjcf(path, joints, given, drives)
+    return load_mjcf(path, joints, given, drives, added)
 
 
 def load_arm(spec: ArmSpec, *, shapes: bool = True, drives: bool = False) -> Loaded:
@@ -57,4 +62,6 @@ def load_arm(spec: ArmSpec, *, shapes: bool = True, drives: bool = False) -> Loa
             f"robot '{spec.name}' has no model_file",
             next_step="Add a URDF or MJCF, or choose a model without one.",
         )
-    return load(spec.model_file, spec.names, held=spec.held, shapes=shapes, drives=drives)
+    carried = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
+    added = Additions(spec.mounting, tuple(carried))
+    return load(spec.model_file, spec.names, held=spec.held, shapes=shapes, drives=drives, added=added)

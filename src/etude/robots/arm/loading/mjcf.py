@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Choice, Moving, choose
+from etude.robots.arm.loading.attached import Additions
+from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.loaded import Loaded, refused
+from etude.robots.arm.loading.mjcf_joints import HINGE, SLIDE, moving
 from etude.robots.arm.loading.mjcf_writer import written
 
 if TYPE_CHECKING:
     import mujoco
 
-HINGE, SLIDE = 3, 2  # mjtJoint
-JOINT_EQUALITY = 2  # mjtEq
-
 
 def load_mjcf(
-    path: Path, wanted: Sequence[str] | None, given: Mapping[str, float], drives: bool = False
+    path: Path, wanted: Sequence[str] | None, given: Mapping[str, float], drives: bool, added: Additions
 ) -> Loaded:
     """`load.load` of an MJCF."""
     model, missing = compiled(path)
     choice = chosen_in(model, wanted, given, str(path))
-    new = written(model, choice, drives)
+    new = written(model, choice, drives, added)
     loose = "".join(f" although '{name}' leaves it free" for name in _floating(model))
     lost = [f"the shape of {what}: its mesh is missing" for what in missing]
-    unseen = (f"the base is taken to be fixed{loose}", *choice.unseen, *lost, *new.unseen)
+    unseen = (f"the base is taken to be fixed{loose}", *choice.unseen, *lost, *new.unseen, *added.unseen())
     notes = (*choice.notes, *new.notes)
     return Loaded(new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded, str(path))
 
@@ -84,37 +82,3 @@ def _without_pictures(spec: Any, path: Path) -> list[str]:
 
 def _there(spec: Any, path: Path, name: str) -> bool:
     return (path.parent / str(spec.meshdir) / name).is_file()
-
-
-def moving(model: mujoco.MjModel) -> tuple[Moving, ...]:
-    """Every hinge and slide of a model, from the base outwards; equalities of joints make followers."""
-    leaders = _leaders(model)
-    before: dict[int, str] = {0: ""}
-    found = []
-    for body in range(1, model.nbody):
-        carrier = before[int(model.body_parentid[body])]
-        first = int(model.body_jntadr[body])
-        for j in range(first, first + int(model.body_jntnum[body])):
-            if model.jnt_type[j] in (HINGE, SLIDE):
-                name = model.joint(j).name
-                lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
-                slides = bool(model.jnt_type[j] == SLIDE)
-                follows = leaders.get(name, ("", 1.0, 0.0))
-                endless = not slides and not model.jnt_limited[j]
-                found.append(Moving(name, carrier, float(lower), float(upper), slides, endless, *follows))
-                carrier = name
-        before[body] = carrier
-    return tuple(found)
-
-
-def _leaders(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
-    """Follower -> leader, factor and offset, of active equalities between two joints."""
-    found = {}
-    for k in range(model.neq):
-        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        if model.eq_type[k] == JOINT_EQUALITY and second >= 0 and model.eq_active0[k]:
-            offset, factor = (float(x) for x in model.eq_data[k, :2])
-            zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
-            leader = model.joint(second).name
-            found[model.joint(first).name] = (leader, factor, offset + zero[0] - factor * zero[1])
-    return found

@@ -11,8 +11,11 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
+from etude.robots.arm.loading.attached import Additions, Attached, tip
 from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.hulls import hull, obj_text
+from etude.robots.arm.loading.mjcf_additions import add_carried, mounted
+from etude.robots.arm.loading.mjcf_joints import moving
 
 if TYPE_CHECKING:
     import mujoco
@@ -146,7 +149,7 @@ def _turned(vector: Array, quat: Array) -> Array:
     return turned
 
 
-def written(model: mujoco.MjModel, choice: Choice, drives: bool) -> Written:
+def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Additions) -> Written:
     """A model of the chosen joints; `drives`: with the actuators, and the tendons that they pull.
 
     Raises:
@@ -158,11 +161,15 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool) -> Written:
     gravity = np.zeros(3) if model.opt.disableflags & NO_GRAVITY else model.opt.gravity
     ET.SubElement(root, "option", gravity=_text(gravity), timestep=repr(float(model.opt.timestep)))
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
+    if added.mounting is not None:
+        world = mounted(world, added.mounting)
     shapes, notes = _shapes(model, choice, writer.unseen)
     elements = {0: world}
     writer.geoms(world, 0, shapes.get(0, ()))
     for b in range(1, model.nbody):
         elements[b] = writer.body(elements[int(model.body_parentid[b])], b, shapes)
+    for what, one in added.carried:
+        add_carried(elements[_carrier(model, choice, what, one)], what, one)
     for name in writer.assets:
         ET.SubElement(asset, "mesh", name=name.removesuffix(".obj"), file=name)
     if drives:
@@ -171,6 +178,20 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool) -> Written:
         add_drives(model, choice.joints, root, elements)
     xml = ET.tostring(root, encoding="unicode")
     return Written(xml, writer.assets, notes, tuple(writer.unseen), _excluded(model, writer.names))
+
+
+def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:
+    """The body that carries a tool or a payload."""
+    if not one.link:
+        return int(model.joint(tip(moving(model), choice.joints, what)).bodyid)
+    names = [_name(model, b) for b in range(model.nbody)]
+    if one.link not in names:
+        raise UsageError(
+            f"there is no body '{one.link}'",
+            where=f"[{what}]",
+            next_step=f"Its bodies are {', '.join(names)}.",
+        )
+    return names.index(one.link)
 
 
 def _shapes(

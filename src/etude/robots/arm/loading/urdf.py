@@ -13,11 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from etude.errors import UsageError
+from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.inertia import masses_of
 from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.loading.rotations import angles_of
+from etude.robots.arm.loading.urdf_additions import add_to_urdf
 from etude.robots.arm.loading.urdf_shapes import NO_SHAPES, shapes_of
-from etude.robots.arm.loading.urdf_tree import UrdfTree, angles_of, numbers, pose_of, read_tree
+from etude.robots.arm.loading.urdf_tree import UrdfTree, numbers, pose_of, read_tree
 
 COMPILER = {
     "fusestatic": "true",
@@ -37,6 +40,7 @@ def load_urdf(
     given: Mapping[str, float],
     mesh_roots: Sequence[Path],
     with_shapes: bool,
+    added: Additions,
 ) -> Loaded:
     """`load.load` of a parsed URDF."""
     tree = read_tree(root, str(path))
@@ -52,9 +56,10 @@ def load_urdf(
         written.extend(shapes.elements.get(name, ()))
     for joint in tree.joints:
         new.append(rewritten(joint, choice))
+    add_to_urdf(new, tree, choice.joints, added)
     xml = ET.tostring(new, encoding="unicode")
     notes = (*choice.notes, *masses.notes, *shapes.notes)
-    unseen = (*_base(tree), *choice.unseen, *shapes.unseen)
+    unseen = (*_base(tree), *choice.unseen, *shapes.unseen, *added.unseen())
     return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen, (), str(path))
 
 
