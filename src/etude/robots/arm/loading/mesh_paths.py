@@ -13,18 +13,18 @@ from pathlib import Path
 def mesh_path(name: str, model: Path, roots: Sequence[Path] = ()) -> Path | None:
     """The file that a model file means by `name`; None if there is none.
 
-    `roots` come first, then the model file's folder and every one above it; in each, the name with its
-    package and without.
+    `roots` come first, then the model file's folder and every one above it: all of them with the whole name,
+    and then with the name without its package.
     """
     scheme, found, rest = name.partition("://")
     rest = rest if found else scheme
     if rest.startswith("/") and Path(rest).is_file():
         return Path(rest)
-    rest = rest.lstrip("/")
+    package, _, inside = rest.partition("/")
     folder = model.resolve().parent
-    _, _, inside = rest.partition("/")
-    for start in (*roots, folder, *folder.parents):
-        for tail in (rest, inside) if found else (rest,):
-            if tail and (start / tail).is_file():
+    tails = [rest.lstrip("/"), inside] if found and package else [rest.lstrip("/")]
+    for tail in filter(None, tails):
+        for start in (*roots, folder, *folder.parents):
+            if (start / tail).is_file():
                 return start / tail
     return None

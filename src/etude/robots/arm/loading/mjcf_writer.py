@@ -183,7 +183,7 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
 def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:
     """The body that carries a tool or a payload."""
     if not one.link:
-        return int(model.joint(tip(moving(model), choice.joints, what)).bodyid)
+        return int(model.jnt_bodyid[model.joint(tip(moving(model), choice.joints, what)).id])
     names = [_name(model, b) for b in range(model.nbody)]
     if one.link not in names:
         raise UsageError(

@@ -1,0 +1,157 @@
+"""Meshes: the vertices that count, in metres, and hulls that contain them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from etude.errors import UsageError
+from etude.robots.arm.loading.hulls import THINNEST, hull, obj_text
+from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_readers import read_vertices
+
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+ <asset><unit name="inch" meter="0.0254"/><up_axis>Y_UP</up_axis></asset>
+ <library_geometries><geometry id="g"><mesh>
+  <source id="p"><float_array id="pa" count="15">0 0 0 1 0 0 0 2 0 0 0 3 100 100 100</float_array>
+   <technique_common><accessor source="#pa" count="5" stride="3"/></technique_common></source>
+  <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+  <triangles count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+   <input semantic="NORMAL" source="#p" offset="1"/><p>0 4 1 4 2 4 0 4 2 4 3 4</p></triangles>
+ </mesh></geometry></library_geometries>
+ <library_visual_scenes><visual_scene id="s"><node>
+  <translate>10 0 0</translate><rotate>0 0 1 90</rotate>
+  <node><matrix>2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1</matrix><instance_geometry url="#g"/></node>
+ </node></visual_scene></library_visual_scenes>
+ <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def binary_stl(triangles: np.ndarray, head: bytes) -> bytes:
+    facets = [struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0) for triangle in triangles]
+    return head.ljust(80) + struct.pack("<I", len(facets)) + b"".join(facets)
+
+
+def test_an_stl_is_binary_by_its_length_not_by_its_first_word(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    triangles = CORNERS[[[0, 1, 2], [0, 2, 3]]]
+    path.write_bytes(binary_stl(triangles, b"solid exported by somebody"))
+    np.testing.assert_array_equal(read_vertices(path), triangles.reshape(-1, 3))
+    path.write_text(
+        "solid a\n facet normal 0 0 1\n  outer loop\n"
+        + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in triangles[0])
+        + "  endloop\n endfacet\nendsolid a\n"
+    )
+    np.testing.assert_array_equal(read_vertices(path), triangles[0])
+
+
+def test_an_obj_gives_its_vertices_and_not_its_normals(tmp_path: Path) -> None:
+    path = tmp_path / "a.OBJ"
+    path.write_text(
+        "mtllib x.mtl\nv 0 0 0 0.5 0.5 0.5\nvn 9 9 9\nvt 8 8\nv 1 0 0\n v 0 2 0\nf 1//1 2//1 3//1\n"
+    )
+    np.testing.assert_array_equal(read_vertices(path), CORNERS[:3])
+
+
+def test_a_dae_counts_used_vertices_where_the_scene_puts_them_in_metres(tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    path.write_text(DAE)
+    x, y, z = CORNERS.T  # doubled, turned by 90 degrees about z, moved by 10 along x; inches; y is not up
+    expected = 0.0254 * np.column_stack([10 - 2 * y, 2 * x, 2 * z])
+    np.testing.assert_allclose(
+        np.unique(read_vertices(path), axis=0), np.unique(expected, axis=0), atol=1e-15
+    )
+    path.write_text(DAE[: DAE.index(" <library_visual_scenes>")] + "</COLLADA>")
+    np.testing.assert_allclose(read_vertices(path), 0.0254 * CORNERS)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.step", b"", "form '.step' are not read.*Convert"),
+        ("a.stl", b"", "no vertices"),
+        ("a.obj", b"v 0 0 nan\n", "no numbers"),
+        ("a.obj", b"v 0 0 zero\n", "cannot be read"),
+        ("a.dae", b"<COLLADA><scene>", "cannot be read"),
+        ("a.dae", b"<svg/>", "no COLLADA file"),
+    ],
+)
+def test_a_mesh_that_is_none_says_so_with_its_path(
+    tmp_path: Path, name: str, data: bytes, words: str
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(UsageError, match=words) as refused:
+        read_vertices(tmp_path / name)
+    assert name in refused.value.where
+
+
+points = arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=st.integers(-3, 3).map(float))
+
+
+@given(points)
+def test_a_hull_contains_its_points_and_its_faces_look_outwards(cloud: np.ndarray) -> None:
+    """Single points, lines and flat clouds too: they are given a thickness of no more than THINNEST."""
+    vertices, faces = hull(cloud)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = (normals / np.maximum(lengths, 1e-300))[lengths[:, 0] > 1e-9]
+    a = a[lengths[:, 0] > 1e-9]
+    outside = np.einsum("fi,fpi->fp", normals, cloud[None] - a[:, None])
+    assert outside.max() < 1e-9
+    assert np.einsum("fi,fi->f", normals, vertices.mean(axis=0) - a).max() < 0
+    assert np.all(vertices <= cloud.max(axis=0) + THINNEST)
+    assert np.all(vertices >= cloud.min(axis=0) - THINNEST)
+    volume = np.einsum(
+        "fi,fi->f", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])
+    )
+    assert volume.sum() / 6 > 0
+
+
+def test_a_hull_as_obj_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
+    vertices, faces = hull(np.random.default_rng(0).normal(size=(30, 3)))
+    (tmp_path / "a.obj").write_bytes(obj_text(vertices, faces))
+    np.testing.assert_array_equal(read_vertices(tmp_path / "a.obj"), vertices)
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("package://arm_description/meshes/a.stl", "ws/arm_description/meshes/a.stl"),
+        ("package://other/meshes/a.stl", "ws/arm_description/meshes/a.stl"),  # its own package, renamed
+        ("package:///meshes/a.stl", "ws/arm_description/meshes/a.stl"),
+        ("model://arm_description/meshes/a.stl", "ws/arm_description/meshes/a.stl"),
+        ("file:///meshes/a.stl", "ws/arm_description/meshes/a.stl"),
+        ("../meshes/a.stl", "ws/arm_description/urdf/../meshes/a.stl"),
+        ("a.stl", "ws/arm_description/urdf/a.stl"),
+        ("package://tool/b.stl", "elsewhere/tool/b.stl"),
+        ("package://b_only/b.stl", "elsewhere/tool/b.stl"),
+        ("package://arm_description/meshes/none.stl", None),
+    ],
+)
+def test_meshes_are_found_on_the_way_up_and_below_the_roots(
+    tmp_path: Path, name: str, place: str | None
+) -> None:
+    model = tmp_path / "ws/arm_description/urdf/arm.urdf"
+    for file in ("ws/arm_description/meshes/a.stl", "ws/arm_description/urdf/a.stl", "elsewhere/tool/b.stl"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    roots = (tmp_path / "elsewhere", tmp_path / "elsewhere/tool")
+    assert mesh_path(name, model, roots) == (None if place is None else tmp_path / place)
+    assert mesh_path(f"file://{tmp_path}/elsewhere/tool/b.stl", model) == tmp_path / "elsewhere/tool/b.stl"
+
+
+def test_a_root_that_is_named_comes_first(tmp_path: Path) -> None:
+    for folder in ("near", "root"):
+        (tmp_path / folder / "arm").mkdir(parents=True)
+        (tmp_path / folder / "arm/a.stl").touch()
+    model = tmp_path / "near/arm.urdf"
+    assert mesh_path("package://arm/a.stl", model) == tmp_path / "near/arm/a.stl"
+    assert mesh_path("package://arm/a.stl", model, (tmp_path / "root",)) == tmp_path / "root/arm/a.stl"
