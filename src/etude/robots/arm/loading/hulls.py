@@ -16,7 +16,7 @@ def hull(points: Array) -> tuple[Array, Index]:
 
     It contains every point, and more only where the points are flatter than THINNEST.
     """
-    points = _thickened(np.unique(points, axis=0))
+    points = _thickened(points)
     try:
         found = ConvexHull(points)
     except QhullError:  # nearly flat: let it move points by rounding errors
