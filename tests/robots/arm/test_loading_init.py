@@ -1,0 +1,87 @@
+"""`etude init` of robots that are larger than an arm, from the command line to a certified motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from loading_examples import bullet_robot, example_robot, write
+
+import etude
+from etude.campaign.create import Part, create_campaign
+from etude.cli import main
+from etude.errors import UsageError
+
+SEVEN = {
+    "panda": ("panda_description/urdf/panda.urdf", ()),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", ()),
+    "iiwa": ("kuka_iiwa/model.urdf", ()),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
+    "so100": ("so_arm_description/urdf/so100.urdf", ()),
+    "z1": ("z1_description/urdf/z1.urdf", ()),
+    "tiago": ("tiago_description/robots/tiago_no_hand.urdf", ("arm_*_joint",)),
+}
+
+
+def test_joints_and_positions_come_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, lab = write(tmp_path), tmp_path / "lab"
+    options = ["--joints", "shoulder", "wrist", "--hold", "elbow=0.5", "finger_left=0.02"]
+    assert main(["init", str(lab), "--robot", str(urdf), *options]) == 0
+    assert "2 axes (shoulder, wrist)" in capsys.readouterr().out
+    spec = etude.open_campaign(lab).spec
+    assert spec.held == {"elbow": 0.5, "finger_left": 0.02}
+    assert (lab / "robot_meshes" / "0_cube.obj").is_file()
+    text = (lab / "robot.toml").read_text()
+    assert text.startswith("# Confirm: ")
+    assert '[held]\n"elbow" = 0.5\n"finger_left" = 0.02\n' in text
+
+
+def test_folders_of_meshes_are_taken_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = write(tmp_path / "near")
+    mesh = urdf.parents[1] / "meshes/cube.obj"
+    root = tmp_path / "far" / "arm" / "meshes"
+    root.mkdir(parents=True)
+    mesh.rename(root / "cube.obj")
+    assert main(["init", str(tmp_path / "a"), "--robot", str(urdf)]) == 0
+    assert "Meshes are missing: package://arm/meshes/cube.obj" in capsys.readouterr().out
+    assert (
+        main(["init", str(tmp_path / "b"), "--robot", str(urdf), "--mesh-root", str(tmp_path / "far")]) == 0
+    )
+    assert "missing" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "words"),
+    [
+        ("urdf", ["--hold", "elbow"], "'elbow' is no joint=position"),
+        ("urdf", ["--hold", "=1"], "'=1' is no joint=position"),
+        ("urdf", ["--joints", "knee"], "no moving joint knee"),
+        ("quadrotor", ["--joints", "knee"], "'quadrotor' has no joints to choose from"),
+        ("arm4", ["--joints", "waist"], "robot file says itself which joints move"),
+    ],
+)
+def test_what_cannot_be_chosen_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], robot: str, options: list[str], words: str
+) -> None:
+    robot = str(write(tmp_path)) if robot == "urdf" else robot
+    assert main(["init", str(tmp_path / "lab"), "--robot", robot, *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "lab").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SEVEN)
+def test_from_a_file_of_a_package_to_a_certified_motion(name: str, tmp_path: Path) -> None:
+    file, joints = SEVEN[name]
+    path = bullet_robot(file) if name == "iiwa" else example_robot(file)
+    campaign, confirm = create_campaign(tmp_path / "lab", str(path), part=Part(joints))
+    assert sum("Acceleration limits are assumed" in sentence for sentence in confirm) == 1
+    assert etude.ask(campaign).number == 1
+    assert (tmp_path / "lab/proposals/0001/certificate.json").is_file()
+
+
+def test_a_kind_without_joints_says_so(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no joints to choose from"):
+        create_campaign(tmp_path / "sky", "quadrotor", part=Part(held={"rotor": 1.0}))
