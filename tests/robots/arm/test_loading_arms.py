@@ -144,7 +144,7 @@ def test_what_is_no_arm_says_why(name: str, words: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["tiago_description/robots/tiago_no_hand.urdf", "so_arm_description/urdf/so100.urdf"]
+    "name", ["tiago_description/robots/tiago_no_hand.urdf", "panda_description/urdf/panda.urdf"]
 )
 def test_a_campaigns_copy_is_the_robot(name: str, tmp_path: Path) -> None:
     """What `etude init` writes loads, away from the package, to the same shapes at the same places."""
@@ -164,3 +164,45 @@ def test_a_campaigns_copy_is_the_robot(name: str, tmp_path: Path) -> None:
         mujoco.mj_forward(each, data)
     np.testing.assert_allclose(one.geom_xpos, other.geom_xpos, atol=1e-6)
     np.testing.assert_allclose(one.qfrc_bias, other.qfrc_bias, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_bent_links_that_touch_often_are_cut_and_touch_less(tmp_path: Path) -> None:
+    """A UR5's forearm and upper arm: of random poses half as many overlap, and none that did not before."""
+    from etude.robots.arm.loading.load import load_arm
+
+    path = example_robot("ur_description/urdf/ur5_robot.urdf")
+    described = KIND.described(path)
+    for file, data in described.files.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_bytes(data)
+    spec = KIND.spec(tmp_path / "robot.toml")
+    poses = np.random.default_rng(1).uniform(spec.lower, spec.upper, (200, spec.dof))
+    before = overlaps(load(path).model(), poses)
+    cut = load_arm(spec).model()
+    after = overlaps(cut, poses)
+    assert {name for name in map(link_of, range(cut.ngeom), [cut] * cut.ngeom) if name[1] > 1} == {
+        ("upper_arm_link", 4),
+        ("forearm_link", 4),
+    }
+    assert before.mean() > 0.45
+    assert after.mean() < 0.33
+    assert not np.any(after & ~before)
+
+
+def link_of(g: int, model: mujoco.MjModel) -> tuple[str, int]:
+    """The link of a geom, and how many shapes it has."""
+    links = [model.geom(k).name.rpartition("#")[0] for k in range(model.ngeom)]
+    return links[g], links.count(links[g])
+
+
+def overlaps(model: mujoco.MjModel, poses: np.ndarray) -> np.ndarray:
+    """Whether any two shapes overlap, but for those of neighbours."""
+    from etude.robots.arm.loading.crowded import REACH, _pairs
+
+    data, pairs, found = mujoco.MjData(model), list(_pairs(model)), []
+    for q in poses:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        found.append(any(mujoco.mj_geomDistance(model, data, a, b, REACH, None) < 0 for a, b in pairs))
+    return np.array(found)

@@ -14,7 +14,8 @@ from hypothesis.extra.numpy import arrays
 from etude.errors import UsageError
 from etude.robots.arm.loading.hulls import THINNEST, hull, obj_text
 from etude.robots.arm.loading.mesh_paths import mesh_path
-from etude.robots.arm.loading.mesh_readers import read_vertices
+from etude.robots.arm.loading.mesh_readers import read_triangles
+from etude.robots.arm.loading.slabs import SLABS, slabs, volume
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 DAE = """<?xml version="1.0"?>
@@ -43,13 +44,13 @@ def test_an_stl_is_binary_by_its_length_not_by_its_first_word(tmp_path: Path) ->
     path = tmp_path / "a.stl"
     triangles = CORNERS[[[0, 1, 2], [0, 2, 3]]]
     path.write_bytes(binary_stl(triangles, b"solid exported by somebody"))
-    np.testing.assert_array_equal(read_vertices(path), triangles.reshape(-1, 3))
+    np.testing.assert_array_equal(read_triangles(path), triangles)
     path.write_text(
         "solid a\n facet normal 0 0 1\n  outer loop\n"
         + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in triangles[0])
         + "  endloop\n endfacet\nendsolid a\n"
     )
-    np.testing.assert_array_equal(read_vertices(path), triangles[0])
+    np.testing.assert_array_equal(read_triangles(path), triangles[:1])
 
 
 def test_an_obj_gives_its_vertices_and_not_its_normals(tmp_path: Path) -> None:
@@ -57,7 +58,11 @@ def test_an_obj_gives_its_vertices_and_not_its_normals(tmp_path: Path) -> None:
     path.write_text(
         "mtllib x.mtl\nv 0 0 0 0.5 0.5 0.5\nvn 9 9 9\nvt 8 8\nv 1 0 0\n v 0 2 0\nf 1//1 2//1 3//1\n"
     )
-    np.testing.assert_array_equal(read_vertices(path), CORNERS[:3])
+    np.testing.assert_array_equal(read_triangles(path), CORNERS[None, :3])
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nv 5 5 5\nf 1 2 3 4\nf -5/1 -4/1 -3/1\n")
+    np.testing.assert_array_equal(read_triangles(path), CORNERS[[[0, 1, 2], [0, 1, 2], [0, 2, 3]]])
+    path.write_text("v 0 0 0\nv 1 0 0\n")
+    np.testing.assert_array_equal(read_triangles(path)[:, 2], CORNERS[:2])
 
 
 def test_a_dae_counts_used_vertices_where_the_scene_puts_them_in_metres(tmp_path: Path) -> None:
@@ -65,19 +70,17 @@ def test_a_dae_counts_used_vertices_where_the_scene_puts_them_in_metres(tmp_path
     path.write_text(DAE)
     x, y, z = CORNERS.T  # doubled, turned by 90 degrees about z, moved by 10 along x; inches; y is not up
     expected = 0.0254 * np.column_stack([10 - 2 * y, 2 * x, 2 * z])
-    np.testing.assert_allclose(
-        np.unique(read_vertices(path), axis=0), np.unique(expected, axis=0), atol=1e-15
-    )
+    np.testing.assert_allclose(read_triangles(path), expected[[[0, 1, 2], [0, 2, 3]]], atol=1e-15)
     path.write_text(DAE[: DAE.index(" <library_visual_scenes>")] + "</COLLADA>")
-    np.testing.assert_allclose(read_vertices(path), 0.0254 * CORNERS)
+    np.testing.assert_allclose(read_triangles(path), 0.0254 * CORNERS[[[0, 1, 2], [0, 2, 3]]])
 
 
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
         ("a.step", b"", "form '.step' are not read.*Convert"),
-        ("a.stl", b"", "no vertices"),
-        ("a.obj", b"v 0 0 nan\n", "no numbers"),
+        ("a.stl", b"", "no triangles"),
+        ("a.obj", b"v 0 0 nan\n", "are no numbers"),
         ("a.obj", b"v 0 0 zero\n", "cannot be read"),
         ("a.dae", b"<COLLADA><scene>", "cannot be read"),
         ("a.dae", b"<svg/>", "no COLLADA file"),
@@ -88,7 +91,7 @@ def test_a_mesh_that_is_none_says_so_with_its_path(
 ) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(UsageError, match=words) as refused:
-        read_vertices(tmp_path / name)
+        read_triangles(tmp_path / name)
     assert name in refused.value.where
 
 
@@ -118,7 +121,7 @@ def test_a_hull_contains_its_points_and_its_faces_look_outwards(cloud: np.ndarra
 def test_a_hull_as_obj_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     vertices, faces = hull(np.random.default_rng(0).normal(size=(30, 3)))
     (tmp_path / "a.obj").write_bytes(obj_text(vertices, faces))
-    np.testing.assert_array_equal(read_vertices(tmp_path / "a.obj"), vertices)
+    np.testing.assert_array_equal(read_triangles(tmp_path / "a.obj"), vertices[faces])
 
 
 @pytest.mark.parametrize(
@@ -155,3 +158,59 @@ def test_a_root_that_is_named_comes_first(tmp_path: Path) -> None:
     model = tmp_path / "near/arm.urdf"
     assert mesh_path("package://arm/a.stl", model) == tmp_path / "near/arm/a.stl"
     assert mesh_path("package://arm/a.stl", model, (tmp_path / "root",)) == tmp_path / "root/arm/a.stl"
+
+
+@pytest.mark.parametrize(
+    ("primitive", "corners"),
+    [
+        ("<tristrips>{}<p>0 1 2 3</p></tristrips>", [[0, 1, 2], [1, 2, 3]]),
+        ("<trifans>{}<p>0 1 2 3</p></trifans>", [[0, 1, 2], [0, 2, 3]]),
+        ("<polygons>{}<p>0 1 2</p><p>0 1 2 3</p></polygons>", [[0, 1, 2], [0, 1, 2], [0, 2, 3]]),
+        (
+            "<polylist>{}<vcount>4 3</vcount><p>0 1 2 3 1 2 3</p></polylist>",
+            [[0, 1, 2], [1, 2, 3], [0, 2, 3]],
+        ),
+    ],
+)
+def test_every_primitive_of_a_dae_becomes_triangles(
+    tmp_path: Path, primitive: str, corners: list[list[int]]
+) -> None:
+    start, end = DAE.index("<triangles"), DAE.index("</triangles>") + len("</triangles>")
+    vertex = '<input semantic="VERTEX" source="#v" offset="0"/>'
+    text = DAE[:start] + primitive.format(vertex) + DAE[end : DAE.index(" <library_visual_scenes>")]
+    path = tmp_path / "a.dae"
+    path.write_text(text + "</COLLADA>")
+    np.testing.assert_allclose(read_triangles(path), 0.0254 * CORNERS[corners])
+
+
+def solid(*boxes: tuple[float, ...]) -> np.ndarray:
+    """Triangles of boxes, each given by two corners."""
+    found = []
+    for x, y, z, X, Y, Z in boxes:
+        vertices, faces = hull(np.array([[a, b, c] for a in (x, X) for b in (y, Y) for c in (z, Z)]))
+        found.append(vertices[faces])
+    return np.concatenate(found)
+
+
+def inside(points: np.ndarray, part: np.ndarray) -> np.ndarray:
+    vertices, faces = hull(part)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return np.all(np.einsum("fi,fpi->fp", np.cross(b - a, c - a), points[None] - a[:, None]) < 1e-12, axis=0)
+
+
+def test_slabs_of_a_bent_mesh_contain_it_and_less_air() -> None:
+    bent = solid((0, 0, 0, 1, 0.1, 0.1), (0, 0, 0, 0.1, 0.1, 0.8), (0.9, 0, 0, 1, 0.1, 0.8))
+    parts = slabs(bent)
+    assert len(parts) == SLABS
+    assert sum(map(volume, parts)) < 0.75 * volume(bent.reshape(-1, 3))
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), (40, len(bent)))
+    points = np.einsum("snk,nki->sni", weights, bent).reshape(-1, 3)
+    assert np.any([inside(points, part) for part in parts], axis=0).all()
+    air = np.array([[0.5, 0.05, 0.5]])
+    assert inside(air, bent.reshape(-1, 3)).all()
+    assert not np.any([inside(air, part) for part in parts])
+
+
+def test_a_convex_mesh_is_not_cut() -> None:
+    (whole,) = slabs(solid((0, 0, 0, 1, 0.2, 0.3)))
+    np.testing.assert_allclose(volume(whole), 0.06, rtol=1e-12)

@@ -50,14 +50,15 @@ def describe(
     spec, confirm = read(path, joints, held)
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
+        from etude.robots.arm.loading.crowded import crowded_links
         from etude.robots.arm.loading.load import load
         from etude.robots.arm.loading.pack import packed
 
         name = f"{MODEL_NAME}{spec.model_file.suffix}"
-        files[name], meshes = packed(spec.model_file, mesh_roots)
-        files |= meshes
         loaded = load(spec.model_file, spec.names, held=spec.held, mesh_roots=mesh_roots)
-        loaded.model()
+        crowded = crowded_links(loaded, spec.lower, spec.upper)
+        files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
+        files |= meshes
         confirm = (*confirm, *loaded.notes)
         spec = replace(spec, model_file=Path(name))
     text = robot_to_toml(spec, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))

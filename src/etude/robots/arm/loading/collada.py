@@ -1,4 +1,4 @@
-"""Vertices of COLLADA files (.dae): those that primitives use, placed by the scene, in metres.
+"""Triangles of COLLADA files (.dae), placed by the scene, in metres.
 
 Files carry vertices that no primitive uses, and units other than the metre. The axis that the file calls up
 is left as it is: so does ROS, and descriptions are written for it.
@@ -7,18 +7,18 @@ is left as it is: so does ROS, and descriptions are written for it.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Index
 from etude.robots.arm.physics.kinematics import axis_rotation
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
 
-def collada_vertices(data: bytes) -> Array:
-    """(n, 3) vertices in m. ValueError or LookupError if the file is no COLLADA."""
+def collada_triangles(data: bytes) -> Array:
+    """(n, 3, 3) corners in m. ValueError or LookupError if the file is no COLLADA."""
     root = ET.fromstring(data)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -32,7 +32,7 @@ def collada_vertices(data: bytes) -> Array:
         parts = [_used(geometry, named) for geometry in root.iter("geometry")]
     else:
         parts = list(_placed(_meant(scene, named), np.eye(4), named))
-    return metre * np.concatenate([*parts, np.zeros((0, 3))])
+    return metre * np.concatenate([*parts, np.zeros((0, 3, 3))])
 
 
 def _meant(instance: ET.Element, named: dict[str, ET.Element]) -> ET.Element:
@@ -40,7 +40,7 @@ def _meant(instance: ET.Element, named: dict[str, ET.Element]) -> ET.Element:
 
 
 def _placed(node: ET.Element, pose: Array, named: dict[str, ET.Element]) -> Iterator[Array]:
-    """Vertices of what a node holds, in the scene's frame."""
+    """Triangles of what a node holds, in the scene's frame."""
     for part in node:
         pose = pose @ _step(part)
     for part in node:
@@ -87,18 +87,42 @@ def _floats(element: ET.Element) -> Array:
 
 
 def _used(geometry: ET.Element, named: dict[str, ET.Element]) -> Array:
-    """Vertices of a geometry that its primitives use."""
-    parts = [np.zeros((0, 3))]
+    """Triangles of a geometry; vertices that no primitive uses are none of it."""
+    parts = [np.zeros((0, 3, 3))]
     for primitive in geometry.iter():
         if primitive.tag in PRIMITIVES:
             inputs = primitive.findall("input")
             stride = 1 + max(int(entry.get("offset", "0")) for entry in inputs)
             vertex = next(entry for entry in inputs if entry.get("semantic") == "VERTEX")
             points = _positions(_meant(vertex, named), named)
+            counts = primitive.find("vcount")
             for indices in primitive.findall("p"):
                 numbers = np.array((indices.text or "").split(), dtype=np.int64)
-                parts.append(points[np.unique(numbers[int(vertex.get("offset", "0")) :: stride])])
+                corners = numbers[int(vertex.get("offset", "0")) :: stride]
+                parts.append(points[_triangles(primitive.tag, corners, counts)])
     return np.concatenate(parts)
+
+
+def _triangles(kind: str, corners: Index, counts: ET.Element | None) -> Index:
+    """(n, 3) corners of the triangles of one primitive's <p>."""
+    if kind == "triangles":
+        return corners.reshape(-1, 3)
+    if kind == "tristrips":
+        return np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    if kind == "polylist" and counts is not None:
+        return fans(corners, [int(count) for count in (counts.text or "").split()])
+    return fans(corners, [len(corners)])
+
+
+def fans(corners: Index, counts: Sequence[int]) -> Index:
+    """(n, 3) corners of the triangles of polygons, whose corners stand one after another."""
+    many = np.array(counts)
+    first = np.cumsum(many) - many
+    found = [np.zeros((0, 3), dtype=np.int64)]
+    for i in range(1, int(many.max(initial=0)) - 1):
+        start = first[many > i + 1]
+        found.append(corners[np.stack([start, start + i, start + i + 1], axis=1)])
+    return np.concatenate(found)
 
 
 def _positions(vertices: ET.Element, named: dict[str, ET.Element]) -> Array:

@@ -1,4 +1,4 @@
-"""Vertices of STL and OBJ files; COLLADA has a file of its own. A convex hull needs no more of a mesh."""
+"""Triangles of STL and OBJ files; COLLADA has a file of its own."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.collada import collada_vertices
+from etude.robots.arm.loading.collada import collada_triangles, fans
 
 STL_HEAD, STL_FACET = 84, 50  # bytes
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def read_vertices(path: Path) -> Array:
-    """(n, 3) vertices that a mesh file's faces use, in m, possibly repeated.
+def read_triangles(path: Path) -> Array:
+    """(n, 3, 3) corners of a mesh file's triangles, in m; an OBJ without faces gives its vertices thrice.
 
     Raises:
         UsageError: the format is not known, or the file is not of it.
@@ -29,25 +29,31 @@ def read_vertices(path: Path) -> Array:
             next_step=f"Convert it to one of {', '.join(READERS)}.",
         )
     try:
-        points = read(path.read_bytes())
+        triangles = read(path.read_bytes())
     except (OSError, ValueError, LookupError, SyntaxError) as problem:
         raise UsageError(f"the mesh cannot be read: {problem}", where=str(path)) from None
-    if not len(points) or not np.all(np.isfinite(points)):
-        raise UsageError("the mesh has no vertices, or some that are no numbers", where=str(path))
-    return points
+    if not len(triangles) or not np.all(np.isfinite(triangles)):
+        raise UsageError("the mesh has no triangles, or corners that are no numbers", where=str(path))
+    return triangles
 
 
-def stl_vertices(data: bytes) -> Array:
+def stl_triangles(data: bytes) -> Array:
     """Binary if its length says so: many binary files begin with "solid", the word of the other form."""
     if len(data) >= STL_HEAD:
         count = int.from_bytes(data[80:84], "little")
         if len(data) == STL_HEAD + STL_FACET * count:
-            return np.frombuffer(data, FACET, offset=STL_HEAD)["corners"].reshape(-1, 3).astype(float)
-    return _rows(data, b"vertex")
+            return np.frombuffer(data, FACET, offset=STL_HEAD)["corners"].astype(float)
+    return _rows(data, b"vertex").reshape(-1, 3, 3)
 
 
-def obj_vertices(data: bytes) -> Array:
-    return _rows(data, b"v")
+def obj_triangles(data: bytes) -> Array:
+    points = _rows(data, b"v")
+    faces = [line.split()[1:] for line in data.splitlines() if line.split(None, 1)[:1] == [b"f"]]
+    if not faces:
+        return np.repeat(points[:, None], 3, axis=1)
+    corners = [int(corner.partition(b"/")[0]) for face in faces for corner in face]
+    indices = np.array([corner - 1 if corner > 0 else corner for corner in corners])
+    return points[fans(indices, [len(face) for face in faces])]
 
 
 def _rows(data: bytes, word: bytes) -> Array:
@@ -57,7 +63,7 @@ def _rows(data: bytes, word: bytes) -> Array:
 
 
 READERS: Mapping[str, Callable[[bytes], Array]] = {
-    ".stl": stl_vertices,
-    ".obj": obj_vertices,
-    ".dae": collada_vertices,
+    ".stl": stl_triangles,
+    ".obj": obj_triangles,
+    ".dae": collada_triangles,
 }

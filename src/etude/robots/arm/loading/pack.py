@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mesh_paths import mesh_path
-from etude.robots.arm.loading.mesh_readers import read_vertices
+from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.parsing import parsed
+from etude.robots.arm.loading.slabs import slabs
 from etude.robots.arm.loading.urdf_tree import numbers
 
 MESHES = "robot_meshes"
@@ -18,10 +20,13 @@ DEEPEST = 20
 """Levels of includes; more is a circle."""
 
 
-def packed(path: Path, mesh_roots: Sequence[Path] = ()) -> tuple[bytes, dict[str, bytes]]:
+def packed(
+    path: Path, mesh_roots: Sequence[Path] = (), crowded: Collection[str] = ()
+) -> tuple[bytes, dict[str, bytes]]:
     """The model file's bytes, and the mesh files that they name, by their path relative to it.
 
-    A URDF keeps everything but its pictures; its meshes become their convex hulls. An MJCF keeps everything,
+    A URDF keeps everything but its pictures; its meshes become their convex hulls, bent ones of the links in
+    `crowded` several; see `slabs`. An MJCF keeps everything,
     includes in their places. What is missing stays missing. A file without meshes and includes is copied byte
     by byte.
 
@@ -31,7 +36,7 @@ def packed(path: Path, mesh_roots: Sequence[Path] = ()) -> tuple[bytes, dict[str
     data = path.read_bytes()
     root = parsed(path)
     if root.tag == "robot":
-        meshes = _packed_urdf(root, path, mesh_roots)
+        meshes = _packed_urdf(root, path, mesh_roots, crowded)
         changed = bool(meshes)
     else:
         includes = root.find(".//include") is not None
@@ -42,33 +47,57 @@ def packed(path: Path, mesh_roots: Sequence[Path] = ()) -> tuple[bytes, dict[str
     return (bytes(ET.tostring(root, encoding="utf-8")) if changed else data), meshes
 
 
-def _packed_urdf(root: ET.Element, path: Path, mesh_roots: Sequence[Path]) -> dict[str, bytes]:
+def _packed_urdf(
+    root: ET.Element, path: Path, mesh_roots: Sequence[Path], crowded: Collection[str]
+) -> dict[str, bytes]:
     """Replaces meshes by hulls; pictures stay where no collision shape does."""
     meshes: dict[str, bytes] = {}
     for link in root.findall("link"):
-        kept = [s for s in link.findall("collision") if _pack_shape(s, path, mesh_roots, meshes)]
-        if kept and len(kept) == len(link.findall("collision")):
-            for drawn in link.findall("visual"):
-                link.remove(drawn)
-        else:
-            for drawn in link.findall("visual"):
-                _pack_shape(drawn, path, mesh_roots, meshes)
+        solid, drawn = link.findall("collision"), link.findall("visual")
+        cut = link.get("name") in crowded
+        kept = [_pack_shape(link, shape, path, mesh_roots, meshes, cut) for shape in solid]
+        for picture in drawn:
+            if kept and all(kept):
+                link.remove(picture)
+            else:
+                _pack_shape(link, picture, path, mesh_roots, meshes, False)
     return meshes
 
 
-def _pack_shape(shape: ET.Element, path: Path, mesh_roots: Sequence[Path], meshes: dict[str, bytes]) -> bool:
-    """Gives a shape the hull of its mesh; False if the mesh is missing."""
+def _pack_shape(
+    link: ET.Element,
+    shape: ET.Element,
+    path: Path,
+    mesh_roots: Sequence[Path],
+    meshes: dict[str, bytes],
+    cut: bool,
+) -> bool:
+    """Gives a shape the hull of its mesh, or several shapes of a bent one; False if the mesh is missing."""
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
     found = mesh_path(mesh.get("filename", ""), path, mesh_roots)
     if found is None:
         return False
-    name = f"{MESHES}/{len(meshes)}_{found.stem}.obj"
     scale = numbers(mesh.attrib.pop("scale", None), "1 1 1", str(path))
-    meshes[name] = obj_text(*hull(read_vertices(found) * scale))
-    mesh.set("filename", name)
+    triangles = read_triangles(found) * scale
+    names = []
+    for part in slabs(triangles) if cut else [triangles.reshape(-1, 3)]:
+        names.append(f"{MESHES}/{len(meshes)}_{found.stem}.obj")
+        meshes[names[-1]] = obj_text(*hull(part))
+    at = list(link).index(shape)
+    for k, name in enumerate(names[1:], start=1):
+        another = copy.deepcopy(shape)
+        another.attrib.pop("name", None)
+        _name_mesh(another, name)
+        link.insert(at + k, another)
+    mesh.set("filename", names[0])
     return True
+
+
+def _name_mesh(shape: ET.Element, name: str) -> None:
+    for mesh in shape.findall("geometry/mesh"):
+        mesh.set("filename", name)
 
 
 def _packed_mjcf(root: ET.Element, path: Path) -> dict[str, bytes]:

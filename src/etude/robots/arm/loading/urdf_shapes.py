@@ -17,7 +17,7 @@ import numpy as np
 from etude.contracts import Array
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mesh_paths import mesh_path
-from etude.robots.arm.loading.mesh_readers import read_vertices
+from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.urdf_tree import UrdfTree, numbers, parent
 
 SLENDER = 0.25
@@ -55,7 +55,7 @@ class _Meshes:
             self.missing.append(name)
             return ""
         if path not in self._read:
-            self._read[path] = read_vertices(path)
+            self._read[path] = read_triangles(path).reshape(-1, 3)
         scale = numbers(mesh.get("scale"), "1 1 1", f"{self.model}, link '{link}'")
         asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
         self.assets[asset] = obj_text(*hull(self._read[path] * scale))
