@@ -10,6 +10,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.load import load
+from etude.robots.arm.loading.pack import packed
 
 CUBE = " ".join(f"{x} {y} {z}" for x in (0, 0.2) for y in (-0.1, 0.1) for z in (-0.05, 0.05))
 GONE = '<texture name="t" file="gone.png" type="2d"/>'
@@ -114,3 +115,26 @@ def test_what_mujoco_cannot_load_is_said_with_the_file(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"MuJoCo cannot load the model.*mass and inertia") as refused:
         load(path)
     assert refused.value.where == str(path)
+
+
+def test_a_packed_file_has_its_meshes_beside_it(tmp_path: Path) -> None:
+    """Two meshes of one file name, in folders below the meshdir, under the names they had."""
+    for part, size in (("a", 0.1), ("b", 0.2)):
+        (tmp_path / "assets" / part).mkdir(parents=True)
+        corners = [f"v {x} {y} {z}" for x in (0, size) for y in (0, size) for z in (0, size)]
+        (tmp_path / "assets" / part / "link.obj").write_text("\n".join(corners))
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><compiler meshdir="assets"/><asset><mesh name="one" file="a/link.obj"/>'
+        '<mesh file="b/link.obj"/></asset><worldbody><body><joint name="j" axis="0 1 0"/>'
+        '<geom type="mesh" mesh="one"/><geom type="mesh" mesh="link"/></body></worldbody></mujoco>'
+    )
+    data, meshes = packed(path)
+    assert sorted(meshes) == ["robot_meshes/0_link.obj", "robot_meshes/1_link.obj"]
+    alone = tmp_path / "alone" / "robot.xml"
+    for name, content in {alone.name: data, **meshes}.items():
+        (alone.parent / name).parent.mkdir(parents=True, exist_ok=True)
+        (alone.parent / name).write_bytes(content)
+    one, other = load(alone, ["j"]).model(), load(path, ["j"]).model()
+    np.testing.assert_array_equal(one.mesh_vert, other.mesh_vert)
+    np.testing.assert_array_equal(one.body_inertia, other.body_inertia)

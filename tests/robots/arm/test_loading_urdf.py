@@ -11,6 +11,7 @@ import pytest
 from loading_examples import ARM, BOX, CUBE, INERTIAL, MESH, joint, link, robot, write
 
 from etude.errors import UsageError
+from etude.robots.arm.loading.crowded import crowded_links
 from etude.robots.arm.loading.inertia import SMALLEST, possible
 from etude.robots.arm.loading.load import load
 from etude.robots.arm.loading.loaded import Loaded
@@ -229,3 +230,24 @@ def test_angles_give_the_turn_back() -> None:
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
     np.testing.assert_allclose(turn_of(0, 0, np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(turn_of(np.pi / 2, 0, 0) @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+
+
+def test_links_are_crowded_where_shapes_of_distant_parts_overlap(urdf: Path) -> None:
+    """Three bars of 0.3 m in a plane: the third lies on the first only if the joint between folds it back."""
+    bar = '<collision><origin xyz="0.15 0 0"/><geometry><box size="0.25 0.02 0.02"/></geometry></collision>'
+    links = "".join(
+        f'<link name="{n}">{INERTIAL.format(mass=1)}{bar}</link>' for n in ("one", "two", "three")
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="{a}"/><child link="{b}"/><origin xyz="{x} 0 0"/>'
+        f'<axis xyz="0 0 1"/><limit lower="-4" upper="4" velocity="1" effort="1"/></joint>'
+        for k, (a, b, x) in enumerate([("base", "one", 0), ("one", "two", 0.3), ("two", "three", 0.05)])
+    )
+    urdf.write_text(robot(f'<link name="base"/>{links}{joints}'))
+    loaded = load(urdf)
+    # the third begins beside the end of the first: it lies on it if both turn by the same half turn
+    folded = np.array([0.0, 0.0, np.pi - 0.05]), np.array([1.0, 0.0, np.pi + 0.05])
+    assert crowded_links(loaded, *folded) == {"one", "three"}
+    assert crowded_links(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == set()
+    seldom = np.array([0.0, 0.0, 2.2]), np.array([1.0, 0.0, np.pi + 0.05])
+    assert crowded_links(loaded, *seldom) == {"one", "three"}
