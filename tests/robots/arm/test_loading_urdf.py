@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from loading_examples import ARM, BOX, CUBE, INERTIAL, MESH, joint, link, robot, write
+from loading_examples import ARM, BOX, CUBE, INERTIAL, LIMIT, MESH, joint, link, robot, write
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.crowded import crowded_links
@@ -251,3 +251,18 @@ def test_links_are_crowded_where_shapes_of_distant_parts_overlap(urdf: Path) -> 
     assert crowded_links(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == set()
     seldom = np.array([0.0, 0.0, 2.2]), np.array([1.0, 0.0, np.pi + 0.05])
     assert crowded_links(loaded, *seldom) == {"one", "three"}
+
+
+@pytest.mark.parametrize("limit", ['<limit effort="3"/>', '<limit lower="1" upper="1" effort="3"/>', ""])
+def test_a_hinge_without_a_range_has_none_and_mujoco_writes_no_file(
+    urdf: Path, limit: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = urdf.parent / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    urdf.write_text(robot().replace(LIMIT, limit, 1))
+    model = load(urdf).model()
+    assert not model.jnt_limited[model.joint("shoulder").id]
+    if limit:
+        np.testing.assert_allclose(model.joint("shoulder").actfrcrange, [-3, 3])
+    assert list(folder.iterdir()) == []

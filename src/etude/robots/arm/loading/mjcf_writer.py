@@ -16,12 +16,12 @@ from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mjcf_additions import add_carried, mounted
 from etude.robots.arm.loading.mjcf_joints import moving
+from etude.robots.arm.loading.mjcf_parts import SHAPES, joints_of, name_of, shapes_of_bodies
 
 if TYPE_CHECKING:
     import mujoco
 
-SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
-SIZES = {2: 1, 3: 2, 4: 3, 5: 2, 6: 3, 7: 0}
+SIZES = {2: 1, 3: 2, 4: 3, 5: 2, 6: 3, 7: 0}  # numbers of each of SHAPES
 SLIDE = 2  # mjtJoint
 NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
 
@@ -49,7 +49,7 @@ class _Writer:
 
     def body(self, parent: ET.Element, b: int, shapes: Mapping[int, Sequence[int]]) -> ET.Element:
         m = self.model
-        new = ET.SubElement(parent, "body", name=_name(m, b), gravcomp=repr(float(m.body_gravcomp[b])))
+        new = ET.SubElement(parent, "body", name=name_of(m, b), gravcomp=repr(float(m.body_gravcomp[b])))
         at, quat = self._pose(b)
         new.set("pos", _text(at))
         new.set("quat", _text(quat))
@@ -61,7 +61,7 @@ class _Writer:
                 ("diaginertia", m.body_inertia),
             ):
                 inertial.set(key, _text(values[b]))
-        for j in _joints(m, b):
+        for j in joints_of(m, b):
             if m.joint(j).name in self.choice.joints:
                 self._joint(new, j)
         self.geoms(new, b, shapes.get(b, ()))
@@ -71,7 +71,7 @@ class _Writer:
         """Position and quaternion in the parent's frame, with the joints that are held where they are."""
         m, moves = self.model, False
         at, quat = np.array(m.body_pos[b]), np.array(m.body_quat[b])
-        for j in _joints(m, b):
+        for j in joints_of(m, b):
             name = m.joint(j).name
             if name in self.choice.joints:
                 moves = True
@@ -107,7 +107,7 @@ class _Writer:
             new.set("actuatorfrcrange", _text(m.jnt_actfrcrange[j]))
 
     def geoms(self, body: ET.Element, b: int, shapes: Sequence[int]) -> None:
-        m, name = self.model, _name(self.model, b)
+        m, name = self.model, name_of(self.model, b)
         for k, g in enumerate(shapes):
             kind = int(m.geom_type[g])
             new = ET.SubElement(body, "geom", name=f"{name}#{k}", type=SHAPES[kind])
@@ -163,7 +163,7 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     if added.mounting is not None:
         world = mounted(world, added.mounting)
-    shapes, notes = _shapes(model, choice, writer.unseen)
+    shapes, notes = shapes_of_bodies(model, choice, writer.unseen)
     elements = {0: world}
     writer.geoms(world, 0, shapes.get(0, ()))
     for b in range(1, model.nbody):
@@ -184,7 +184,7 @@ def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) ->
     """The body that carries a tool or a payload."""
     if not one.link:
         return int(model.jnt_bodyid[model.joint(tip(moving(model), choice.joints, what)).id])
-    names = [_name(model, b) for b in range(model.nbody)]
+    names = [name_of(model, b) for b in range(model.nbody)]
     if one.link not in names:
         raise UsageError(
             f"there is no body '{one.link}'",
@@ -194,38 +194,6 @@ def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) ->
     return names.index(one.link)
 
 
-def _shapes(
-    model: mujoco.MjModel, choice: Choice, unseen: list[str]
-) -> tuple[dict[int, list[int]], tuple[str, ...]]:
-    """Geoms to keep by body: those that collide; of a part without any, all."""
-    parts: dict[int, list[int]] = {}
-    for b in range(model.nbody):
-        parts.setdefault(_part(model, choice, b), []).append(b)
-    kept: dict[int, list[int]] = {}
-    drawn, notes = [], []
-    for part, bodies in parts.items():
-        geoms = [g for b in bodies for g in _geoms(model, b) if int(model.geom_type[g]) in SHAPES]
-        solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
-        for g in solid or geoms:
-            kept.setdefault(int(model.geom_bodyid[g]), []).append(g)
-        if part and geoms and not solid:
-            drawn.append(_name(model, part))
-        if part and not geoms:
-            unseen.append(f"the shape of body '{_name(model, part)}': the file has none")
-        if any(int(model.geom_type[g]) == 0 for b in bodies for g in _geoms(model, b)):
-            notes.append("A plane of the file is left out: it is the room, not the robot.")
-    if drawn and model.geom_contype.any():  # a file in which nothing collides means nothing by it
-        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
-    return kept, tuple(notes)
-
-
-def _part(model: mujoco.MjModel, choice: Choice, b: int) -> int:
-    """The first body of what moves as one with body b."""
-    while b and not any(model.joint(j).name in choice.joints for j in _joints(model, b)):
-        b = int(model.body_parentid[b])
-    return b
-
-
 def _excluded(model: mujoco.MjModel, names: Mapping[int, Sequence[str]]) -> tuple[tuple[str, str], ...]:
     """Pairs of geoms whose bodies the file excludes from contact."""
     found = []
@@ -233,18 +201,6 @@ def _excluded(model: mujoco.MjModel, names: Mapping[int, Sequence[str]]) -> tupl
         one, other = int(signature) >> 16, int(signature) & 0xFFFF
         found += [(a, b) for a in names.get(one, ()) for b in names.get(other, ())]
     return tuple(found)
-
-
-def _joints(model: mujoco.MjModel, b: int) -> range:
-    return range(int(model.body_jntadr[b]), int(model.body_jntadr[b]) + int(model.body_jntnum[b]))
-
-
-def _geoms(model: mujoco.MjModel, b: int) -> range:
-    return range(int(model.body_geomadr[b]), int(model.body_geomadr[b]) + int(model.body_geomnum[b]))
-
-
-def _name(model: mujoco.MjModel, b: int) -> str:
-    return model.body(b).name or f"body{b}"
 
 
 def _first(value: float | Array) -> float:

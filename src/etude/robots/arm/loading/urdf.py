@@ -6,6 +6,7 @@ a new file is written of what matters, and nothing of the old one is patched.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -79,6 +80,18 @@ def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, 
 def _base(tree: UrdfTree) -> tuple[str, ...]:
     loose = "".join(f" although '{name}' is floating or planar" for name in tree.floating())
     return (f"the base '{tree.root}' is taken to be fixed{loose}",)
+
+
+def _without_range(joint: ET.Element) -> list[ET.Element]:
+    """Takes the <limit> from a joint; the same without positions, as of a joint that turns without end."""
+    limits = joint.findall("limit")
+    for limit in limits:
+        joint.remove(limit)
+    joint.set("type", {"revolute": "continuous"}.get(joint.get("type", ""), joint.get("type", "")))
+    keep = ("effort", "velocity")
+    return [
+        ET.Element("limit", {key: one.attrib[key] for key in keep if key in one.attrib}) for one in limits
+    ]
 
 
 def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
