@@ -162,7 +162,7 @@ def _propose(
 def _first(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, dict[str, Any]]:
     """A random trajectory."""
     status = f"{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
-    return typical_motions(campaign, rng, 1)[0], {"status": status, "gain": None}
+    return typical_motions(campaign, rng, 1, grown=True)[0], {"status": status, "gain": None}
 
 
 def _designed(

@@ -8,8 +8,10 @@ from etude.campaign.folder import Campaign
 from etude.contracts import Trajectory
 
 
-def typical_motions(campaign: Campaign, rng: np.random.Generator, count: int) -> list[Trajectory]:
-    """Random trajectories inside the limits, as large as these allow.
+def typical_motions(
+    campaign: Campaign, rng: np.random.Generator, count: int, *, grown: bool = False
+) -> list[Trajectory]:
+    """Random trajectories inside the limits, as large as these allow; or, grown, nearly so.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
@@ -19,4 +21,4 @@ def typical_motions(campaign: Campaign, rng: np.random.Generator, count: int) ->
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family, home = kind.family(spec, config), kind.home(spec)
     source = Source(family, tuple(campaign.limits()), home, config.design.sampler)
-    return [drawn.trajectory for drawn in source.typical(rng, count)]
+    return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
