@@ -11,7 +11,11 @@ from etude.contracts import Trajectory
 def typical_motions(
     campaign: Campaign, rng: np.random.Generator, count: int, *, grown: bool = False
 ) -> list[Trajectory]:
-    """Random trajectories inside the limits, as large as these allow; or, grown, nearly so.
+    """Random trajectories inside the limits, as large as these allow.
+
+    Args:
+        campaign: whose. rng: source. count: of them.
+        grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
