@@ -40,6 +40,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "velocity": ("vel", "v", "state_estimate_v", "stateestimate_v"),
     "orientation": ("q", "quat", "quaternion", "attitude_q"),
     "attitude": ("stabilizer", "state_estimate", "stateestimate", "euler", "rpy"),
+    "battery_voltage": ("vbat", "vbatt", "pm_vbat"),
     "position_des": ("position_ref", "setpoint", "p_des", "ref_position"),
 }
 # Sensors that recorders write under several names at once: the first complete spelling is taken.

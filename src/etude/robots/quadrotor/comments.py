@@ -20,6 +20,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "altitude": "whether the altitude is an input",
         "acceleration": '"specific_force", or "kinematic", as the thesis',
         "body_velocity": "whether the velocity is an input; drag depends on it",
+        "battery_voltage": "whether the voltage may be an input; it is where flights held out gain",
         "trims": "whether the identified physics have a constant for each motor",
     },
 }
