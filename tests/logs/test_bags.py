@@ -13,7 +13,7 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
 from etude.contracts import Log
 from etude.errors import DataError, UsageError
-from etude.logs.fingerprint import sha256_of_log
+from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 
@@ -172,6 +172,9 @@ def test_the_hash_of_a_bag_is_of_its_files(tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
     (copy / "notes.txt").write_text("mine")
     assert sha256_of_log(copy) == before
+    sizes = [one.stat().st_size for one in folder.iterdir()]
+    assert bytes_of_log(copy) == sum(sizes)
+    assert bytes_of_log(bags.storage(folder)) in sizes
     with (copy / "metadata.yaml").open("a") as file:
         file.write("\n")
     assert sha256_of_log(copy) != before

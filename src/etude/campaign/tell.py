@@ -22,7 +22,7 @@ from etude.campaign.state import State
 from etude.contracts import Finding, Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
-from etude.logs.fingerprint import sha256_of_log
+from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
@@ -240,7 +240,7 @@ def _store(
     origin = {
         "path": str(path.resolve()),
         "sha256": digest,
-        "bytes": path.stat().st_size,
+        "bytes": bytes_of_log(path),
         "repairs": list(log.repairs),
     }
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
