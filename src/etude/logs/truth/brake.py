@@ -53,7 +53,8 @@ def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:
     size = np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)
     still = (size < STILL).all(axis=1)
     idle = (np.maximum.reduceat(u, first) <= IDLE * limit).all(axis=1)
-    return still & idle, np.append(log.t[first], np.nextafter(log.t[-1], np.inf))
+    off = np.asarray(still & idle)
+    return off, np.append(log.t[first], np.nextafter(log.t[-1], np.inf))
 
 
 def _spans(off: Mask, edges: Array) -> tuple[tuple[float, float], ...]:
