@@ -29,7 +29,7 @@ from etude.limits.certificate import certify_bytes
 from etude.models.gp.exact import ExactGP
 from etude.trajectories.moves import PointToPoint
 
-ARM = DesignConfig(candidates=6, refine=2, steps=10, points=25, reference_points=30)
+ARM = DesignConfig(candidates=6, refine=2, steps=10, points=25, reference_points=30, random_share=0.0)
 FLIGHT = DesignConfig(
     sampler="uniform",
     candidates=12,
@@ -39,6 +39,7 @@ FLIGHT = DesignConfig(
     planned_noise=True,
     reference_points=40,
     inducing=40,
+    random_share=0.0,
 )
 FAMILIES = ("nullspace", "ramp, omega0 drawn")
 CRITERIA = tuple(name for name in plugins.BUILT_IN[GROUP] if name != "d_opt")

@@ -121,7 +121,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
-        "models": _scores(before, inputs, samples, 1 + len(waiting)),
+        "models": _scores(before, inputs, samples, _groups(campaign, logs[: -1 - len(waiting)])),
         "held_out_mae": _left_out(ladder),
         "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
         "chosen": label(ladder.chosen),
@@ -139,10 +139,20 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
 
 
 def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
-    """The samples of stored logs; the groups are their places in `numbers`."""
+    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time."""
     logs = [read_log_file(campaign.run_file(number)) for number in numbers]
-    groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
+    groups, first = [], 0
+    for log, starts in zip(logs, _starts(campaign, numbers), strict=True):
+        place = np.searchsorted(starts, log.t, side="right") - 1
+        groups.append(first + np.maximum(place, 0).astype(np.int64))
+        first += len(starts)
     return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
+
+
+def _starts(campaign: Campaign, numbers: Sequence[int]) -> list[list[float]]:
+    """When each segment of those logs starts, s; a single one is the whole log."""
+    rounds = campaign.state().rounds
+    return [(rounds[number].told or {}).get("segments", [0.0]) for number in numbers]
 
 
 def newest_model(campaign: Campaign, state: State) -> LearnedModel:
@@ -213,9 +223,14 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
 
 
-def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, count: int = 1) -> dict[str, Any]:
-    """Each rung of the earlier model on the newest `count` logs, and what every rung has to beat."""
-    newest = samples.group > samples.group.max() - count
+def _groups(campaign: Campaign, numbers: Sequence[int]) -> int:
+    """How many groups those logs make."""
+    return sum(map(len, _starts(campaign, numbers)))
+
+
+def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int) -> dict[str, Any]:
+    """Each rung of the earlier model on all but the `known` first groups, and what every rung has to beat."""
+    newest = samples.group >= known
     new = samples.take(newest)
     found: dict[str, Score] = {}
     if before is not None:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
 from etude.storage import write_atomic
+from etude.trajectories.chain import segment_starts
 
 
 class How(TypedDict, total=False):
@@ -246,7 +247,7 @@ def _store(
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
     write_atomic(campaign.source_file(number), text.encode())
     files = [campaign.run_file(number), campaign.source_file(number)]
-    facts = {
+    facts: dict[str, Any] = {
         "sha256": digest,
         "source": path.name,
         "foreign": foreign,
@@ -255,6 +256,9 @@ def _store(
         "rows": len(log),
         "repairs": list(log.repairs),
     }
+    starts = [] if foreign else segment_starts(stored_trajectory(campaign, number, speed))
+    if len(starts) > 1:
+        facts["segments"] = starts
     if given:
         facts["answers"] = [[what, check, list(by)] for what, check, by in given]
     campaign.commit("told", number, files, **facts, **as_facts(findings))

@@ -138,5 +138,5 @@ TRAJECTORY = "FourierConfig(harmonics=2, duration=60.0, omega0=(0.105, 0.2), res
 DESIGN = (
     "DesignConfig(criterion='mean_variance', sampler='scaled', candidates=24, refine=2, steps=15, "
     "points=50, planned_noise=False, reference_points=100, random_share=0.0, inducing=0, "
-    "raw_units=True)"
+    "raw_units=True, first='random', reference='family')"
 )
