@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from design_examples import arm_model, differences
+
 from etude.design.batch import PlainBatch, batch_of
-from etude.design.conditioned import Conditioned
+from etude.design.conditioned import Conditioned, given_planned
 from etude.design.view import PlannedPosterior, latents_of
 from etude.models.gp.exact import ExactGP
 
@@ -22,7 +22,9 @@ def posterior():
 
 def near(count: int, rng=RNG) -> np.ndarray:
     X = posterior().X
-    return X[rng.integers(len(X), size=count)] + 0.3 * X.std(axis=0) * rng.standard_normal((count, X.shape[1]))
+    return X[rng.integers(len(X), size=count)] + 0.3 * X.std(axis=0) * rng.standard_normal(
+        (count, X.shape[1])
+    )
 
 
 class Bare:
@@ -56,7 +58,9 @@ def test_samples_that_do_not_count_change_nothing() -> None:
     same = Conditioned.on(known, planned[gains > 0], gains[gains > 0])
     np.testing.assert_allclose(found.predict(X)[1], same.predict(X)[1], rtol=1e-10)
     # a gain d is a noise of sn^2 / d^2: d = 1/2 teaches less than 1 and more than nothing
-    once, half = (Conditioned.on(known, planned[:1], np.array([d])).predict(planned[:1])[1] for d in (1.0, 0.5))
+    once, half = (
+        Conditioned.on(known, planned[:1], np.array([d])).predict(planned[:1])[1] for d in (1.0, 0.5)
+    )
     assert once < half < known.predict(planned[:1])[1]
 
 
@@ -85,6 +89,18 @@ def test_its_gradients_are_differences(seen: str) -> None:
     batch, at = batch_of(found, X), batch_of(found, Z)
     exact = batch.gradient(variance=g, own=own, cross=(at, cross), reduction=(at, A, B))
     np.testing.assert_allclose(exact.ravel(), differences(value, X.ravel()), rtol=2e-5, atol=1e-4)
+
+
+def test_an_exact_process_is_refitted_with_what_would_not_be_masked() -> None:
+    known, planned, X = posterior(), near(9), near(6)
+    gains = np.array([1.0, -1.0, 0.5, 0.0, 1.0, 0.3, 0.0, 0.0, -0.99])
+    found, told = given_planned(known, planned, gains), np.abs(gains) > 0.9
+    same = Conditioned.on(known, planned[told], np.ones(4))
+    np.testing.assert_allclose(found.predict(X)[1], same.predict(X)[1], atol=1e-8 * known.signal_variance)
+    np.testing.assert_allclose(found.predict(X)[0], known.predict(X)[0], atol=1e-6)
+    assert found.signal_variance == known.signal_variance
+    assert given_planned(known, planned, np.zeros(9)) is known
+    assert isinstance(given_planned(Bare(known), planned, gains), Conditioned)
 
 
 def test_without_shared_factors_it_is_the_same() -> None:

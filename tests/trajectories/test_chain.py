@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def chain() -> Chain:
 def test_pieces_follow_each_other_and_segments_say_when_they_start() -> None:
     found = chain().pieces()
     assert [label for _, label, _ in found] == ["approach", "segment", "link", "segment", "return"]
-    for (start, _, piece), (following, _, _) in zip(found[:-1], found[1:], strict=True):
+    for (start, _, piece), (following, _, _) in pairwise(found):
         assert following == pytest.approx(start + piece.duration)
     assert segment_starts(chain()) == [found[1][0], found[3][0]]
     assert segment_starts(swing(0.0)) == [0.0]

@@ -10,7 +10,7 @@ import numpy as np
 from etude.contracts import Array, Family, Inputs, Model, Physics, Trajectory
 from etude.design.batch import batch_of
 from etude.design.candidates import Drawn
-from etude.design.conditioned import Conditioned
+from etude.design.conditioned import given_planned
 from etude.design.config import DesignConfig
 from etude.design.criteria import Output, Reduction, criterion_named, needs_of
 from etude.design.objective import Objective, gains_of, instants
@@ -128,6 +128,6 @@ def with_planned(latents: Sequence[Latent], samples: tuple[Array, Array] | None)
         return tuple(latents)
     X, gains = samples[0], gains_of([latent.commands for latent in latents], samples[1])
     return tuple(
-        replace(latent, posterior=Conditioned.on(latent.posterior, X, own))
+        replace(latent, posterior=given_planned(latent.posterior, X, own))
         for latent, own in zip(latents, gains.T, strict=True)
     )

@@ -9,7 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
+from etude.design.candidates import Source
 from etude.design.config import DesignConfig
+from etude.design.reference import MOTIONS
 from etude.design.solve import Design, design, variance_removed
 from etude.design.view import Latent
 from etude.limits.certificate import certify
@@ -17,6 +19,9 @@ from etude.trajectories.chain import chained
 
 Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 """Of a kind: (motion, pose) -> the way from the pose to its start, and from its end back."""
+
+HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
+"""Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +74,9 @@ def design_chain(
     Segment i is designed given the planned samples of those before it: what they will say is not needed, as
     a variance does not depend on it.
     """
+    if not standing_in:
+        source = Source(family, tuple(limits), home, config.sampler)
+        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
     found: list[Design] = []
     for _ in range(count):
         before = [*given, *(own.trajectory for own in found)]
@@ -97,7 +105,7 @@ def linked(
 ) -> tuple[Trajectory, int]:
     """The segments with certified links, and how many of them: it ends before one that no way leads to.
 
-    A link is the straight way; where that leaves the limits, the way by home.
+    A link is the straight way, as fast as it is proved; where that leaves the limits, the way by home.
     """
     links: list[tuple[Trajectory, ...]] = []
     for before, after in pairwise(segments):
@@ -121,4 +129,9 @@ def _link(
     straight, back, there = ways(after, end), ways(before, home), ways(after, home)
     tried: list[tuple[Trajectory, ...]] = [] if straight is None else [(straight[0],)]
     tried += [] if back is None or there is None else [(back[1], there[0])]
-    return next((one for one in tried if all(certify(part, limits).ok for part in one)), None)
+    for link in tried:
+        for factor in HURRIED:
+            hurried = tuple(part.slowed(factor) for part in link)
+            if all(certify(part, limits).ok for part in hurried):
+                return hurried
+    return None

@@ -11,6 +11,27 @@ from etude.contracts import Array, Posterior
 from etude.design.batch import Batch, batch_of
 from etude.design.score import RESOLUTION
 from etude.models.gp.cholesky import factorise, triangular_inverse
+from etude.models.gp.exact import ExactPosterior, posterior_given
+
+HALF = 0.5
+"""Weight from which a planned sample counts as a whole one of an exact process, of one noise for all."""
+
+
+def given_planned(posterior: Posterior, X: Array, gains: Array) -> Posterior:
+    """The posterior given samples at X (p, D) with gains (p,) that nobody has measured yet.
+
+    An exact process is refitted, as nothing is cheaper to design with: with those samples that would not be
+    masked, at its own mean, so that its mean stays. Any other is seen through `Conditioned`.
+    """
+    if not isinstance(posterior, ExactPosterior):
+        return Conditioned.on(posterior, X, gains)
+    told = X[gains**2 >= HALF]
+    if not len(told):
+        return posterior
+    known = np.concatenate([posterior.X, told]), np.concatenate([posterior.y, posterior.mean(told)])
+    refit = posterior_given(posterior.kernel, posterior.theta, posterior.noise_variance, *known)
+    refit.__dict__["signal_variance"] = posterior.signal_variance  # the measure of all segments alike
+    return refit
 
 
 @dataclass(frozen=True, eq=False)
