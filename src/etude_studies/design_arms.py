@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from etude.design.candidates import Source
 from etude.design.chain import design_chain, linked
 from etude.design.prior import prior_latents
 from etude.design.reference import MOTIONS
+from etude.models.config import Rung
 from etude.models.model import LearnedModel
 from etude.trajectories.chain import segment_starts
 from etude_studies.seven_joints import PANDA_LIKE, SevenJoints
@@ -30,7 +31,7 @@ class Arm:
     name: str
     world: World
     made: Any
-    rungs: tuple[str, ...]
+    rungs: tuple[Rung | Literal["auto"], ...]
 
     @property
     def limits(self) -> Any:
@@ -40,16 +41,11 @@ class Arm:
     def home(self) -> Array:
         return self.world.kind.home(self.world.spec)
 
-    def lasting(self, duration: float, segment: float = 0.0) -> Arm:
-        """The arm with recordings of `duration` s, of segments of `segment` s if that is given."""
-        own: dict[str, float] = {"duration": segment or duration}
-        if segment:
-            own["omega0"] = 2.0 * np.pi / segment
+    def having(self, **keys: float) -> Arm:
+        """The arm with other keys of [trajectory]."""
         config = self.world.config
-        return replace(
-            self,
-            world=replace(self.world, config=replace(config, trajectory=replace(config.trajectory, **own))),
-        )
+        changed = replace(config, trajectory=replace(config.trajectory, **keys))
+        return replace(self, world=replace(self.world, config=changed))
 
     def random(self, rng: np.random.Generator, count: int) -> tuple[Trajectory, ...]:
         """`count` random segments scaled to the limits."""
@@ -122,7 +118,7 @@ class Arm:
     def learned(
         self,
         runs: Sequence[tuple[Trajectory, Log]],
-        rung: str,
+        rung: Rung | Literal["auto"],
         rng: np.random.Generator,
     ) -> LearnedModel:
         """The model of that rung; "auto": as the ladder chooses, with everything that is averaged."""

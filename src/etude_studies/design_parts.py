@@ -10,6 +10,7 @@ import numpy as np
 from etude.contracts import Array, Log, Trajectory
 from etude.trajectories.moves import PointToPoint
 from etude_studies.design_arms import Arm, arm_of
+from etude_studies.world import one_period
 
 Cell = dict[str, float]
 Run = tuple[Trajectory, Log]
@@ -108,7 +109,7 @@ def lengths(name: str, seed: int) -> Cell:
     found: Cell = {}
     tests = arm_of(name).tests(stream(seed, TEST))
     for segment in LENGTHS:
-        arm = arm_of(name).lasting(LONGEST, segment)
+        arm = arm_of(name).having(**one_period(segment))
         for what in ("random", "designed"):
             runs: list[Run] = []
             seconds = 0.0
