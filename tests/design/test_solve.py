@@ -145,6 +145,15 @@ def test_the_same_seed_gives_the_same_design_and_another_seed_another() -> None:
         assert one.trajectory.to_json() != other.trajectory.to_json()
 
 
+def test_the_choice_is_what_the_best_saves_of_the_median_candidates_variance() -> None:
+    known = arm_model()
+    found = arm(known=known, criterion="log_ivr")
+    assert found.typical <= found.baseline <= found.value
+    assert found.outputs == len(latents_of(known)) == 2
+    assert found.choice == pytest.approx(1.0 - np.exp(-(found.value - found.typical) / 2.0))
+    assert arm(known=known, criterion="ivr").choice is None
+
+
 def test_the_forecast_is_what_a_refit_gives() -> None:
     """deviation_after against refitting with the planned samples, where no sample is masked."""
     known, task = arm_model(stick=0.0), moves()

@@ -118,6 +118,7 @@ def _designed(
         "criterion": last.criterion,
         "value": last.value,
         "baseline_value": last.baseline,
+        "choice": max((c for own in found.segments if (c := own.choice) is not None), default=None),
         "deviation_before": first.deviation_before.tolist(),
         "deviation_after": last.deviation_after.tolist(),
         "evaluations": sum(own.evaluations for own in found.segments),

@@ -18,6 +18,7 @@ from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.questions import Answers, Asked, Given, answers_of
+from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
 from etude.contracts import Finding, Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
@@ -135,9 +136,14 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     number = answered if answered is not None else free_number(state, number)
-    change = change_found(campaign, state, log)
-    findings = (*asked.accepted, *([] if change is None else [change]))
-    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings)
+    change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
+    findings = (
+        *asked.accepted,
+        *([] if change is None else [change]),
+        *([] if again is None else [warning(*again)]),
+    )
+    repeats = None if again is None else again[0]
+    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings, repeats)
     return Told(number, False, answered is None, log.repairs, (), findings=findings)
 
 
@@ -232,6 +238,7 @@ def _store(
     speed: int,
     given: Sequence[Given],
     findings: Sequence[Finding],
+    repeats: int | None,
 ) -> None:
     """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
     group = np.zeros(len(log), dtype=np.int64)
@@ -259,6 +266,8 @@ def _store(
     starts = [] if foreign else segment_starts(stored_trajectory(campaign, number, speed))
     if len(starts) > 1:
         facts["segments"] = starts
+    if repeats is not None:
+        facts["repeats"] = repeats
     if given:
         facts["answers"] = [[what, check, list(by)] for what, check, by in given]
     campaign.commit("told", number, files, **facts, **as_facts(findings))
