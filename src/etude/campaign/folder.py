@@ -12,6 +12,7 @@ from typing import Any
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
 from etude.campaign.journal import Event, commit, read_events
+from etude.campaign.margins import measured_margins
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit
 from etude.errors import UsageError
@@ -81,8 +82,10 @@ class Campaign:
         return next(c for c in self.channels if c.name == name)
 
     def limits(self) -> Sequence[Limit]:
-        """What no trajectory may exceed."""
-        return self.kind.limits(self.spec, self.config, None, {})
+        """What no trajectory may exceed, with the room that logs have shown to be needed."""
+        factor = float(getattr(self.config.trajectory, "room_factor", 0.0))
+        margins = measured_margins(self.state(), "fourier", factor) if factor else {}
+        return self.kind.limits(self.spec, self.config, None, margins)
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"

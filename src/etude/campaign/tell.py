@@ -16,6 +16,8 @@ from etude.campaign.changed import answer, change_found
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.margins import FACT as LEFT_PLAN
+from etude.campaign.margins import distance_from_plan
 from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.questions import Answers, Asked, Given, answers_of
 from etude.campaign.repeats import repeated, warning
@@ -263,9 +265,12 @@ def _store(
         "rows": len(log),
         "repairs": list(log.repairs),
     }
-    starts = [] if foreign else segment_starts(stored_trajectory(campaign, number, speed))
-    if len(starts) > 1:
-        facts["segments"] = starts
+    if not foreign:
+        trajectory = stored_trajectory(campaign, number, speed)
+        starts = segment_starts(trajectory)
+        facts |= {"segments": starts} if len(starts) > 1 else {}
+        apart = distance_from_plan(log, campaign.kind.path, trajectory.duration)
+        facts |= {} if apart is None else {LEFT_PLAN: apart}
     if repeats is not None:
         facts["repeats"] = repeats
     if given:
