@@ -65,39 +65,41 @@ def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
         name = f"{part}_{arm}_{key}".replace(" ", "_")
         own = "s" if key.endswith("seconds") else unit
         rows += mean_rows(name, found, own, "", [])[:1]
-        beside = _beside(key, cells[0])
-        if beside is not None:
+        for beside in _beside(key, cells[0]):
             rows += ratio_rows(name, found, [c[beside] for c in cells], beside)
     return rows + (seconds_rows(arm, cells) if part == "lengths" else [])
 
 
-def _beside(key: str, cell: Cell) -> str | None:
-    """What a figure is held against: that of random motions, or of one repeated; of an oracle the mean."""
+AGAINST: dict[str, tuple[str, ...]] = {
+    "designed": ("random", "repeated"),
+    "without": ("random",),
+    "with": ("random",),
+    "itself": ("random",),
+    "random": ("repeated",),
+    "best": ("mean",),
+    "worst": ("mean",),
+}
+"""What is held against what: random motions, one that is repeated; of an oracle the mean."""
+
+
+def _beside(key: str, cell: Cell) -> list[str]:
+    """The figures that one is held against."""
     first, _, rest = key.partition(" ")
-    against = {
-        "designed": "random",
-        "without": "random",
-        "with": "random",
-        "itself": "random",
-        "random": "repeated",
-        "best": "mean",
-        "worst": "mean",
-    }
-    name = f"{against.get(first)} {rest}"
-    return name if first in against and name in cell and not key.endswith("seconds") else None
+    names = [] if rest == "seconds" else [f"{other} {rest}" for other in AGAINST.get(first, ())]
+    return [name for name in names if name in cell]
 
 
 def ratio_rows(name: str, values: Sequence[float], references: Sequence[float], beside: str) -> list[Row]:
-    """Geometric mean of paired ratios with its 95 % t-interval, and the worst seed of each."""
+    """Geometric mean of paired ratios with its 95 % t-interval, and the worst seeds."""
     logs = np.log(np.array(values) / np.array(references))
     middle = float(logs.mean())
     half = float(student.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)))
-    over = f"over {beside}, {len(logs)} seeds"
+    over = f"{name}_over_{beside.partition(' ')[0]}"
     return [
-        Row(f"{name}_ratio", float(np.exp(middle)), "1", over),
-        Row(f"{name}_ratio_low", float(np.exp(middle - half)), "1", "95 %"),
-        Row(f"{name}_ratio_high", float(np.exp(middle + half)), "1", "95 %"),
-        Row(f"{name}_worst", float(max(values)), "as above", "worst of random", float(max(references))),
+        Row(over, float(np.exp(middle)), "1", f"{len(logs)} seeds"),
+        Row(f"{over}_low", float(np.exp(middle - half)), "1", "95 %"),
+        Row(f"{over}_high", float(np.exp(middle + half)), "1", "95 %"),
+        Row(f"{over}_worst", float(max(values)), "as above", "the other's worst", float(max(references))),
     ]
 
 
