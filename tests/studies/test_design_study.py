@@ -58,14 +58,12 @@ def test_the_fast_arm_has_three_segments_a_minute_and_its_groups() -> None:
     arm, rng = arm_of("seven"), np.random.default_rng(0)
     motion = arm.chained(arm.random(rng, 3))
     assert len(segment_starts(motion)) == 3
-    assert [round(piece.duration, 9) for _, label, piece in motion.pieces() if label == "segment"] == [
-        20.0
-    ] * 3
+    lengths = [piece.duration for _, label, piece in motion.pieces() if label == "segment"]
+    assert lengths == pytest.approx([20.0] * 3)
     samples = arm.samples([(motion, arm.recorded(motion, rng))] * 2)
     assert np.unique(samples.group).tolist() == [0, 1, 2, 3, 4, 5]
-    again = (
-        arm.having(duration=60.0, omega0=2 * np.pi / 20.0).random(rng, 1)[0].motion(np.array([3.0, 23.0]), 1)
-    )
+    repeated = arm.having(duration=60.0, omega0=2 * np.pi / 20.0).random(rng, 1)[0]
+    again = repeated.motion(np.array([3.0, 23.0]), 1)
     np.testing.assert_allclose(again.orders[0, 0], again.orders[0, 1], atol=1e-9)
 
 
