@@ -7,7 +7,7 @@ noise of encoders and of torques. The model's inputs do not hold the friction ex
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
