@@ -20,7 +20,7 @@ from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
-from etude.contracts import Trajectory
+from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
 from etude.storage import unreadable, write_atomic
@@ -151,7 +151,7 @@ def _propose(
     trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), say)
     if not go_on:
         _check_stop(campaign, state, facts["gain"])
-    files = _files(campaign, trajectory)
+    files = _files(campaign, trajectory, campaign.limits())
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
@@ -163,8 +163,8 @@ def _propose(
     return str(facts["status"])
 
 
-def _files(campaign: Campaign, trajectory: Trajectory) -> TrajectoryFiles:
-    return render(trajectory, campaign.kind, campaign.spec, campaign.config, campaign.limits())
+def _files(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> TrajectoryFiles:
+    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits)
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
@@ -184,7 +184,8 @@ def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int
     exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    files = _files(campaign, at_speed(full, speed) if speed != 100 else full)
+    limits = campaign.limits() if new else campaign.described_limits()
+    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits)
     if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

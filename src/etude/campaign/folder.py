@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,11 @@ class Campaign:
         factor = float(getattr(self.config.trajectory, "room_factor", 0.0))
         margins = measured_margins(self.state(), "fourier", factor) if factor else {}
         return self.kind.limits(self.spec, self.config, None, margins)
+
+    def described_limits(self) -> Sequence[Limit]:
+        """What the robot's description allows: what a proposal that is open already is held against."""
+        trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
+        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), None, {})
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"

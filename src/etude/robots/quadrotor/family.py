@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from etude.errors import UsageError
@@ -55,6 +55,11 @@ class FlightConfig:
         if self.tilt is not None and not 0.0 < self.tilt < 0.5 * math.pi:
             raise UsageError(f"the tilt is an angle between 0 and pi/2 rad, not {self.tilt}")
         _ = self.series  # refuses what makes no series
+
+    @property
+    def described(self) -> FlightConfig:
+        """Without what is chosen beyond the description: what earlier plans are held against."""
+        return replace(self, tilt=None, room_factor=0.0)
 
     @property
     def series(self) -> FourierConfig:
