@@ -21,7 +21,7 @@ UNHURRIED = 0.5
 
 
 def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
-    """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
+    """Fourier series of every joint; if omega0 was left open, one period of what suits the robot."""
     suited = suited_to(config, spec.lower, spec.upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)
 

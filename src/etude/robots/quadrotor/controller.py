@@ -152,6 +152,12 @@ def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
     return FlightFeedforward(drag=drag, voltages=GatedVoltages(model, nominal_inverse(spec.body)))
 
 
+def leaning(model: Model) -> FlightFeedforward:
+    """Acceleration and learned drag; the voltages stay the feedback's, so that they go on teaching."""
+    inputs = model.inputs
+    return FlightFeedforward(drag=inputs.lateral if isinstance(inputs, QuadrotorInputs) else None)
+
+
 def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
     """What there is without learning, and the exact drag of a simulated vehicle."""
     nominal = None if spec.body is None else nominal_inverse(spec.body)
