@@ -76,6 +76,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.studies": {
         "arm": "etude_studies.arm:run",
         "changed_robot": "etude_studies.changed_robot:run",
+        "design": "etude_studies.design:run",
         "design_gain": "etude_studies.design_gain:run",
         "online": "etude_studies.online:run",
         "quadrotor": "etude_studies.flight_orders:run",

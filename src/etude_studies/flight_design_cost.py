@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array, Trajectory
+from etude.design.aim import objective
 from etude.design.config import DesignConfig
 from etude.design.objective import Objective
 from etude.design.refine import refine
-from etude.design.solve import design, objective
+from etude.design.solve import design
 from etude.limits.samplers import uniform
 from etude.models.model import LearnedModel
 from etude.threads import threads_for

@@ -163,9 +163,9 @@ class TestAsk:
 
         def reckless(*args: object) -> object:
             good: Any = random_motion(campaign, 0)
-            return [dataclasses.replace(good, coefficients=2.0 * good.coefficients)]
+            return dataclasses.replace(good, coefficients=2.0 * good.coefficients), {"gain": None}
 
-        monkeypatch.setattr("etude.campaign.ask.typical_motions", reckless)
+        monkeypatch.setattr("etude.campaign.ask.proposed", reckless)
         with pytest.raises(UnsafeTrajectoryError):
             ask(campaign)
         assert not (campaign.path / "proposals").exists()

@@ -16,7 +16,7 @@ from etude.logs.log_file import write_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
 QUICK = {
-    "duration = 30.0": "duration = 10.0",
+    "duration = 15.0": "duration = 10.0",
     "candidates = 100": "candidates = 10",
     "refine = 2": "refine = 1",
     "steps = 60": "steps = 8",

@@ -151,3 +151,17 @@ def test_a_mapping_is_written_for_a_robot(right: Path, robot: Path, capsys) -> N
     assert main(["inspect", str(right), "--robot", str(robot), "--write-mapping"]) == 0
     assert '"q_hip" = "q_hip"' in capsys.readouterr().out
     assert main(["inspect", str(right), "--write-mapping"]) == 2
+
+
+def test_a_campaign_s_table_of_names_holds(campaign: Campaign, right: Path) -> None:
+    """A log under names that say nothing is looked at as the campaign would, and not by its robot alone."""
+    names = dict(zip(right.read_text().splitlines()[0].split(","), "ABCDE", strict=True))
+    other = right.with_name("other.csv")
+    other.write_text(",".join(names.values()) + "\n" + right.read_text().partition("\n")[2])
+    config = campaign.path / "campaign.toml"
+    lines = "".join(f'"{name}" = "{letter}"\n' for name, letter in names.items())
+    config.write_text(config.read_text().partition("[log]")[0] + "[log.columns]\n" + lines)
+    assert inspect(other, campaign.path / "robot.toml").refused
+    found = inspect(other, campaign.path)
+    assert not found.refused
+    assert "By [log] columns" in found.findings[0].sentence

@@ -162,14 +162,14 @@ def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_pat
 def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:
     samples = told_samples(learned, [1, 2, 3])
     model = newest_model(learned, learned.state())
-    alone = [c for c in model.candidates if len(c.commands) == 1]
+    alone = [c for c in model.candidates if len(c.commands) == 1 and c.name == "default"]
     model = replace(model, candidates=tuple(replace(c, weights=np.ones(1), share=np.ones(1)) for c in alone))
     (candidate,) = [c for c in model.candidates if c.commands == (1,)]
     other = replace(candidate, rung="another")
     mixed = replace(model, candidates=tuple(other if c is candidate else c for c in model.candidates))
     assert mixed.chosen == ("gp", "another")
     assert (label(mixed.chosen), label(model.chosen)) == (MIXED, "gp")
-    scores = [learning._scores(m, model.inputs, samples) for m in (model, mixed)]
+    scores = [learning._scores(m, model.inputs, samples, 2) for m in (model, mixed)]
     assert scores[1][MIXED] == scores[0]["gp"]
     assert MIXED not in scores[0]
     assert "gp" not in scores[1]

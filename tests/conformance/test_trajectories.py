@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,10 +11,11 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit
 from etude.limits.samplers import scaled
+from etude.trajectories.chain import chained
 from etude.trajectories.extremes import riesz_range
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.json_text import from_json
-from etude.trajectories.moves import random_moves
+from etude.trajectories.moves import PointToPoint, random_moves
 from etude.trajectories.splined import Splined
 
 NAMES = ("a", "b")
@@ -38,14 +41,26 @@ def splined(orders: int):
     return Splined(t, motion.motion(t, orders).orders)
 
 
-TRAJECTORIES = {
+def linked(*segments):
+    """A chain of the segments, with straight moves between them, once by a third pose."""
+    links = []
+    for number, (before, after) in enumerate(pairwise(segments)):
+        ends = [m.motion(np.array([t]), 1).orders[0, 0] for m, t in ((before, before.duration), (after, 0.0))]
+        stops = [ends[0], np.array([-0.2, 1.0]), ends[1]] if number else ends
+        links.append([PointToPoint(np.stack(way), 0.9 * SPEED, 0.1, 0.9 * BEND) for way in pairwise(stops)])
+    return chained(segments, links)
+
+
+SINGLE = {
     "fourier, null space": drawn(FourierConfig(duration=20.0)),
     "fourier, phase ramp": drawn(FourierConfig(2, 20.0, (0.4, 0.9), "ramp", 2.0)),
     "moves": random_moves(RNG, LOWER, UPPER, SPEED, BEND, 4),
     "quintics": splined(3),
     "septics": splined(4),
 }
+TRAJECTORIES = {**SINGLE, "chain": linked(*SINGLE.values())}
 EVERY = pytest.mark.parametrize("motion", TRAJECTORIES.values(), ids=TRAJECTORIES.keys())
+ALONE = pytest.mark.parametrize("motion", SINGLE.values(), ids=SINGLE.keys())
 
 
 @EVERY
@@ -77,7 +92,7 @@ def test_at_rest_at_both_ends_and_outside(motion) -> None:
     assert not outside[1:].any()
 
 
-@EVERY
+@ALONE
 def test_its_bound_holds_at_a_hundred_thousand_instants(motion) -> None:
     orders = motion.motion(np.linspace(0.0, motion.duration, 100_000), 4).orders
     for order in range(4):
@@ -123,7 +138,7 @@ def test_slowed_down_it_keeps_limits_and_path(motion) -> None:
     assert certify(slow, LIMITS).ok
 
 
-@EVERY
+@ALONE
 def test_one_piece_is_itself(motion) -> None:
     ((start, label, piece),) = motion.pieces()
     assert (start, label) == (0.0, "segment")

@@ -29,7 +29,7 @@ from etude.limits.certificate import certify_bytes
 from etude.models.gp.exact import ExactGP
 from etude.trajectories.moves import PointToPoint
 
-ARM = DesignConfig(candidates=6, refine=2, steps=10, points=25, reference_points=30)
+ARM = DesignConfig(candidates=6, refine=2, steps=10, points=25, reference_points=30, random_share=0.0)
 FLIGHT = DesignConfig(
     sampler="uniform",
     candidates=12,
@@ -39,6 +39,7 @@ FLIGHT = DesignConfig(
     planned_noise=True,
     reference_points=40,
     inducing=40,
+    random_share=0.0,
 )
 FAMILIES = ("nullspace", "ramp, omega0 drawn")
 CRITERIA = tuple(name for name in plugins.BUILT_IN[GROUP] if name != "d_opt")
@@ -142,6 +143,15 @@ def test_the_same_seed_gives_the_same_design_and_another_seed_another() -> None:
         one, two, other = run(3), run(3), run(4)
         assert one.trajectory.to_json() == two.trajectory.to_json()
         assert one.trajectory.to_json() != other.trajectory.to_json()
+
+
+def test_the_choice_is_what_the_best_saves_of_the_median_candidates_variance() -> None:
+    known = arm_model()
+    found = arm(known=known, criterion="log_ivr")
+    assert found.typical <= found.baseline <= found.value
+    assert found.outputs == len(latents_of(known)) == 2
+    assert found.choice == pytest.approx(1.0 - np.exp(-(found.value - found.typical) / 2.0))
+    assert arm(known=known, criterion="ivr").choice is None
 
 
 def test_the_forecast_is_what_a_refit_gives() -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from test_docs import ROOT, blocks
 
 import etude
 from etude.campaign.config_file import CONFIG
+from etude.logs.usd_card import HEADERS
 
 
 def lines(page: Path) -> list[list[str]]:
@@ -28,11 +31,33 @@ PAGES = [
 """Pages of a format of logs; one whose commands are all benches is a page of figures."""
 
 
+INSTALL = re.compile(r"pip install '\.\[(\w+)\]'")
+ANY_FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_no_block_is_passed_over(page: Path) -> None:
+    """Shell lines install an extra that there is, or are run below; TOML and text are used below."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for language, block in ANY_FENCE.findall(page.read_text(encoding="utf-8")):
+        assert language in ("sh", "toml", "text"), language
+        for line in block.splitlines() if language == "sh" else ():
+            found = INSTALL.fullmatch(line)
+            assert line.startswith("etude ") or (found and found[1] in extras["optional-dependencies"]), line
+
+
+def test_what_the_card_is_told_to_log_is_read() -> None:
+    (block,) = blocks(ROOT / "docs" / "logs_crazyflie.md", "text")
+    logged = block.partition("on:fixedFrequency\n")[2].split()
+    assert len(logged) == 18
+    assert set(logged) <= set(HEADERS)
+
+
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
     """A folder with the examples in it, where the page's extra is installed."""
     for extra, library in (("ros", "rosbags"), ("px4", "pyulog")):
-        if f"etude[{extra}]" in request.getfixturevalue("page").read_text(encoding="utf-8"):
+        if f"pip install '.[{extra}]'" in request.getfixturevalue("page").read_text(encoding="utf-8"):
             pytest.importorskip(library, reason=f"the page needs the extra '{extra}'")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
@@ -66,13 +91,14 @@ def test_every_log_on_the_page_is_read(page: Path, place: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "inspect.md"], ids=lambda p: p.stem)
 def test_every_command_of_the_page_runs(page: Path, place: Path) -> None:
     told = 0
     for words in lines(page):
         if words[0] == "tell" and told:
             configured(page, words[1])
         told += words[0] == "tell"
+        words = [word.replace("LOG", "examples/ur10/ur10_exciting.csv") for word in words]
         command = [sys.executable, "-m", "etude.cli", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{words}: {done.stderr}"

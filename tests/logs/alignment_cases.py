@@ -94,3 +94,18 @@ class Case:
         except DataError:
             return True
         return False
+
+
+def failures(first: int, count: int) -> tuple[list[int], list[int]]:
+    """Seeds of the cases aligned worse than to a sample, and of those that take another motion for theirs."""
+    cases = [Case.of(seed) for seed in range(first, first + count)]
+    missed = [case.seed for case in cases if case.error() > 1.0 / case.rate + 1e-6]
+    return missed, [case.seed for case in cases if not case.refused()]
+
+
+if __name__ == "__main__":
+    import sys
+
+    start, number = map(int, sys.argv[1:])
+    missed, taken = failures(start, number)
+    sys.stdout.write(f"{number} cases from {start}: missed {missed}, another motion taken {taken}\n")

@@ -97,7 +97,8 @@ class Robot:
 
 def _arm(name: str, rows: list[tuple[float, float, float]], rate: float) -> Robot:
     lower, upper, velocity = np.array(rows).T
-    config = suited_to(FourierConfig(), lower, upper, velocity, 2.0 * velocity)
+    segment = suited_to(FourierConfig(), lower, upper, velocity, 2.0 * velocity)
+    config = FourierConfig(omega0=segment.omega0)  # again and again, as recordings were before chains
     parts = tuple(f"j{i}" for i in range(len(rows)))
     return Robot(name, "q", parts, lower, upper, velocity, rate, config)
 

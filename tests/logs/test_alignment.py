@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from alignment_cases import KINDS, TEN, Case
+from alignment_cases import KINDS, TEN, Case, failures
 
 EVERYDAY_RATE = 200.0
 """Hz; logs of more rows take longer and are left to the slow test."""
@@ -29,7 +29,5 @@ def test_the_cases_hold_every_robot_and_nearly_every_kind() -> None:
 
 @pytest.mark.slow
 def test_500_cases_over_10_robots() -> None:
-    cases = [Case.of(seed) for seed in range(500)]
-    missed = [case.seed for case in cases if case.error() > 1.0 / case.rate + 1e-6]
-    accepted = [case.seed for case in cases if not case.refused()]
-    assert (missed, accepted) == ([], [])
+    """Of other seeds: python tests/logs/alignment_cases.py FIRST COUNT."""
+    assert failures(0, 500) == ([], [])

@@ -13,7 +13,7 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
 from etude.contracts import Log
 from etude.errors import DataError, UsageError
-from etude.logs.fingerprint import sha256_of_log
+from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 
@@ -146,10 +146,11 @@ def test_an_mcap_that_was_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     path = bags.storage(folder)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    log = read(path)
-    assert 0.3 < len(log) / len(LOG) < 0.7
-    np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
-    assert any("The bag was cut" in sentence for sentence in log.repairs)
+    for place in (path, folder):  # by itself, and beside the metadata of the whole
+        log = read(place)
+        assert 0.3 < len(log) / len(LOG) < 0.7
+        np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
+        assert any("The bag was cut" in sentence for sentence in log.repairs)
 
 
 def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) -> None:
@@ -171,6 +172,9 @@ def test_the_hash_of_a_bag_is_of_its_files(tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
     (copy / "notes.txt").write_text("mine")
     assert sha256_of_log(copy) == before
+    sizes = [one.stat().st_size for one in folder.iterdir()]
+    assert bytes_of_log(copy) == sum(sizes)
+    assert bytes_of_log(bags.storage(folder)) in sizes
     with (copy / "metadata.yaml").open("a") as file:
         file.write("\n")
     assert sha256_of_log(copy) != before

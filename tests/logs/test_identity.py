@@ -8,7 +8,7 @@ from log_examples import CHANNELS, LIMITS, MOTION, SCALE, Sines, at, make_log, w
 
 from etude.contracts import Log, Trajectory
 from etude.errors import DataError
-from etude.logs.delay import measure_delay
+from etude.logs.delay import likely_delays, measure_delay
 from etude.logs.identity import align
 from etude.logs.read import clean_log
 
@@ -108,3 +108,11 @@ def test_rows_outside_may_be_cut() -> None:
     log = align(LOG, MOTION, CHANNELS, "q", SCALE, rest=False)
     assert log.t[0] == pytest.approx(0.0, abs=1e-9)
     assert len(log) == 2000
+
+
+def test_where_nothing_fits_the_least_misfit_is_told() -> None:
+    """A motion against its mirror image has no positive correlation at small lags."""
+    t = np.arange(0.0, 20.0, 0.05)
+    delays = likely_delays(np.sin(t)[:, None], -np.sin(t)[:, None], 20.0, (-0.2, 0.2))
+    assert delays
+    assert all(delay.correlation < 0.0 and abs(delay.seconds) <= 0.2 for delay in delays)

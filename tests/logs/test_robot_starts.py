@@ -1,7 +1,7 @@
 """A log of the proposal is accepted and aligned to a sample, for the limits of every robot at hand.
 
-Most proposals repeat themselves within their duration: a fast robot's makes as many whole periods as suit
-its limits. Of version 0.1, logs that held exactly the proposal were refused, or shifted by whole periods.
+Most of these proposals repeat themselves within their duration, as a fast robot's did before there were
+chains. Of version 0.1, logs that held exactly the proposal were refused, or shifted by whole periods.
 """
 
 from __future__ import annotations

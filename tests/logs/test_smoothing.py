@@ -13,6 +13,7 @@ from etude.logs.smoothing import (
     auto_cutoff,
     median_rate,
     motion_bands,
+    quick_length,
     resample,
     segments,
     smooth,
@@ -113,3 +114,14 @@ def test_segments_and_grids() -> None:
     line = np.column_stack([jitter, -2 * jitter])
     grid = uniform_grid(jitter, 100.0)
     np.testing.assert_allclose(resample(jitter, line, grid), np.column_stack([grid, -2 * grid]), atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 9_999, 10_000, 60_000, 123_457, 1_000_000])
+def test_a_quick_length_loses_few_rows_and_has_small_factors(n: int) -> None:
+    found = quick_length(n)
+    assert 0.99 * n <= found <= n
+    left = found - 1
+    for factor in (2, 3, 5, 7, 11):
+        while left % factor == 0:
+            left //= factor
+    assert n < 10_000 or left == 1

@@ -57,6 +57,22 @@ def test_steps_tell_the_unit_of_time(unit: str, rate: float, off: float) -> None
     assert factor == pytest.approx(1.0 / PER_SECOND[unit], rel=1e-12)
 
 
+@pytest.mark.parametrize(("factor", "said"), [(60.0, "60 times"), (1.0 / 60.0, "a 60th of")])
+@pytest.mark.parametrize("rate", [50.0, 125.0, 1000.0])
+def test_a_clock_that_is_off_by_60_is_no_other_unit(rate: float, factor: float, said: str) -> None:
+    """Times 60 lies nearer to milliseconds, at 17 times the rate, than to seconds."""
+    with pytest.raises(DataError, match=f"fits no unit at {rate:g} Hz: {said}"):
+        time_factor(np.arange(50) * factor / rate, rate, "log.csv")
+
+
+def test_minutes_are_read_where_the_header_says_so() -> None:
+    minutes = np.arange(50) / 60.0 / 100.0
+    for header in ("t [min]", "time_min"):
+        t, said = read_time(raw_log({header: minutes}, "log.csv"), 100.0, "log.csv")
+        np.testing.assert_allclose(t, np.arange(50) / 100.0, atol=1e-12)
+        assert said == [f"Time was converted from min (column {header})."]
+
+
 def test_pauses_and_repeats_do_not_decide_the_unit() -> None:
     t = np.repeat(np.arange(50) * 10.0, 2)
     t[60:] += 1e6

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, commanded, ladder, trajectories, trajectory
 
 from etude.contracts import Samples, joined_samples
+from etude.models.choice import _choice, _reference
 from etude.models.ladder import Ladder
 from etude.models.linear import linear_inputs, linear_weights
 
@@ -125,3 +127,31 @@ def test_the_choice_is_no_worse_than_the_best_for_all_commands_together() -> Non
     own = np.mean([found.errors[rung][j] / spread[j] for j, rung in enumerate(found.chosen)])
     assert own <= best + 1e-12
     assert np.isfinite(chosen_error)
+
+
+def test_every_asks_for_a_win_on_each_held_out_motion() -> None:
+    physics = np.array([1.0, 1.0, 1.0])
+    for own, chance, every in (
+        ([0.5, 0.5, 0.9], "gp", "gp"),
+        ([0.1, 0.1, 1.01], "gp", "identified"),
+        ([0.1, 0.1, np.nan], "gp", "gp"),
+        ([1.1, 1.1, 1.1], "identified", "identified"),
+        ([0.1, np.nan, np.nan], "identified", "identified"),
+    ):
+        votes = {"identified": physics, "gp": np.array(own)}
+        assert _choice(votes, "identified", 0.0, "chance") == chance
+        assert _choice(votes, "identified", 0.0, "every") == every
+
+
+def test_physics_stand_until_a_rung_wins_everywhere() -> None:
+    trained = [["identified", "identified+gp", "gp"]] * 2
+    for worst, rung in ((0.9, "identified+gp"), (1.1, "identified")):
+        votes = {
+            "identified": np.ones((3, 2)),
+            "identified+gp": np.array([[0.2, 0.3], [0.2, 0.3], [worst, worst]]),
+            "gp": np.array([[0.1, 0.1], [0.1, 0.1], [3.0, 3.0]]),
+        }
+        config = replace(AUTO, replace="every")
+        assert _reference(SimpleNamespace(config=config, trajectories=3), trained, votes) == rung  # type: ignore[arg-type]
+    best = _reference(SimpleNamespace(config=AUTO, trajectories=3), trained, votes)  # type: ignore[arg-type]
+    assert best == "identified+gp"

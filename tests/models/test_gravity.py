@@ -89,3 +89,10 @@ def test_poses_that_are_none_are_refused(together) -> None:
     strange = replace(together, commands=("m1", "m2"))
     with pytest.raises(UsageError, match="no position for each command"):
         strange.gravity(Q)
+
+
+def test_plain_arrays_of_a_moving_robot_are_taken_at_rest_too() -> None:
+    """qd and qdd are rates of q by their names."""
+    model = ladder(SAMPLES, replace(SMALL, rung="auto")).model
+    moving = {"q": Q, "qd": np.sin(Q), "qdd": 3.0 * np.cos(Q)}
+    np.testing.assert_allclose(model.static(moving), model.gravity(Q), rtol=1e-9)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,12 @@ from etude.campaign.export import Exported, export
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
-from etude.campaign.learn import Learner, learn_pending, newest_model
-from etude.campaign.motions import typical_motions
+from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
-from etude.contracts import Trajectory
+from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
 from etude.storage import unreadable, write_atomic
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 ASK_STREAM = 1
 """Separates the random numbers of `ask` from those of training and testing."""
-FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
-"""What the first trajectory is, by the sampler that draws it."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +120,15 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Traj
         raise UsageError(error.fact, where=str(path), next_step="Restore the file from a copy.") from None
 
 
+def _open(campaign: Campaign, state: State) -> list[Trajectory]:
+    """The proposals that wait for their logs; one whose file is damaged will have none."""
+    found = []
+    for waiting in state.proposals:
+        with contextlib.suppress(UsageError):
+            found.append(stored_trajectory(campaign, waiting.number))
+    return found
+
+
 def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:
     """Where the files of a proposal at this speed (per cent) are."""
     folder = campaign.proposal(number)
@@ -140,14 +148,10 @@ def _propose(
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
     rng = np.random.default_rng(seed)
-    if state.trained:
-        say(f"Designing trajectory {number}.")
-        trajectory, facts = _designed(campaign, newest_model(campaign, state), rng, motions)
-        if not go_on:
-            _check_stop(campaign, state, facts["gain"])
-    else:
-        trajectory, facts = _first(campaign, rng)
-    files = _files(campaign, trajectory)
+    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), say)
+    if not go_on:
+        _check_stop(campaign, state, facts["gain"])
+    files = _files(campaign, trajectory, campaign.limits())
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
@@ -159,47 +163,8 @@ def _propose(
     return str(facts["status"])
 
 
-def _first(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, dict[str, Any]]:
-    """A random trajectory."""
-    status = f"{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
-    return typical_motions(campaign, rng, 1, grown=True)[0], {"status": status, "gain": None}
-
-
-def _designed(
-    campaign: Campaign, model: Any, rng: np.random.Generator, tasks: Sequence[Trajectory]
-) -> tuple[Trajectory, dict[str, Any]]:
-    """The trajectory that teaches the model most, and the facts of its search."""
-    from etude.design.solve import design
-
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    found = design(
-        kind.family(spec, config),
-        campaign.limits(),
-        kind.home(spec),
-        model.inputs,
-        model,
-        config.design,
-        rng,
-        tasks,
-        rate=float(spec.rate),
-        physics=kind.physics(spec, config),
-    )
-    facts = {
-        "status": found.status,
-        "gain": found.variance_removed,
-        "criterion": found.criterion,
-        "value": found.value,
-        "baseline_value": found.baseline,
-        "deviation_before": found.deviation_before.tolist(),
-        "deviation_after": found.deviation_after.tolist(),
-        "evaluations": found.evaluations,
-        "seconds": found.seconds,
-    }
-    return found.trajectory, facts
-
-
-def _files(campaign: Campaign, trajectory: Trajectory) -> TrajectoryFiles:
-    return render(trajectory, campaign.kind, campaign.spec, campaign.config, campaign.limits())
+def _files(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> TrajectoryFiles:
+    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits)
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
@@ -219,7 +184,8 @@ def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int
     exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    files = _files(campaign, at_speed(full, speed) if speed != 100 else full)
+    limits = campaign.limits() if new else campaign.described_limits()
+    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits)
     if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

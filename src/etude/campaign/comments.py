@@ -13,6 +13,7 @@ COMMENTS: dict[str, dict[str, str]] = {
     "model": {
         "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": what predicts each command best',
         "choose_by": '"squared" or "absolute" held-out error decides',
+        "replace": 'a rung replaces another if better by more than "chance", or on "every" held-out motion',
         "process_from": "logs from which processes compete with physics alone",
         "kernel": '"structured", or "ard_se", as the thesis; or a plug-in',
         "sharing": '"separate" processes of the commands, or one kernel "shared" by all',
@@ -37,6 +38,8 @@ COMMENTS: dict[str, dict[str, str]] = {
         "student_t": "fit the tails of held-out errors, for the reported density",
     },
     "design": {
+        "first": 'the first trajectory: "designed" from the limits alone, or "random"',
+        "reference": 'what stands in for tasks: "mixed", moves and slow series; or random ones, "family"',
         "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
         "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and its edge',
         "candidates": "certified random candidates that are scored",
@@ -45,7 +48,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "points": "planned samples along a trajectory",
         "planned_noise": "planned samples stand for all that will be logged, each with less noise",
         "reference_points": "states per process at which the variance counts",
-        "random_share": "part of these taken from random motions although tasks are given",
+        "random_share": "part of these taken from what stands in although tasks are given",
         "inducing": "exact processes with more samples are seen through so many; 0: as they are",
         "raw_units": "add variances of different commands as they are, as the thesis",
     },

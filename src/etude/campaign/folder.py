@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
 from etude.campaign.journal import Event, commit, read_events
+from etude.campaign.margins import measured_margins
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit
 from etude.errors import UsageError
@@ -81,8 +82,15 @@ class Campaign:
         return next(c for c in self.channels if c.name == name)
 
     def limits(self) -> Sequence[Limit]:
-        """What no trajectory may exceed."""
-        return self.kind.limits(self.spec, self.config, None, {})
+        """What no trajectory may exceed, with the room that logs have shown to be needed."""
+        factor = float(getattr(self.config.trajectory, "room_factor", 0.0))
+        margins = measured_margins(self.state(), "fourier", factor) if factor else {}
+        return self.kind.limits(self.spec, self.config, None, margins)
+
+    def described_limits(self) -> Sequence[Limit]:
+        """What the robot's description allows: what a proposal that is open already is held against."""
+        trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
+        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), None, {})
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"

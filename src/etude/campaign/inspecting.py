@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from etude.campaign.config_file import CONFIG
 from etude.campaign.create import find_robot
+from etude.campaign.folder import open_campaign
 from etude.campaign.questions import judged_commands
 from etude.contracts import Channel, Finding, Kind, Log
 from etude.errors import EtudeError
@@ -18,7 +20,7 @@ from etude.logs.guess import guessed_channels
 from etude.logs.health.clock import clock_findings
 from etude.logs.health.columns import column_findings
 from etude.logs.health.motion import motion_findings
-from etude.logs.mapping import mapping_text
+from etude.logs.mapping import LogConfig, mapping_text
 from etude.logs.read import clean_log, matched_log
 from etude.logs.readers import read_raw
 from etude.logs.truth.judge import judge_commands, judge_motion
@@ -59,6 +61,7 @@ class _Known:
     path: str
     kind: Kind | None = None
     spec: Any = None
+    config: LogConfig = field(default_factory=LogConfig)
 
 
 def inspect(
@@ -68,7 +71,8 @@ def inspect(
 
     Args:
         path: as `read_log` takes it.
-        robot: a built-in name or the path of a description; None: joints are guessed from the headers, and
+        robot: a built-in name, the path of a description, or the folder of a campaign, whose table [log] then
+            holds too; None: joints are guessed from the headers, and
             what limits or a model file would tell is left out.
         degrees: the file's angles are degrees.
         topics: of a file that holds several.
@@ -96,10 +100,15 @@ def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
 
 
 def _described(robot: str) -> _Known:
-    kind, place = find_robot(robot)
-    spec = kind.spec(place)
+    config = LogConfig()
+    if (Path(robot) / CONFIG).is_file():
+        campaign = open_campaign(Path(robot))
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
+    else:
+        kind, place = find_robot(robot)
+        spec = kind.spec(place)
     expected = kind.expected(spec)
-    return _Known(tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec)
+    return _Known(tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config)
 
 
 def _guessed(path: Path, topics: Sequence[str]) -> _Known:
@@ -110,7 +119,7 @@ def _guessed(path: Path, topics: Sequence[str]) -> _Known:
 def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[str]]:
     """The log with its columns in place; of a file whose headers tell nothing, its columns as they are."""
     if known.channels:
-        return matched_log(path, known.channels, known.rate, topics)
+        return matched_log(path, known.channels, known.rate, topics, known.config)
     raw = read_raw(path, topics)
     t, said = read_time(raw, known.rate, path.name)
     names = [name for name in raw.values if not is_time(name)]

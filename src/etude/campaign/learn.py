@@ -121,7 +121,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
-        "models": _scores(before, inputs, samples, 1 + len(waiting)),
+        "models": _scores(before, inputs, samples, _known(campaign, logs[: -1 - len(waiting)])),
         "held_out_mae": _left_out(ladder),
         "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
         "chosen": label(ladder.chosen),
@@ -139,10 +139,34 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
 
 
 def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
-    """The samples of stored logs; the groups are their places in `numbers`."""
+    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
+
+    A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
+    is predicted.
+    """
     logs = [read_log_file(campaign.run_file(number)) for number in numbers]
-    groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
+    groups = []
+    for log, own in zip(logs, _groups(campaign, numbers).values(), strict=True):
+        place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
+        groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
     return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
+
+
+def _groups(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
+    """Of each of those logs, when its segments start, s, and their groups."""
+    rounds, count = campaign.state().rounds, 0
+    found: dict[int, list[tuple[float, int]]] = {}
+    for number in numbers:
+        told = rounds[number].told or {}
+        starts = told.get("segments", [0.0])
+        repeats = found.get(told.get("repeats", number))
+        last = 0 if repeats is None else len(repeats) - 1
+        found[number] = [
+            (start, count + i if repeats is None else repeats[min(i, last)][1])
+            for i, start in enumerate(starts)
+        ]
+        count += len(starts) if repeats is None else 0
+    return found
 
 
 def newest_model(campaign: Campaign, state: State) -> LearnedModel:
@@ -213,9 +237,16 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
 
 
-def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, count: int = 1) -> dict[str, Any]:
-    """Each rung of the earlier model on the newest `count` logs, and what every rung has to beat."""
-    newest = samples.group > samples.group.max() - count
+def _known(campaign: Campaign, numbers: Sequence[int]) -> int:
+    """How many groups those logs make."""
+    return len({group for own in _groups(campaign, numbers).values() for _, group in own})
+
+
+def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int) -> dict[str, Any]:
+    """Each rung of the earlier model on all but the `known` first groups, and what every rung has to beat."""
+    newest = samples.group >= known
+    if not newest.any():  # logs that repeat others are no new motion
+        return {}
     new = samples.take(newest)
     found: dict[str, Score] = {}
     if before is not None:

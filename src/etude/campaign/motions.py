@@ -1,11 +1,16 @@
-"""Random motions of a campaign: to begin with, and to say where a model will be asked."""
+"""Motions of a campaign: random ones, those that stand in for tasks, and how many make a recording."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.contracts import Trajectory
+from etude.contracts import Family, Trajectory
+
+if TYPE_CHECKING:
+    from etude.design.chain import Ways
 
 
 def typical_motions(
@@ -26,3 +31,35 @@ def typical_motions(
     family, home = kind.family(spec, config), kind.home(spec)
     source = Source(family, tuple(campaign.limits()), home, config.design.sampler)
     return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
+
+
+def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Trajectory]:
+    """Motions that stand in for tasks: of an arm as many moves between random postures as slow series.
+
+    They are drawn as the tests of simulated campaigns are, and are others.
+    """
+    from etude.design.reference import MOTIONS
+
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    found: list[Trajectory] = []
+    while len(found) < MOTIONS:
+        drawn = kind.tests(spec, config, rng).values()
+        if not drawn:
+            break
+        found += drawn
+    return found
+
+
+def segments_of(campaign: Campaign, family: Family) -> int:
+    """How many segments of the family fill a recording; one where no way leads from one to the next."""
+    segment = family.trajectory(np.zeros(family.size))
+    count = max(1, round(campaign.config.duration / segment.duration))
+    if count == 1:
+        return 1
+    home = campaign.kind.home(campaign.spec)
+    return count if ways_of(campaign)(segment, home) is not None else 1
+
+
+def ways_of(campaign: Campaign) -> Ways:
+    """The kind's ways to a motion and back."""
+    return lambda motion, pose: campaign.kind.ways(campaign.spec, motion, pose)

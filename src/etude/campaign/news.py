@@ -40,7 +40,7 @@ def _of_logs(state: State) -> list[Finding]:
         for finding in kept_findings(r.told):
             if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.held):
                 continue
-            sentence = f"log {r.number}: {finding.sentence}"
+            sentence = f"log {r.number}: {finding.sentence.rstrip('.')}"
             found.append(Finding(finding.check, finding.light, sentence, finding.step, finding.flag))
     return found
 

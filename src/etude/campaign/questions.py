@@ -6,7 +6,7 @@ with a sentence. Answers stand in the journal, and hold for later logs of which 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,8 @@ from etude.campaign.state import State
 from etude.contracts import Finding, Kind, Log, Mean
 from etude.errors import DataError, UsageError
 from etude.logs.ranges import check_consistency
+from etude.logs.truth.brake import CHECK as BRAKE
+from etude.logs.truth.brake import without_spans
 from etude.logs.truth.ground import CHECK as GROUND
 from etude.logs.truth.ground import without_ends
 from etude.logs.truth.judge import judge_commands, judge_motion
@@ -22,8 +24,10 @@ from etude.logs.truth.repairs import REPAIRS, repaired
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable
 
-CHECKS = ("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity", GROUND)
+CHECKS = ("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity", GROUND, BRAKE)
 """What may be accepted."""
+CUT: Mapping[str, Callable[[Log, Finding], Log]] = {GROUND: without_ends, BRAKE: without_spans}
+"""What teaches nothing, and how it is cut."""
 Given = tuple[str, str, tuple[float, ...]]
 """An answer: "accept" or "repair", the check, and what was found of it (`Mendable.by`)."""
 
@@ -105,17 +109,18 @@ class Asked:
     def cleaned(self, log: Log) -> Log:
         """The cleaned log with what the kind looks for. Errors as in `motion`.
 
-        What a vehicle does on the ground at either end is cut, unless that was accepted.
+        What a vehicle does on the ground at either end is cut, and where an arm's drives are off, unless that
+        was accepted.
         """
         found = [f for f in self.kind.checks(self.spec, log) if f.light in ("red", "yellow")]
         for finding in [f for f in found if f.light == "red"]:
             if finding.check not in self.answers.accept:
                 raise refusal([finding], log.source)
             self._taken(finding)
-        grounded = [f for f in found if f.check == GROUND and GROUND not in self.answers.accept]
-        for finding in grounded:
-            log = without_ends(log, finding)
-        return log.repaired(*(f.sentence for f in found if f not in grounded))
+        idle = [f for f in found if f.check in CUT and f.check not in self.answers.accept and f.spans]
+        for finding in idle:
+            log = CUT[finding.check](log, finding)
+        return log.repaired(*(f.sentence for f in found if f not in idle))
 
     def _settled(self, log: Log, judged: Callable[[Log], Sequence[Finding]]) -> Log:
         """Repairs what is to be, one finding at a time, since one spoils the next; then asks the rest."""

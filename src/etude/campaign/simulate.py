@@ -42,9 +42,9 @@ def simulate(
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
-    Trajectories are collected under the robot's own feedback. The stop rule is not heeded: who simulates
-    wants the whole curve. Interrupted work is finished first; a test of a round is evaluated once. A run
-    whose log is refused is given up, and another trajectory asked for.
+    Trajectories are collected under the robot's own feedback, and what its kind adds (`collecting`). The stop
+    rule is not heeded: who simulates wants the whole curve. Interrupted work is finished first; a test of a
+    round is evaluated once. A run whose log is refused is given up, and another trajectory asked for.
 
     With a `change` the robot is another one in these rounds, and its logs are told as a person would tell
     them: the first that is noticed waits for an answer, and nothing is run after it.
@@ -136,7 +136,7 @@ class _Loop:
         number = ask(campaign, go_on=True, say=say).number
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
-        log = self.robot.run(stored_trajectory(campaign, number), None, rng)
+        log = self.robot.run(stored_trajectory(campaign, number), self._collecting(), rng)
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_log(path, log)
         try:
@@ -149,6 +149,15 @@ class _Loop:
             for found in told.findings:
                 say(f"Log {number} is not learned yet: {found.sentence}. {found.step}")
         return number
+
+    def _collecting(self) -> Controller | None:
+        """What a kind flies with, beside its feedback, once something was learned; most add nothing."""
+        campaign, state = self.campaign, self.campaign.state()
+        collecting = getattr(campaign.kind, "collecting", None)
+        if collecting is None or not state.trained:
+            return None
+        found: Controller | None = collecting(campaign.spec, campaign.config, newest_model(campaign, state))
+        return found
 
     def evaluate_round(self, number: int) -> SimulatedRound:
         """Tests the model of that round, and what its identified physics alone would do."""

@@ -19,6 +19,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
     Keys: news (findings that are bad, red ones first), kind, robot, axes, outputs, preset, seed,
     trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
     learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
+    choice (by which part the design of the newest proposal left less variance than the median random motion),
     held_out (of the newest log without proposal), verdict, problems.
     """
     events = campaign.events()
@@ -47,6 +48,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "calibration_factor": calibration_factor(trained),
         "forecast_fraction": evidence[-1].forecast if evidence else None,
         "next_gain": evidence[-1].gain if evidence else None,
+        "choice": _choice(state),
         "held_out": _held_out(state),
         "verdict": {
             "stop": verdict.stop,
@@ -80,6 +82,15 @@ def _standing(round_: Round) -> str:
     if round_.held:
         return "waits for an answer"
     return "learned" if round_.learned else "told"
+
+
+def _choice(state: State) -> float | None:
+    """By which part the newest proposal leaves less variance than the median random one; None while no design
+    from what was learned says so.
+    """
+    asked = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
+    found = [a["choice"] for a in asked if a["learned"] and a.get("choice") is not None]
+    return float(found[-1]) if found else None
 
 
 def _held_out(state: State) -> dict[str, Any] | None:

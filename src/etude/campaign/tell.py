@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -16,18 +16,22 @@ from etude.campaign.changed import answer, change_found
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.margins import FACT as LEFT_PLAN
+from etude.campaign.margins import distance_from_plan
 from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.questions import Answers, Asked, Given, answers_of
+from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
 from etude.contracts import Finding, Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
-from etude.logs.fingerprint import sha256_of_log
+from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
 from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
 from etude.storage import write_atomic
+from etude.trajectories.chain import segment_starts
 
 
 class How(TypedDict, total=False):
@@ -134,9 +138,14 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     number = answered if answered is not None else free_number(state, number)
-    change = change_found(campaign, state, log)
-    findings = (*asked.accepted, *([] if change is None else [change]))
-    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings)
+    change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
+    findings = (
+        *asked.accepted,
+        *([] if change is None else [change]),
+        *([] if again is None else [warning(*again)]),
+    )
+    repeats = None if again is None else again[0]
+    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings, repeats)
     return Told(number, False, answered is None, log.repairs, (), findings=findings)
 
 
@@ -231,6 +240,7 @@ def _store(
     speed: int,
     given: Sequence[Given],
     findings: Sequence[Finding],
+    repeats: int | None,
 ) -> None:
     """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
     group = np.zeros(len(log), dtype=np.int64)
@@ -240,13 +250,13 @@ def _store(
     origin = {
         "path": str(path.resolve()),
         "sha256": digest,
-        "bytes": path.stat().st_size,
+        "bytes": bytes_of_log(path),
         "repairs": list(log.repairs),
     }
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
     write_atomic(campaign.source_file(number), text.encode())
     files = [campaign.run_file(number), campaign.source_file(number)]
-    facts = {
+    facts: dict[str, Any] = {
         "sha256": digest,
         "source": path.name,
         "foreign": foreign,
@@ -255,6 +265,14 @@ def _store(
         "rows": len(log),
         "repairs": list(log.repairs),
     }
+    if not foreign:
+        trajectory = stored_trajectory(campaign, number, speed)
+        starts = segment_starts(trajectory)
+        facts |= {"segments": starts} if len(starts) > 1 else {}
+        apart = distance_from_plan(log, campaign.kind.path, trajectory.duration)
+        facts |= {} if apart is None else {LEFT_PLAN: apart}
+    if repeats is not None:
+        facts["repeats"] = repeats
     if given:
         facts["answers"] = [[what, check, list(by)] for what, check, by in given]
     campaign.commit("told", number, files, **facts, **as_facts(findings))

@@ -30,7 +30,8 @@ class Inspect(Common):
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """A file of any format that tell takes."""
     robot: str = ""
-    """A built-in robot or its description; without one, joints are guessed from the headers."""
+    """A built-in robot, its description, or a campaign's folder; without one, joints are guessed from the
+    headers."""
     degrees: bool = False
     """All angles and rates of the log are in degrees."""
     topic: tuple[str, ...] = ()

@@ -9,6 +9,8 @@ from typing import Any
 from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
+NO_MATTER = 0.05
+"""Part of the variance below which the choice of a motion is not worth a thought."""
 LARGEST = 1000.0
 
 
@@ -43,6 +45,11 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
     if found["next_gain"] is not None:
         lines.append(
             f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
+        )
+    if found["choice"] is not None and found["choice"] < NO_MATTER:
+        lines.append(
+            "Which motion you run next no longer matters: the best leaves "
+            f"{100 * found['choice']:.1f} % less variance than the median random one."
         )
     if found["trajectories"]:
         verdict = found["verdict"]

@@ -17,6 +17,9 @@ class DesignConfig:
     """Options of `solve.design`, the same for every kind of robot.
 
     Attributes:
+        first: the first trajectory: "designed" from the limits alone, or "random".
+        reference: what stands in for tasks from the second on: "mixed", half moves between random postures
+            and half slow series, as the kind's tests are but others; or random members of the "family".
         criterion: a name among `etude.criteria`, or "module:function".
         sampler: of the random candidates. "scaled": each part of the motion enlarged to its limits, every
             fourth of a random amplitude; "uniform": half uniform on what is allowed, half on its edge.
@@ -27,7 +30,7 @@ class DesignConfig:
         planned_noise: planned samples stand for all that will be logged, each with less noise; else each
             counts as one sample.
         reference_points: reference states per process.
-        random_share: part of the reference states taken from random motions although tasks are given.
+        random_share: part of the reference states taken from what stands in although tasks are given.
         inducing: an exact process with more samples is seen through this many of them; 0: as it is.
         raw_units: add the commands' variances in their own squared units, as the thesis does.
 
@@ -43,23 +46,27 @@ class DesignConfig:
     points: int = 50
     planned_noise: bool = False
     reference_points: int = 100
-    random_share: float = 0.0
+    random_share: float = 0.5
     inducing: int = 0
     raw_units: bool = False
+    first: Literal["designed", "random"] = "designed"
+    reference: Literal["mixed", "family"] = "mixed"
 
     def __post_init__(self) -> None:
-        known = plugins.BUILT_IN[GROUP]
-        if self.criterion not in known and not plugins.FULL_NAME.fullmatch(self.criterion):
+        built_in = plugins.BUILT_IN[GROUP]
+        if self.criterion not in built_in and not plugins.FULL_NAME.fullmatch(self.criterion):
             names = plugins.names(GROUP)
             if self.criterion not in names:
                 raise UsageError(
                     f"there is no criterion {self.criterion!r}; known: {', '.join(sorted(names))}",
                     where="design.criterion",
                 )
-        if self.sampler not in ("scaled", "uniform"):
-            raise UsageError(
-                f"the sampler is 'scaled' or 'uniform', not {self.sampler!r}", where="design.sampler"
-            )
+        for name, known in WORDS.items():
+            value = getattr(self, name)
+            if value not in known:
+                raise UsageError(
+                    f"{name} is '{known[0]}' or '{known[1]}', not {value!r}", where=f"design.{name}"
+                )
         for name, least in LEAST.items():
             if not getattr(self, name) >= least:
                 raise UsageError(
@@ -72,3 +79,4 @@ class DesignConfig:
 
 
 LEAST = {"candidates": 1, "points": 1, "reference_points": 1, "refine": 0, "steps": 0, "inducing": 0}
+WORDS = {"sampler": ("scaled", "uniform"), "first": ("designed", "random"), "reference": ("mixed", "family")}

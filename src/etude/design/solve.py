@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,15 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
-from etude.design.batch import batch_of
+from etude.design.aim import objective
 from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
-from etude.design.criteria import Output, Reduction, criterion_named, needs_of
 from etude.design.kept import Kept, Penalised
-from etude.design.objective import Objective, gains_of, instants
-from etude.design.reference import MOTIONS, reference_states
+from etude.design.objective import Objective
+from etude.design.reference import MOTIONS
 from etude.design.refine import refine
-from etude.design.view import Latent, latents_of, of_parameters, planned
+from etude.design.view import Latent
 from etude.errors import UsageError
 from etude.threads import threads_for
 
@@ -33,10 +33,12 @@ class Design:
         criterion: name of the criterion.
         value: its value, to be maximised.
         baseline: value of the best random candidate.
+        typical: its value for the median candidate.
         deviation_before, deviation_after: (J,) root mean square predicted deviation of each command over its
             reference states, in its unit, now and forecast for after this motion (hyperparameters unchanged).
         evaluations: evaluations of the criterion.
         seconds: CPU time.
+        outputs: latent functions that the criterion sums over.
     """
 
     trajectory: Trajectory
@@ -46,17 +48,27 @@ class Design:
     criterion: str
     value: float
     baseline: float
+    typical: float
     deviation_before: Array
     deviation_after: Array
     evaluations: int
     seconds: float
+    outputs: int
+
+    @property
+    def choice(self) -> float | None:
+        """By which part the variance afterwards, a geometric mean, is less than with the median candidate.
+
+        None for a criterion that does not say: of `log_ivr` the value is minus a sum of mean logarithms.
+        """
+        if self.criterion != "log_ivr":
+            return None
+        return 1.0 - math.exp((self.typical - self.value) / self.outputs)
 
     @property
     def variance_removed(self) -> float:
         """Fraction of the reference variance that this motion is forecast to remove, mean over commands."""
-        known = self.deviation_before == 0.0
-        left = self.deviation_after / np.where(known, 1.0, self.deviation_before)
-        return float(np.mean(np.where(known, 0.0, 1.0 - left**2)))
+        return variance_removed(self.deviation_before, self.deviation_after)
 
 
 def design(
@@ -64,11 +76,13 @@ def design(
     limits: Sequence[Limit],
     home: Array,
     inputs: Inputs,
-    model: Model,
+    model: Model | Sequence[Latent],
     config: DesignConfig,
     rng: np.random.Generator,
     tasks: Sequence[Trajectory] = (),
     *,
+    standing_in: Sequence[Trajectory] = (),
+    given: Sequence[Trajectory] = (),
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
 ) -> Design:
@@ -79,10 +93,12 @@ def design(
         limits: what they may not exceed.
         home: (k,) a pose inside every limit.
         inputs: the model's feature map, with what was learned about plans.
-        model: what is known.
+        model: what is known; or latent functions, as `prior.prior_latents` has them before any log.
         config: criterion and effort.
         rng: source of candidates and of random reference motions.
-        tasks: motions the model is for; without them random members of the family stand in.
+        tasks: motions the model is for.
+        standing_in: motions that stand in for tasks, and beside them; none: random members of the family.
+        given: motions that will be run before this one; their logs are not there yet.
         rate: Hz of the logs, for `config.planned_noise`.
         physics: of the kind, for criteria that need the identified model.
 
@@ -97,8 +113,8 @@ def design(
             raise UsageError(f"a task has {axes} coordinates, the robot has {len(home)}")
     with threads_for(0):
         source = Source(family, tuple(limits), home, config.sampler)
-        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
-        aim = objective(family, inputs, model, config, tasks, standing_in, rate=rate, physics=physics)
+        others = standing_in or [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
+        aim = objective(family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics)
         found = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
         before, after = aim.deviations(found.best)
     return Design(
@@ -109,108 +125,30 @@ def design(
         criterion=config.criterion,
         value=found.value,
         baseline=found.baseline,
+        typical=found.typical,
         deviation_before=before,
         deviation_after=after,
         evaluations=found.evaluations,
         seconds=time.process_time() - started,
+        outputs=len(aim.objective.outputs),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Aim:
-    """The objective of a design, and the model's own processes by which it is forecast.
-
-    Attributes:
-        objective: of the criterion, with everything that is fixed computed once.
-        latents: the model's own, as planned samples see them.
-        outputs: the same with their reference states.
-    """
-
-    objective: Objective
-    latents: tuple[Latent, ...]
-    outputs: tuple[Output, ...]
-
-    def deviations(self, drawn: Drawn) -> tuple[Array, Array]:
-        """(J,) forecast root mean square deviation of each command before and after a trajectory."""
-        plan = replace(self.objective, family=drawn.family).planned(drawn.p)
-        gains = gains_of([latent.commands for latent in self.latents], plan.gains)
-        found: dict[int, tuple[float, float]] = {}
-        for latent, output, gain in zip(self.latents, self.outputs, gains.T, strict=True):
-            removed = Reduction.of(output, batch_of(output.posterior, plan.X), gain).values
-            now = float(np.sqrt(output.reference_variance.mean()))
-            then = float(np.sqrt(np.maximum(output.reference_variance - removed, 0.0).mean()))
-            for command, factor in zip(latent.commands, latent.factors, strict=True):
-                found[command] = (factor * now, factor * then)
-        before, after = zip(*(found[command] for command in sorted(found)), strict=True)
-        return np.array(before), np.array(after)
-
-
-def objective(
-    family: Family,
-    inputs: Inputs,
-    model: Model,
-    config: DesignConfig,
-    tasks: Sequence[Trajectory],
-    standing_in: Sequence[Trajectory],
-    *,
-    rate: float = 0.0,
-    physics: Mapping[str, Physics] | None = None,
-) -> Aim:
-    """What `design` maximises; arguments as there, and the random motions that stand in for tasks."""
-    criterion = criterion_named(config.criterion)
-    duration = standing_in[0].duration
-    share = 1.0
-    if config.planned_noise:
-        if not rate > 0.0:
-            raise UsageError("planned_noise needs the rate of the logs", where="design.planned_noise")
-        share = config.points / max(rate * duration, config.points)
-    own = latents_of(model)
-    latents = planned(own, share, config.inducing)
-    outputs = _outputs(latents, inputs, config, tasks, standing_in)
-    judged, asked = outputs, latents
-    if needs_of(criterion) == "identified":
-        asked = planned(of_parameters(own, physics or {}), share, 0)
-        references = {
-            j: output.reference
-            for latent, output in zip(latents, outputs, strict=True)
-            for j in latent.commands
-        }
-        judged = tuple(Output.of(one.posterior, references[one.commands[0]]) for one in asked)
-    times, keep = instants(duration, config.points, inputs.rate)
-    commands = tuple(latent.commands for latent in asked)
-    return Aim(Objective(criterion, judged, commands, inputs, family, times, keep), latents, outputs)
-
-
-def _outputs(
-    latents: Sequence[Latent],
-    inputs: Inputs,
-    config: DesignConfig,
-    tasks: Sequence[Trajectory],
-    standing_in: Sequence[Trajectory],
-) -> tuple[Output, ...]:
-    """The model's processes with the reference states at which their variance counts."""
-    commands = [latent.commands for latent in latents]
-    from_random = round(config.random_share * config.reference_points) if tasks else config.reference_points
-    from_tasks = config.reference_points - from_random
-    parts = []
-    if from_tasks:
-        parts.append(reference_states(inputs, commands, from_tasks, tasks, standing_in))
-    if from_random:
-        parts.append(reference_states(inputs, commands, from_random, standing_in))
-    references = [np.concatenate(of_latent) for of_latent in zip(*parts, strict=True)]
-    return tuple(
-        Output.of(latent.posterior, reference, latent.raw_scale if config.raw_units else None)
-        for latent, reference in zip(latents, references, strict=True)
-    )
+def variance_removed(before: Array, after: Array) -> float:
+    """Mean over commands of the fraction of variance that is gone, of deviations (J,)."""
+    known = before == 0.0
+    left = after / np.where(known, 1.0, before)
+    return float(np.mean(np.where(known, 0.0, 1.0 - left**2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The end of a search: the best trajectory, its value, the best candidate's, evaluations."""
+    """The end of a search: the best trajectory, its value, that of the best and of the median candidate."""
 
     best: Drawn
     value: float
     baseline: float
+    typical: float
     evaluations: int
 
 
@@ -238,7 +176,7 @@ def search(
         found_value = own.value(found.p) if kept.limits else end.value
         if found_value > value:
             best, value = found, found_value
-    return Found(best, value, values[order[0]], evaluations)
+    return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 
 def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float] | None = None) -> Drawn:

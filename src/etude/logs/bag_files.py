@@ -39,7 +39,7 @@ def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
     with ExitStack() as stack:
         repairs: tuple[str, ...] = ()
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        if path.is_dir() and (path / METADATA).is_file():
+        if path.is_dir() and (path / METADATA).is_file() and not any(map(_is_cut, _storages(path))):
             files = [path]
         else:
             bare = _storages(path) if path.is_dir() else [path]
@@ -82,9 +82,13 @@ def _unpacked(path: Path, folder: Path) -> Path:
     return target
 
 
+def _is_cut(path: Path) -> bool:
+    return path.suffix == ".mcap" and is_cut(path)
+
+
 def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
     """An MCAP that lacks its end with one; and whether it did."""
-    if path.suffix != ".mcap" or not is_cut(path):
+    if not _is_cut(path):
         return path, False
     target = folder / f"mended-{path.name}"
     mend(path, target, lambda torn: _started(torn, path))

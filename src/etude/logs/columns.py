@@ -123,9 +123,11 @@ def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -
 def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     examples = dict.fromkeys(f"{word}_{part}" for word in words_of(channel)[:2])
     near = difflib.get_close_matches(f"{channel.name}_{part}", ignored, n=3, cutoff=0.5)
-    known = f" Not understood: {', '.join(ignored[:LISTED])}." if ignored else ""
+    more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
+    known = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
     return (
         f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{hint} "
-        "Rename the columns, or correct the names in the robot file."
+        "Rename the columns, correct the names in the robot file, or say in [log] columns what they are: "
+        "etude inspect LOG --robot ROBOT --write-mapping."
     )

@@ -46,7 +46,9 @@ def likely_delays(
     padded = np.concatenate([[-np.inf], values, [-np.inf]])
     tops = np.flatnonzero((values >= padded[:-2]) & (values > padded[2:]))
     tops = tops[np.argsort(-values[tops], kind="stable")][:MOST]
-    worth = [int(top) for top in tops if values[top] >= WORTH * values[tops[0]]]
+    best = float(values[tops[0]])
+    least = best - (1.0 - WORTH) * abs(best)  # negative where nothing fits
+    worth = [int(top) for top in tops if values[top] >= least]
     return [
         Delay(float((shifts[top] + _parabola_top(values, top)) / rate), float(values[top])) for top in worth
     ]

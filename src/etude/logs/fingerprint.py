@@ -22,8 +22,7 @@ def sha256_of_log(path: Path) -> str:
         if path.is_file():
             return sha256_of(path)
         if path.is_dir():
-            files = sorted(one for one in path.iterdir() if one.suffix in RECORDED and one.is_file())
-            text = "".join(f"{sha256_of(one)} {one.name}\n" for one in files)
+            text = "".join(f"{sha256_of(one)} {one.name}\n" for one in _recorded(path))
             return hashlib.sha256(text.encode()).hexdigest()
     except (OSError, ValueError) as error:
         raise DataError(
@@ -32,3 +31,12 @@ def sha256_of_log(path: Path) -> str:
             next_step="Check that you may read it.",
         ) from None
     raise DataError("there is no such log file", where=str(path), next_step="Check the path.")
+
+
+def bytes_of_log(path: Path) -> int:
+    """Of a file its size; of a folder that of the files recorded in it."""
+    return sum(one.stat().st_size for one in ([path] if path.is_file() else _recorded(path)))
+
+
+def _recorded(folder: Path) -> list[Path]:
+    return sorted(one for one in folder.iterdir() if one.suffix in RECORDED and one.is_file())

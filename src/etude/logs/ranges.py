@@ -49,7 +49,7 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
     if channel.role == "state" and not _fits(q, lower, upper):
         j = int(np.argmax(over / (upper - lower)))
         raise DataError(
-            f"the position reaches {q[np.argmax(np.abs(q[:, j])), j]:.4g} {units[j]}, outside the "
+            f"the position reaches {_furthest(q[:, j], lower[j], upper[j]):.4g} {units[j]}, outside the "
             f"limits {lower[j]:.4g} to {upper[j]:.4g} {units[j]}",
             where=f"{log.source}, {channel.parts[j]}",
             next_step="Is this log of another robot or in another unit? If not, correct the robot's limits.",
@@ -59,6 +59,11 @@ def _checked_positions(log: Log, channel: Channel, lower: Array, upper: Array) -
             f"{channel.parts[k]} went {over[k]:.2g} {units[k]} outside its position limits; kept."
         )
     return log
+
+
+def _furthest(q: Array, lower: float, upper: float) -> float:
+    """The value that is furthest outside, or nearest to the limits if none is."""
+    return float(q[np.argmax(np.maximum(q - upper, lower - q))])
 
 
 def _suspicion(values: Array, lower: Array, upper: Array, angles: bool) -> str:

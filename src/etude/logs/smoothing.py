@@ -21,6 +21,8 @@ PASS_FACTOR = 4.0  # least cutoff over that band: its edge keeps 0.996 of its si
 NYQUIST_SHARE = 0.25  # the cutoff never exceeds this part of half the rate: rate / 8
 NOISE_FACTOR = 20.0  # spectral lines below this many noise levels are taken for noise
 CUTOFF_CHOICES = 64  # tried, evenly spaced in logarithm: 8 % apart over two decades
+QUICK_FACTORS = (2, 3, 5, 7, 11)  # of which a transform has loops of its own
+LONG = 10_000  # rows
 GAP_FACTOR = 10.0  # a pause of this many median intervals splits a log
 
 
@@ -82,6 +84,23 @@ def smooth(t: Array, values: Array, cutoff_hz: float) -> Smoothed:
     omega = 2 * np.pi * frequency
     parts = [np.fft.irfft(spectrum * (1j * omega) ** k, len(odd), axis=0)[:n] for k in range(3)]
     return Smoothed(t, line + parts[0], slope + parts[1], parts[2])
+
+
+def quick_length(n: int) -> int:
+    """Rows, n or a few fewer, that `smooth` filters fast: its period 2 (n - 1) has small factors only.
+
+    A period with a large prime factor takes ten times as long; of a short log no row is worth that.
+    """
+    if n < LONG:
+        return n
+    return next(m for m in range(n, 1, -1) if _small_factors(m - 1))
+
+
+def _small_factors(number: int) -> bool:
+    for factor in QUICK_FACTORS:
+        while number % factor == 0:
+            number //= factor
+    return number == 1
 
 
 def auto_cutoff(t: Array, q: Array) -> float:

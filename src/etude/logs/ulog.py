@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -24,6 +24,7 @@ MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 AXES = ("x", "y", "z")
 GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
+BATTERY = "battery_status"
 MOTORS = ("actuator_motors", "actuator_outputs")
 """Where a signal stands, in the order in which it is looked for."""
 PULSE = (800.0, 2200.0)
@@ -141,6 +142,8 @@ def _flight(
     for name, _, own in parts:  # one topic may hold two signals
         columns.setdefault(name, {}).update(own)
     data = {name: own for name, own, _ in parts}
+    if BATTERY in data:
+        data[BATTERY] = _held(data[BATTERY], columns[BATTERY], data.values())
     logs = {name: _log(data[name], own, path, (*said, *sentences)) for name, own in columns.items() if own}
     if not logs:
         raise _lacks(path, ())
@@ -255,6 +258,14 @@ def _battery(data: Dataset) -> dict[str, Array]:
     return {header: data[name] for name, header in own.items() if name in data}
 
 
+def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:
+    """A topic that is sent once a second, which holds before its first row and after its last one too."""
+    times = [float(one["timestamp"][k]) for one in others for k in (0, -1)]
+    for name, values in columns.items():
+        columns[name] = np.concatenate([values[:1], values, values[-1:]])
+    return {"timestamp": np.concatenate([[min(times)], data["timestamp"], [max(times)]])}
+
+
 def _speed_controllers(data: Dataset) -> dict[str, Array]:
     """What each reports; asides of a flight."""
     own = {"esc_rpm": "esc_rpm_{}", "esc_current": "esc_current_{} [A]"}
@@ -272,7 +283,7 @@ SIGNALS: Sequence[tuple[Sequence[str], Callable[[Dataset], dict[str, Array]]]] =
     (("vehicle_attitude",), _orientation),
     (("vehicle_local_position",), _place),
     (("esc_status",), _speed_controllers),
-    (("battery_status",), _battery),
+    ((BATTERY,), _battery),
 )
 """Topics, of which the first that is there is read, and the columns in it."""
 

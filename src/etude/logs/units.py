@@ -11,6 +11,7 @@ from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.words import (
     GRAVITY,
+    MINUTES,
     STAMP_WORDS,
     TIME_UNITS,
     TIME_WORDS,
@@ -30,6 +31,7 @@ FASTEST = {"rates": 10.0}
 """Channels whose root mean square is no larger, rad/s: more is degrees."""
 TURN = {"attitude": ("roll", "pitch")}
 """Angles within a half turn."""
+SIXTY, ALIKE = 60.0, 1.15  # a clock taken for minutes or their inverse; of rates
 CLOCK_FACTOR = 50.0  # the log's rate over the usual one, or its inverse: beyond, no unit of time fits
 
 
@@ -73,8 +75,9 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
             next_step="Write time as a number of seconds.",
         )
     bare, unit = split_unit(header)
-    stated = unit or next((u for u in TIME_UNITS if normal(bare).endswith(f"_{u}")), "")
-    factor, name = (TIME_UNITS[stated], stated) if stated in TIME_UNITS else time_factor(finite, rate, where)
+    known = {**TIME_UNITS, **MINUTES}
+    stated = unit or next((u for u in known if normal(bare).endswith(f"_{u}")), "")
+    factor, name = (known[stated], stated) if stated in known else time_factor(finite, rate, where)
     repairs = [] if name == "s" else [f"Time was converted from {name} (column {header})."]
     if factor == 1.0:
         return values, repairs
@@ -96,15 +99,20 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
             "the time never advances", where=f"{where}, time column", next_step="Export the log again."
         )
     step = float(np.median(steps))
-    distance = {unit: abs(np.log(step * factor * rate)) for unit, factor in TIME_UNITS.items()}
-    unit = min(distance, key=lambda name: distance[name])
-    if not distance[unit] <= np.log(CLOCK_FACTOR):
-        raise DataError(
-            f"the time step {step:g} fits no unit at {rate:g} Hz",
-            where=f"{where}, time column",
-            next_step="Name the unit in the header (time_ms, t [s]), or correct the robot's rate.",
-        )
-    return TIME_UNITS[unit], unit
+    off = {unit: float(np.log(step * factor * rate)) for unit, factor in TIME_UNITS.items()}
+    unit = min(off, key=lambda name: abs(off[name]))
+    sixty = abs(abs(off["s"]) - np.log(SIXTY)) < np.log(ALIKE)
+    if abs(off[unit]) <= np.log(ALIKE if sixty else CLOCK_FACTOR):
+        return TIME_UNITS[unit], unit
+    said = f"the time step {step:g} fits no unit at {rate:g} Hz"
+    if sixty:
+        said += f": {'60 times' if off['s'] > 0.0 else 'a 60th of'} what it would be in seconds"
+    header = "t [min]" if sixty and off["s"] < 0.0 else "time_ms, t [s]"
+    raise DataError(
+        said,
+        where=f"{where}, time column",
+        next_step=f"Name the unit in the header ({header}), or correct the robot's rate.",
+    )
 
 
 def start_at_zero(log: Log) -> Log:

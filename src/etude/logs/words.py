@@ -40,6 +40,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "velocity": ("vel", "v", "state_estimate_v", "stateestimate_v"),
     "orientation": ("q", "quat", "quaternion", "attitude_q"),
     "attitude": ("stabilizer", "state_estimate", "stateestimate", "euler", "rpy"),
+    "battery_voltage": ("vbat", "vbatt", "pm_vbat"),
     "position_des": ("position_ref", "setpoint", "p_des", "ref_position"),
 }
 # Sensors that recorders write under several names at once: the first complete spelling is taken.
@@ -74,6 +75,8 @@ UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
 STAMP_WORDS = {"sec": ("header_stamp_sec", "stamp_sec", "sec"), "nanosec": ("nanosec", "stamp_nanosec")}
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+MINUTES = {"min": 60.0}
+"""Too near to seconds to be told from the rate: only where a header says so."""
 
 
 def split_unit(header: str) -> tuple[str, str]:
@@ -98,7 +101,7 @@ def is_time(header: str) -> bool:
 
 def time_word(text: str) -> str:
     """A normalised header less a unit at its end: "time" of "time_ms"."""
-    for unit in TIME_UNITS:
+    for unit in (*TIME_UNITS, *MINUTES):
         if text.endswith(f"_{unit}"):
             return text.removesuffix(f"_{unit}")
     return text

@@ -39,7 +39,12 @@ def choices(folds: Folds, trained: Sequence[Sequence[str]], held: Mapping[str, H
     votes = {rung: own.votes(config.choose_by) for rung, own in held.items()}
     reference = _reference(folds, trained, {rung: own / spread for rung, own in votes.items()})
     return tuple(
-        _choice({rung: votes[rung][:, j] for rung in _competing(folds, rungs)}, reference, float(rounding[j]))
+        _choice(
+            {rung: votes[rung][:, j] for rung in _competing(folds, rungs)},
+            reference,
+            float(rounding[j]),
+            config.replace,
+        )
         for j, rungs in enumerate(trained)
     )
 
@@ -48,15 +53,21 @@ def _reference(folds: Folds, trained: Sequence[Sequence[str]], votes: Mapping[st
     """The rung that is best for all commands together; of a single trajectory the best physics, if any."""
     common = [r for r in _competing(folds, trained[0]) if all(r in rungs for rungs in trained)]
     physics = [rung for rung in common if rung in PHYSICAL]
-    if physics and folds.trajectories < TRAJECTORIES:
-        common = physics
     relative = {rung: fold_mean(np.array([fold_mean(own) for own in votes[rung].T])) for rung in common}
+    if folds.config.replace == "every" and physics:
+        best = _least({rung: relative[rung] for rung in physics}, 0.0)
+        together = {rung: np.array([fold_mean(fold) for fold in votes[rung]]) for rung in common}
+        winners = [rung for rung in common if _on_every_fold(together[rung], together[best])]
+        return _least({rung: relative[rung] for rung in (best, *winners)}, 0.0)
+    if physics and folds.trajectories < TRAJECTORIES:
+        relative = {rung: relative[rung] for rung in physics}
     return _least(relative, 0.0)
 
 
-def _choice(votes: Mapping[str, Array], reference: str, rounding: float) -> str:
-    """The rung with the least error of the folds (F,) among those that are better by more than chance."""
-    better = [rung for rung, own in votes.items() if _beyond_chance(own, votes[reference])]
+def _choice(votes: Mapping[str, Array], reference: str, rounding: float, replace: str) -> str:
+    """The rung with the least error of the folds (F,) among those that may replace the reference."""
+    wins = _on_every_fold if replace == "every" else _beyond_chance
+    better = [rung for rung, own in votes.items() if wins(own, votes[reference])]
     return _least({rung: fold_mean(votes[rung]) for rung in (reference, *better)}, rounding)
 
 
@@ -67,6 +78,12 @@ def _beyond_chance(own: Array, reference: Array) -> bool:
         return False
     error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
     return bool(np.mean(difference) < -CHANCE * error)
+
+
+def _on_every_fold(own: Array, reference: Array) -> bool:
+    """Whether each of several folds is predicted better than by the reference."""
+    difference = (own - reference)[np.isfinite(own - reference)]
+    return len(difference) >= 2 and bool(np.all(difference < 0.0))
 
 
 def _competing(folds: Folds, rungs: Sequence[str]) -> list[str]:

@@ -49,6 +49,9 @@ class ModelConfig:
         rung: one of `RUNGS`, or "auto": the ladder trains what the robot allows and chooses for each command.
         choose_by: held-out error by which it chooses: mean "squared" or mean "absolute" error, each
             trajectory with one vote.
+        replace: what a rung must show to replace one that is better for all commands: "chance", it predicts
+            the folds better by more than these scatter; or "every", it predicts each of them better, and
+            physics stand until some rung does.
         process_from: trajectories from which rungs with a process compete with physics; stretches of one
             trajectory are no new trajectories, and flatter processes.
         kernel: "structured" (posture, friction, linear and remainder), "ard_se" (thesis 2.3), or a plug-in.
@@ -113,10 +116,12 @@ class ModelConfig:
     stretch_s: float = 8.0
     calibrate: bool = True
     student_t: bool = False
+    replace: Literal["chance", "every"] = "chance"
 
     def __post_init__(self) -> None:
         _one_of("rung", self.rung, (*RUNGS, "auto"))
         _one_of("choose_by", self.choose_by, ("squared", "absolute"))
+        _one_of("replace", self.replace, ("chance", "every"))
         _one_of("sharing", self.sharing, ("separate", "shared"))
         _one_of("method", self.method, ("lbfgs", "minimize"))
         _one_of("schedule", self.schedule, SCHEDULES)

@@ -47,7 +47,16 @@ def _channels(columns: Sequence[Column]) -> dict[str, Channel]:
     for channel, part, unit, op in columns:
         known = parts.setdefault(channel, {})
         known.setdefault(part, unit if not op else "")
-    return {name: Channel(name, tuple(own), tuple(own.values())) for name, own in parts.items()}
+    return {
+        name: Channel(name, tuple(own), tuple(own.values()), derivative_of=_base(name, parts))
+        for name, own in parts.items()
+    }
+
+
+def _base(name: str, known: Mapping[str, Mapping[str, str]]) -> str:
+    """The channel whose rate that is by the field's names, q of qd and qd of qdd; "" of none."""
+    base = name.removesuffix("d")
+    return base if base != name and base in known and list(known[base]) == list(known[name]) else ""
 
 
 def _array(states: Mapping[str, Any], channel: Channel) -> Array:

@@ -19,6 +19,9 @@ from etude.trajectories.series import basis, instants, rest_nullspace
 
 Array = NDArray[np.float64]
 
+SHORTEST, LONGEST = 10.0, 60.0
+"""s, of a segment whose length is chosen for the robot."""
+
 
 @dataclass(frozen=True)
 class FourierConfig:
@@ -26,9 +29,9 @@ class FourierConfig:
 
     Attributes:
         harmonics: N; at least 2 with rest = "nullspace".
-        duration: s.
+        duration: s, of a recording.
         omega0: base frequency in rad/s: a number, a range (low, high) that is drawn from, or None for
-            2 pi/duration, one period.
+            2 pi/duration, one period; arms then split the recording into segments (`suited_to`).
         rest: "nullspace", two linear equalities per axis and a whole number of periods; "ramp", a phase ramp
             at both ends, for any coefficients and any omega0; or "none", for vehicles that start in motion.
         ramp: length of each phase ramp in s (only with rest = "ramp").
@@ -101,12 +104,14 @@ class FourierConfig:
 def suited_to(
     config: FourierConfig, lower: Array, upper: Array, velocity: Array, acceleration: Array
 ) -> FourierConfig:
-    """The numbers with omega0 chosen for a robot's limits (k,), if it was left open.
+    """One period of the length that suits a robot's limits (k,), if omega0 was left open.
 
-    At one period in `duration` a fast robot would use a few per cent of its velocity limits, and show
-    nothing of its inertia. So the motion makes as many whole periods as the axis with the longest way for
-    its speed allows: an axis that swings over its range in the middle harmonics then comes near its limits
-    of position and of velocity (or acceleration) alike.
+    At one period in a minute a fast robot would use a few per cent of its velocity limits, and show nothing
+    of its inertia; the same short period again and again shows nothing new. So a period is as short as the
+    axis with the longest way for its speed allows, from 10 to 60 s: an axis that swings over its range in
+    the middle harmonics then comes near its limits of position and of velocity (or acceleration) alike.
+    The recording's `duration` holds a whole number of such segments, each another motion; with room for
+    one only, a segment lasts as long as the recording.
     """
     if config.omega0 is not None:
         return config
@@ -114,8 +119,10 @@ def suited_to(
     by_velocity = velocity / half_range / middle
     by_acceleration = np.sqrt(acceleration / half_range) / middle
     omega0 = float(np.min(np.minimum(by_velocity, by_acceleration)))
-    periods = max(1, round(omega0 * config.duration / (2.0 * math.pi)))
-    return replace(config, omega0=2.0 * math.pi * periods / config.duration)
+    period = min(max(2.0 * math.pi / omega0, SHORTEST), LONGEST)
+    count = max(1, min(round(config.duration / period), math.floor(config.duration / SHORTEST)))
+    duration = config.duration / count
+    return replace(config, duration=duration, omega0=2.0 * math.pi / duration)
 
 
 @dataclass(frozen=True, eq=False)

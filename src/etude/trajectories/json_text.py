@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
+from typing import Any
 
+from etude.contracts import Trajectory
 from etude.errors import UsageError
+from etude.trajectories.chain import Chain
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.trajectories.splined import Splined
 
-FORMS: dict[str, type[FourierTrajectory] | type[PointToPoint] | type[Splined]] = {
+
+def _chain(parts: Sequence[Any]) -> Chain:
+    return Chain(tuple((label, _made(part, SINGLE)) for label, part in parts))
+
+
+SINGLE: dict[str, Callable[..., Trajectory]] = {
     "fourier": FourierTrajectory,
     "moves": PointToPoint,
     "splined": Splined,
 }
+FORMS: dict[str, Callable[..., Trajectory]] = {**SINGLE, "chain": _chain}
 
 
-def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint | Splined:
+def from_json(text: str | bytes) -> Trajectory:
     """The trajectory that `to_json` wrote, of any form, bit for bit. Files of 0.1 say `kind` for `form`.
 
     Raises:
@@ -26,11 +36,16 @@ def from_json(text: str | bytes) -> FourierTrajectory | PointToPoint | Splined:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise UsageError(f"the trajectory file is not JSON: {error}") from None
+    return _made(content, FORMS)
+
+
+def _made(content: Any, forms: dict[str, Callable[..., Trajectory]]) -> Trajectory:
     key = "form" if isinstance(content, dict) and "form" in content else "kind"
-    if not isinstance(content, dict) or content.get(key) not in FORMS:
-        raise UsageError(f"the trajectory file's 'form' is not one of: {', '.join(FORMS)}")
-    made_by = FORMS[content.pop(key)]
+    form = content.get(key) if isinstance(content, dict) else None
+    if not isinstance(form, str) or form not in forms:
+        raise UsageError(f"the trajectory file's 'form' is not one of: {', '.join(forms)}")
+    values = {name: value for name, value in content.items() if name != key}
     try:
-        return made_by(**content)
+        return forms[form](**values)
     except (TypeError, ValueError) as error:
         raise UsageError(f"the trajectory file does not describe a trajectory: {error}") from None

@@ -264,5 +264,5 @@ def test_a_hinge_without_a_range_has_none_and_mujoco_writes_no_file(
     model = load(urdf).model()
     assert not model.jnt_limited[model.joint("shoulder").id]
     if limit:
-        np.testing.assert_allclose(model.joint("shoulder").actfrcrange, [-3, 3])
+        np.testing.assert_allclose(model.jnt_actfrcrange[model.joint("shoulder").id], [-3, 3])
     assert list(folder.iterdir()) == []

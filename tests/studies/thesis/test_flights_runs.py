@@ -239,8 +239,12 @@ def test_inputs_of_the_two_vehicles_are_those_of_the_text() -> None:
         for place in (Place("quadrotor", "literal", None, 2), Place("pelican", "pelican", None, 2))
     }
     literal, pelican = (world.kind.inputs(world.spec, world.config) for world in names.values())
-    assert literal == QuadrotorInputs(altitude=True, acceleration="kinematic", body_velocity=False)
-    assert pelican == QuadrotorInputs(altitude=True, acceleration="specific_force", body_velocity=False)
+    assert literal == QuadrotorInputs(
+        altitude=True, acceleration="kinematic", body_velocity=False, battery_voltage=False
+    )
+    assert pelican == QuadrotorInputs(
+        altitude=True, acceleration="specific_force", body_velocity=False, battery_voltage=False
+    )
     assert len(literal.columns) == 10
     spec = names["pelican"].spec
     assert (spec.radius, spec.margin, spec.upper[2], spec.speed, spec.rate) == (1.5, 0.0, 2.0, 1.5, 20.0)

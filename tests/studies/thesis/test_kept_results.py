@@ -128,7 +128,7 @@ MODEL = (
     "fit_points=500, "
     "fit_spacing_s=0.0, candidates=('default',), steps=25, warm_from=1, warm_steps=0, "
     "method='minimize', starts=1, schedule='update', prior='none', "
-    "noise_floor=0.0, floor_of='limit', stretch_s=8.0, calibrate=False, student_t=False)"
+    "noise_floor=0.0, floor_of='limit', stretch_s=8.0, calibrate=False, student_t=False, replace='chance')"
 )
 DATA = (
     "ArmData(inputs='desired', cutoff_hz='none', rate_hz=100.0, least_samples=0, "
@@ -138,5 +138,5 @@ TRAJECTORY = "FourierConfig(harmonics=2, duration=60.0, omega0=(0.105, 0.2), res
 DESIGN = (
     "DesignConfig(criterion='mean_variance', sampler='scaled', candidates=24, refine=2, steps=15, "
     "points=50, planned_noise=False, reference_points=100, random_share=0.0, inducing=0, "
-    "raw_units=True)"
+    "raw_units=True, first='random', reference='family')"
 )

@@ -45,7 +45,8 @@ def _order(t: Array, steps: Array) -> Finding:
     return Finding(
         "order",
         "yellow" if len(back) < 0.01 * len(t) else "red",
-        f"Time runs backwards {len(back)} times, first at row {back[0] + 1}, by {-steps[back[0]]:.3g} s.",
+        f"Time runs backwards at {len(back)} row{'s'[: len(back) > 1]}, first at row {back[0] + 1}, "
+        f"by {-steps[back[0]]:.3g} s.",
         "Rows out of order are dropped; cut the file where a second recording begins.",
         spans=spans,
     )
@@ -60,7 +61,8 @@ def _gaps(t: Array, steps: Array, step: float) -> Finding:
     return Finding(
         "gaps",
         "red" if share > 0.5 else "yellow",
-        f"{len(gaps)} pauses without samples, together {lost:.3g} s, the longest {steps[gaps].max():.3g} s.",
+        f"{len(gaps)} pause{'s'[: len(gaps) > 1]} without samples, together {lost:.3g} s, the longest "
+        f"{steps[gaps].max():.3g} s.",
         "Pauses split the log; a slower rate or another recorder loses fewer rows.",
         spans=tuple((float(t[k]), float(t[k + 1])) for k in gaps[:SPANS]),
     )
@@ -70,7 +72,7 @@ def _repeats(log: Log, steps: Array) -> Finding:
     """Rows at the time of the row before, and rows whose every cell is that of the row before."""
     same_time, same = float((steps == 0).mean()), float(_held(log).mean())
     said = (
-        f"{100 * same_time:.2g} % of the rows repeat the time before, {100 * same:.2g} % repeat all values."
+        f"{100 * same_time:.3g} % of the rows repeat the time before, {100 * same:.3g} % repeat all values."
     )
     if max(same_time, same) < REPEATED:
         return Finding("repeats", "green", said)

@@ -75,7 +75,7 @@ def _empty(log: Log) -> Finding:
     return Finding(
         "empty",
         "red" if shares[worst] > 0.2 else "yellow",
-        f"{len(shares)} columns have empty or infinite cells, most {worst}: {100 * shares[worst]:.2g} %.",
+        f"{len(shares)} columns have empty or infinite cells, most {worst}: {100 * shares[worst]:.3g} %.",
         "Such rows are dropped; export all channels at the same times.",
     )
 
@@ -117,7 +117,7 @@ def _saturated(log: Log, limits: Limits) -> Finding:
             marked |= at[:, j]
     if not shares:
         return Finding("saturation", "green", "No command stays at an extreme.")
-    said = ", ".join(f"{name} for {100 * share:.2g} %" for name, share in shares.items())
+    said = ", ".join(f"{name} for {100 * share:.3g} %" for name, share in shares.items())
     return Finding(
         "saturation",
         "yellow",
@@ -157,7 +157,7 @@ def _leaping(log: Log) -> Finding:
     return Finding(
         "jumps",
         "yellow",
-        f"{_listed(names)} leaps {len(rows)} times, first at {log.t[rows[0]]:.3g} s.",
+        f"{_listed(names)} leaps {len(rows)} time{'s'[: len(rows) > 1]}, first at {log.t[rows[0]]:.3g} s.",
         "Single wild rows are dropped; unwrap angles, and cut the file where another recording begins.",
         spans=spans_of(log.t, np.array(sorted(set(rows)))),
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Log
 from etude.logs.lag import command_lag
-from etude.logs.smoothing import median_rate, resample, smooth, uniform_grid
+from etude.logs.smoothing import median_rate, resample, uniform_grid
 from etude.logs.steps import longest_stretch
 from etude.logs.truth.seen import LEAST_ROWS, NO_MOTION, RATE, Seen
 from etude.logs.truth.words import named
@@ -20,13 +20,15 @@ LATE_S = 0.05
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
     """Of the coordinates `path` of a log whose rows are in order and hold numbers."""
-    found = [_noise(log, path, motion.cutoff), _rest(motion), _delay(motion, path)]
+    found = [_noise(log, path, motion), _delay(motion, path)]
+    if motion.moves.any():
+        found.insert(1, _rest(motion))
     if path.name in limits:
         found.append(_coverage(log, path, motion, limits))
     return tuple(found)
 
 
-def _noise(log: Log, path: Channel, cutoff: float) -> Finding:
+def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     part = longest_stretch(log)
     rate = median_rate(part.t)
     grid = uniform_grid(part.t, rate)
@@ -35,15 +37,15 @@ def _noise(log: Log, path: Channel, cutoff: float) -> Finding:
     if len(grid) < 4 * LEAST_ROWS or not moved.any():
         return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
-    raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, cutoff)
-    size = smooth(grid, q, cutoff).second.std(axis=0)
+    raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, motion.cutoff)
+    size = motion.qdd.std(axis=0)
     share = np.where(moved, kept / np.where(size > 0.0, size, np.inf), 0.0)
     worst = int(np.argmax(share))
     unit = path.units[worst]
     said = (
         f"Positions of {path.parts[worst]} are noisy by {level[worst]:.2g} {unit}; differentiated twice "
-        f"that is {raw[worst]:.2g} {unit}/s^2, behind the filter of {cutoff:.3g} Hz {kept[worst]:.2g}, "
-        f"where the motion has {size[worst]:.2g}."
+        f"that is {raw[worst]:.2g} {unit}/s^2, behind the filter of {motion.cutoff:.3g} Hz "
+        f"{kept[worst]:.2g}, where the motion has {size[worst]:.2g}."
     )
     if share[worst] < NOISY:
         return Finding("noise", "green", said)
@@ -61,9 +63,6 @@ def _rest(motion: Seen) -> Finding:
     share = 1.0 - motion.moving.mean(axis=0)
     never, long = ~motion.moves, motion.moves & (share > STANDING)
     said = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
-    if never.all():
-        step = "Release the brakes and record a motion."
-        return Finding("rest", "red", "Nothing moves: no joint ever changes its position.", step)
     if never.any():
         said = f"{named(motion.parts, never)} never moves. {said}"
     elif not long.any():

@@ -17,6 +17,8 @@ from etude.logs.truth.seen import Seen, joints, seen
 from etude.logs.truth.words import Mendable
 from etude.logs.units import Limits
 
+STILL = "Nothing moves: no joint changes its position by more than its noise."
+
 
 def judge_motion(
     log: Log,
@@ -40,6 +42,8 @@ def judge_motion(
         motion = seen(log, log.channels[path])
     if motion is None:
         return ()
+    if motion.command is not None and not motion.moves.any():
+        return (Finding("rest", "red", STILL, "Release the brakes and record a motion."),)
     rate = median_rate(log.t)
     found = rates.rate_finding(motion, rate, usual)
     if found.light == "red":

@@ -145,8 +145,9 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     wrong = known & (np.abs(found.beta - 1.0) >= NEAR) & (found.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
     if foreign.any():
-        others = "".join(_of_which(seen, j) for j in np.flatnonzero(foreign).tolist())
-        fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{others}."
+        others = [said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))]
+        whose = f" ({', '.join(others)})" if others else ""
+        fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
         fact = f"The velocity of {named(seen.parts, turned)} has the opposite sign of its position's slope."
     elif wrong.any():
@@ -166,5 +167,5 @@ def _of_which(seen: Seen, j: int) -> str:
         a, b = seen.qd[rows, other], seen.logged[rows, j]
         like = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b) + 1e-300)
         if other != j and like > LIKE:
-            return f" (it is that of {seen.parts[other]})"
+            return f"that of {seen.parts[j]} is {seen.parts[other]}'s"
     return ""

@@ -9,7 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.contracts import Array, Channel, Log, Mask
-from etude.logs.smoothing import Smoothed, median_rate, resample, segments, smooth, uniform_grid
+from etude.logs.smoothing import (
+    Smoothed,
+    median_rate,
+    quick_length,
+    resample,
+    segments,
+    smooth,
+    uniform_grid,
+)
 from etude.logs.steps import auto_cutoff, longest_stretch
 
 RATE = 50.0  # Hz: what a motion holds beyond is noise
@@ -17,6 +25,7 @@ MOVING = 0.05  # of a joint's top speed: below, it stands, and friction says not
 LEAST_ROWS = 8  # of a stretch that can be filtered
 WILD = 10.0  # times the step that 99 % of the rows stay below: there and back again is no motion
 NO_MOTION = 1e-9  # rad or m: positions that differ by less are the same
+ABOVE = 4.0  # times the noise: a filtered position that varies by less does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +84,7 @@ def seen(log: Log, path: Channel) -> Seen | None:
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    moved = np.ptp(whole["q"], axis=0) > NO_MOTION
+    moved = np.ptp(whole["q"], axis=0) > np.maximum(NO_MOTION, ABOVE * noise(log[path.name]))
     speed = np.abs(whole["qd"])
     return Seen(
         whole["t"],
@@ -90,6 +99,14 @@ def seen(log: Log, path: Channel) -> Seen | None:
         path.units,
         cutoff,
     )
+
+
+def noise(q: Array) -> Array:
+    """(k,) deviation of what is independent from row to row in positions q (T, k); 0 of a coarse sensor."""
+    if len(q) < 3:
+        return np.zeros(q.shape[1])
+    middle = np.median(np.abs(np.diff(q, 2, axis=0)), axis=0)
+    return np.asarray(middle / (0.6745 * math.sqrt(6.0)))
 
 
 def joints(log: Log) -> Channel | None:
@@ -128,6 +145,7 @@ def _stretch(
 ) -> dict[str, Array]:
     """One stretch, every so many rows, without a filter's edge."""
     grid = uniform_grid(log.t, rate)
+    grid = grid[: quick_length(len(grid))]
     edge = min(int(rate / cutoff), max((len(grid) - 2 * LEAST_ROWS) // 2, 0))
     rows = slice(edge, len(grid) - edge, keep)
 

@@ -58,13 +58,14 @@ def _question(seen: Seen, rho: Array, wrong: Mask) -> Finding:
     told = np.isfinite(rho) & (np.abs(rho) > SURE)
     everywhere = wrong.sum() > max(1, told.sum() / 2) and seen.logged is None
     cause = "the sign of these commands is inverted, or the rows run backwards in time"
+    turned = " If the rows run backwards, turn the file round instead." if everywhere else ""
     guess = cause if everywhere else "their sign is inverted"
     return Mendable(
         CHECK,
         "yellow",
         f"The commands of {named(seen.parts, wrong)} take power out of the motion (power over its absolute "
         f"value: {share}; friction makes it positive): very probably {guess}.",
-        both(CHECK, f"turn the sign of {named(seen.parts, wrong)}"),
+        both(CHECK, f"turn the sign of {named(seen.parts, wrong)}") + turned,
         flag=CHECK,
         by=tuple(np.where(wrong, -1.0, 1.0).tolist()),
     )

@@ -11,6 +11,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Literal
 
 import numpy as np
@@ -61,7 +63,7 @@ class Kernel(ABC):
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         """Gradient (n, D) of sum(g * diagonal(X)) with respect to X; g is (n,)."""
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number P of hyperparameters."""
         return len(self.names())
@@ -195,8 +197,8 @@ def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
 
 def _shares(kernel: Kernel, parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
     theta = kernel.check(theta)
-    ends = np.cumsum([part.size for part in parts])
-    return list(zip(parts, np.split(theta, ends[:-1]), strict=True))
+    ends = list(accumulate((part.size for part in parts), initial=0))
+    return [(part, theta[start:end]) for part, (start, end) in zip(parts, pairwise(ends), strict=True)]
 
 
 def _total(terms: list[Array]) -> Array:

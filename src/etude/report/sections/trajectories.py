@@ -85,7 +85,7 @@ def _panels(record: Record, trajectory: Trajectory) -> list[Html]:
 
 def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:
     """What one limit measures along a motion, over time, each row as a fraction of its limit."""
-    rows = [row for row in limit.prove(trajectory) if row.status != "not looked at"]
+    rows = [row for row in limit.prove(trajectory.pieces()[0][2]) if row.status != "not looked at"]
     measured = limit.of_motion(trajectory.motion(t, 4))
     if not rows or measured.shape[1] != len(rows):
         return None

@@ -5,8 +5,8 @@ from __future__ import annotations
 COMMENTS: dict[str, dict[str, str]] = {
     "trajectory": {
         "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
-        "duration": "s of each trajectory",
-        "omega0": 'rad/s: a number, a range [low, high], or "none": what suits the slowest joint',
+        "duration": "s of each recording, links between its segments apart",
+        "omega0": 'rad/s: a number, a range [low, high], or "none": segments of a period that suits it',
         "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
         "ramp": 's of each phase ramp, for rest = "ramp"',
     },

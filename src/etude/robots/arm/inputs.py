@@ -67,15 +67,21 @@ class ArmInputs:
 
     @classmethod
     def of(
-        cls, spec: ArmSpec, friction_fraction: float, desired: bool = False, presliding: float = 0.0
+        cls,
+        spec: ArmSpec,
+        friction_fraction: float,
+        desired: bool = False,
+        presliding: float = 0.0,
+        stick_fraction: float = 0.0,
     ) -> ArmInputs:
         """v0 of the friction columns is a part of the velocity limits; 0 for no such columns.
 
         presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
+        stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`tuned`).
         """
         channels = {c.name: c for c in spec.channels() if c.name in (*PATH, *PLAN)}
         v0 = friction_fraction * spec.velocity if friction_fraction else None
-        found = cls(channels, np.zeros(spec.dof), v0, desired=desired)
+        found = cls(channels, stick_fraction * spec.velocity, v0, desired=desired)
         if not presliding:
             return found
         length = spec.presliding(presliding)

@@ -128,7 +128,7 @@ class ArmKind:
         return Expected(spec.rate, spec.upper - spec.lower, limits)
 
     def family(self, spec: ArmSpec, config: Any) -> Family:
-        """Fourier series of every joint; omega0, if it was left open, is what suits the robot."""
+        """Fourier series of every joint; if omega0 was left open, one period of what suits the robot."""
         from etude.robots.arm.motions import family
 
         return family(spec, config.trajectory)
@@ -150,7 +150,7 @@ class ArmKind:
 
         data = config.data
         presliding = data.presliding if config.model.remembers else 0.0
-        return ArmInputs.of(spec, data.friction_fraction, data.desired, presliding)
+        return ArmInputs.of(spec, data.friction_fraction, data.desired, presliding, data.stick_fraction)
 
     def physics(self, spec: ArmSpec, config: Any) -> Mapping[str, ArmPhysics]:
         """None without a model file; "nominal" only where commands are forces."""

@@ -1,12 +1,15 @@
-"""What a log of an arm may show beside its motion and commands: another rate than the robot's."""
+"""What a log of an arm may show beside its motion and commands: another rate than the robot's, brakes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from etude.contracts import Finding, Log
 from etude.logs.steps import median_rate
-from etude.robots.arm.spec import ArmSpec
+from etude.logs.truth.brake import brake_finding
+from etude.robots.arm.spec import COMMAND, ArmSpec
 
 CHECK = "robot rate"
 ALIKE = 1.4
@@ -15,7 +18,8 @@ ALIKE = 1.4
 
 def findings(spec: ArmSpec, log: Log) -> Sequence[Finding]:
     """Of each check, what it says of the log."""
-    return (_rate(spec, log),)
+    limit = np.array([axis.command for axis in spec.axes])
+    return (_rate(spec, log), brake_finding(log, log.channels[COMMAND], limit))
 
 
 def _rate(spec: ArmSpec, log: Log) -> Finding:

@@ -23,7 +23,7 @@ UNHURRIED = 0.5
 
 
 def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
-    """Fourier series of every joint; omega0, if it was left open, is what suits the robot and its box."""
+    """Fourier series of every joint; if omega0 was left open, one period of what suits it and its box."""
     _, lower, upper = search_of(spec)
     suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)

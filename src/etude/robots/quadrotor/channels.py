@@ -31,8 +31,10 @@ BODY_VELOCITY = _vector("body_velocity", "m/s")
 """Of the centre through still air, body frame."""
 BODY_ACCELERATION = _vector("body_acceleration", "m/s^2")
 """R_body_world a, without gravity: the thesis's own input."""
+BATTERY = Channel("battery_voltage", ("pack",), ("V",))
+"""No motion gives it: plans assume what `battery.usual_voltage` finds."""
 STATES = (ALTITUDE, SPECIFIC_FORCE, RATES, ANGULAR_ACCELERATION, BODY_VELOCITY, BODY_ACCELERATION)
-"""What a model may look at."""
+"""What a motion gives, of what a model may look at."""
 
 POSITION = _vector(PATH, "m", "aside")
 VELOCITY = _vector("velocity", "m/s", "aside", derivative_of=PATH)
@@ -62,7 +64,7 @@ def readable(spec: QuadrotorSpec) -> tuple[Channel, ...]:
     furthest = tuple(max(abs(a), abs(b)) for a, b in zip(spec.lower, spec.upper, strict=True))
     position = replace(POSITION, reach=furthest)
     asides = (position, VELOCITY, ORIENTATION, ATTITUDE)
-    return (command(spec), *STATES, *asides, *PLANNED)
+    return (command(spec), *STATES, BATTERY, *asides, *PLANNED)
 
 
 USUAL_RATE = 200.0

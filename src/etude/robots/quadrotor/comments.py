@@ -10,6 +10,9 @@ COMMENTS: dict[str, dict[str, str]] = {
         "start": '"moving", with the plan\'s velocity, or "hover", at rest, as the thesis',
         "rest": "whether the plan itself starts and ends at rest",
         "free_centre": "whether x and y have a constant term too",
+        "tilt": "rad, largest angle of the planned thrust from the vertical, if the vehicle's is not less",
+        "room_factor": "room is kept for so many times the largest distance from a plan so far; 0: none",
+        "lean": "whether simulated flights lean against the drag that earlier ones taught",
         "centre": "m, constant terms of x and y where they are not free",
     },
     "data": {
@@ -20,6 +23,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "altitude": "whether the altitude is an input",
         "acceleration": '"specific_force", or "kinematic", as the thesis',
         "body_velocity": "whether the velocity is an input; drag depends on it",
+        "battery_voltage": "whether the voltage may be an input; it is where flights held out gain",
         "trims": "whether the identified physics have a constant for each motor",
     },
 }

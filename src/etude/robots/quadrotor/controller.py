@@ -14,7 +14,7 @@ import numpy as np
 
 from etude.contracts import Array, Controller, Log, Model, Motion, Row, Trajectory
 from etude.errors import DataError, NumericalError
-from etude.robots.quadrotor.channels import STATES
+from etude.robots.quadrotor.channels import BATTERY, STATES
 from etude.robots.quadrotor.flatness import ORDERS, FlatMotion, flat_motion
 from etude.robots.quadrotor.inputs import COMMANDS, QuadrotorInputs
 from etude.robots.quadrotor.physics.vehicle_inverse import nominal_inverse
@@ -65,7 +65,7 @@ class FlightFeedforward:
         """
         if self.voltages is None:
             raise DataError("this feedforward plans accelerations, not voltages")
-        channels = {c.name: c for c in STATES if c.name in row}
+        channels = {c.name: c for c in (*STATES, BATTERY) if c.name in row}
         log = Log(np.array([t]), channels, {name: np.atleast_2d(row[name]) for name in channels})
         return self.voltages.predict(log)[0], np.full(COMMANDS, np.nan)
 
@@ -150,6 +150,12 @@ def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
     if spec.body is None:
         return FlightFeedforward(drag=drag)
     return FlightFeedforward(drag=drag, voltages=GatedVoltages(model, nominal_inverse(spec.body)))
+
+
+def leaning(model: Model) -> FlightFeedforward:
+    """Acceleration and learned drag; the voltages stay the feedback's, so that they go on teaching."""
+    inputs = model.inputs
+    return FlightFeedforward(drag=inputs.lateral if isinstance(inputs, QuadrotorInputs) else None)
 
 
 def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:

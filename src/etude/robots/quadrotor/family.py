@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from etude.errors import UsageError
@@ -26,6 +26,11 @@ class FlightConfig:
         rest: whether the plan itself starts and ends at rest (two equalities per axis, whole periods).
         free_centre: whether x and y have a constant term too, which the limits then bound.
         centre: constant terms of x and y where they are not free, m.
+        tilt: largest angle of the planned thrust from the vertical, rad, if the vehicle's own limit is not
+            less; None: that alone.
+        room_factor: room is kept for so many times the largest distance from a plan that a log has shown;
+            0: for what the vehicle's description says alone.
+        lean: whether simulated flights lean against the drag that earlier ones taught.
 
     Raises:
         UsageError: values out of range, or rest without a whole number of periods.
@@ -38,13 +43,23 @@ class FlightConfig:
     rest: bool = False
     free_centre: bool = False
     centre: tuple[float, float] = (0.0, 0.0)
+    tilt: float | None = None
+    room_factor: float = 0.0
+    lean: bool = False
 
     def __post_init__(self) -> None:
         if self.start not in ("hover", "moving"):
             raise UsageError(f"a flight starts in 'hover' or 'moving', not {self.start!r}")
         if not all(math.isfinite(c) for c in self.centre):
             raise UsageError(f"the centre must be two finite numbers in m, not {self.centre}")
+        if self.tilt is not None and not 0.0 < self.tilt < 0.5 * math.pi:
+            raise UsageError(f"the tilt is an angle between 0 and pi/2 rad, not {self.tilt}")
         _ = self.series  # refuses what makes no series
+
+    @property
+    def described(self) -> FlightConfig:
+        """Without what is chosen beyond the description: what earlier plans are held against."""
+        return replace(self, tilt=None, room_factor=0.0)
 
     @property
     def series(self) -> FourierConfig:

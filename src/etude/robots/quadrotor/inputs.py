@@ -10,7 +10,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import DataError, UsageError
-from etude.robots.quadrotor.channels import PLANNED, STATES
+from etude.robots.quadrotor.channels import BATTERY, PLANNED, STATES
 from etude.robots.quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion, roll_pitch_yaw
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Acceleration = Literal["specific_force", "kinematic"]
 
 SOURCES = {"specific_force": "specific_force", "kinematic": "body_acceleration"}
-CHANNELS = {channel.name: channel for channel in STATES}
+CHANNELS = {channel.name: channel for channel in (*STATES, BATTERY)}
 OPTIONAL = ("altitude", "body_velocity")
 """Channels that a model can do without, by the options of their name."""
 COMMANDS = 4
@@ -27,7 +27,7 @@ COMMANDS = 4
 
 @dataclass(frozen=True)
 class QuadrotorInputs:
-    """x = [altitude, acceleration (3), rates (3), angular acceleration (3), body velocity (3)].
+    """x = [altitude, acceleration (3), rates (3), angular acceleration (3), body velocity (3), voltage].
 
     Thesis 5 has (h, a, omega, alpha) with a of the motion alone, which does not tell the attitude. The
     specific force does without it, and the velocity tells the drag. Implements `contracts.Inputs`.
@@ -38,6 +38,8 @@ class QuadrotorInputs:
         body_velocity: whether the velocity is an input.
         drag: (dx, dy, dz) 1/s that plans lean against; learned by `tuned`.
         left_out: inputs that were asked for and that not every flight tells, found by `tuned`.
+        battery_voltage: whether the battery's voltage may be an input, where flights show that it helps.
+        volts: V that plans assume, and logs that do not say it; learned by `tuned`. None: it is no input.
         lateral: the drag in full, for feedforward; None where no flight tells the velocity.
     """
 
@@ -46,6 +48,8 @@ class QuadrotorInputs:
     body_velocity: bool = True
     drag: Drag = (0.0, 0.0, 0.0)
     left_out: tuple[str, ...] = ()
+    battery_voltage: bool = True
+    volts: float | None = None
     lateral: DragModel | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -57,11 +61,12 @@ class QuadrotorInputs:
         """Names of the channels in the order of the columns."""
         first = ("altitude",) if self.altitude else ()
         last = ("body_velocity",) if self.body_velocity else ()
-        return (*first, SOURCES[self.acceleration], "rates", "angular_acceleration", *last)
+        slow = () if self.volts is None else (BATTERY.name,)
+        return (*first, SOURCES[self.acceleration], "rates", "angular_acceleration", *last, *slow)
 
     @property
     def columns(self) -> Sequence[Column]:
-        """D inputs: 9, 10, 12 or 13."""
+        """D inputs: 9, 10, 12 or 13, and the voltage."""
         channels = [CHANNELS[name] for name in self.parts]
         return [
             (c.name, part, unit, "") for c in channels for part, unit in zip(c.parts, c.units, strict=True)
@@ -99,15 +104,23 @@ class QuadrotorInputs:
             log = log.put(channel, flat.states[channel.name])
         for channel, values in zip(PLANNED, _planned(flat), strict=True):
             log = log.put(channel, values)
-        return log
+        if self.volts is None:
+            return log
+        return log.put(replace(BATTERY, nominal=(self.volts,)), np.full((len(log), 1), self.volts))
+
+    def _with_volts(self, states: Mapping[str, Array], count: int) -> Mapping[str, Array]:
+        """The states with the usual voltage where nobody measured it."""
+        if self.volts is None or BATTERY.name in states:
+            return states
+        return {**states, BATTERY.name: np.full((count, 1), self.volts)}
 
     def of_log(self, log: Log) -> Array:
         """X (T, D). DataError if the log lacks an input, with the option that does without it."""
         for name in self.parts:
-            if name not in log:
+            if name not in log and name != BATTERY.name:
                 fact = f"the flight does not say its {name.replace('_', ' ')}"
                 raise DataError(fact, where=log.source, next_step=WITHOUT.get(name, f"Log the {name}."))
-        return self._stacked(log.values)
+        return self._stacked(self._with_volts(log.values, len(log)))
 
     def _stacked(self, states: Mapping[str, Array]) -> Array:
         return np.concatenate([states[name] for name in self.parts], axis=1)
@@ -128,7 +141,8 @@ class QuadrotorInputs:
             np.add.at(whole.swapaxes(0, 1), keep, own.swapaxes(0, 1))
             return whole
 
-        return Planned(self._stacked(flat.states), np.ones((len(kept.t), COMMANDS)), pull)
+        states = self._with_volts(flat.states, len(kept.t))
+        return Planned(self._stacked(states), np.ones((len(kept.t), COMMANDS)), pull)
 
     def _split(self, in_X: Array) -> dict[str, Array]:
         """A gradient (K, D) by channel."""
@@ -141,14 +155,18 @@ class QuadrotorInputs:
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:  # noqa: ARG002
         """x (D,) of one instant; there is nothing to remember."""
-        return np.concatenate([row[name] for name in self.parts]), np.zeros(0)
+        known = row if self.volts is None else {BATTERY.name: np.array([self.volts]), **row}
+        return np.concatenate([known[name] for name in self.parts]), np.zeros(0)
 
     def rates(self, motion: Motion) -> tuple[Array, Array] | None:  # noqa: ARG002
         """None: not told."""
         return None
 
     def tuned(self, samples: Samples) -> QuadrotorInputs:
-        """With the drag that the flights show, and without the inputs that not every flight tells."""
+        """With the drag and the usual voltage that the flights show, and without the inputs that not every
+        flight tells.
+        """
+        from etude.robots.quadrotor.battery import usual_voltage
         from etude.robots.quadrotor.physics.drag import train_drag
 
         missing = [name for name in OPTIONAL if getattr(self, name) and name not in samples.log]
@@ -158,6 +176,7 @@ class QuadrotorInputs:
             altitude=self.altitude and "altitude" not in missing,
             body_velocity=self.body_velocity and "body_velocity" not in missing,
             left_out=tuple(dict.fromkeys([*self.left_out, *missing])),
+            volts=usual_voltage(samples) if self.battery_voltage else None,
             drag=(0.0, 0.0, 0.0) if lateral is None else lateral.coefficients,
             lateral=lateral,
         )
@@ -169,6 +188,8 @@ class QuadrotorInputs:
             "left_out": np.array([float(name in self.left_out) for name in OPTIONAL]),
             "drag": np.array(self.drag),
         }
+        if self.volts is not None:
+            found["volts"] = np.array(self.volts)
         if self.lateral is not None:
             found |= {f"lateral.{name}": values for name, values in self.lateral.arrays().items()}
         return found
@@ -186,6 +207,7 @@ class QuadrotorInputs:
             altitude=altitude,
             body_velocity=body_velocity,
             left_out=tuple(name for name, out in pairs if out),
+            volts=float(arrays["volts"]) if "volts" in arrays else None,
             drag=(dx, dy, dz),
             lateral=DragModel.restored(lateral) if lateral else None,
         )

@@ -183,6 +183,12 @@ class QuadrotorKind:
 
         return baselines(spec)
 
+    def collecting(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller | None:  # noqa: ARG002
+        """What simulated flights are flown with once something was learned: the drag, leant against."""
+        from etude.robots.quadrotor.controller import leaning
+
+        return leaning(model) if config.trajectory.lean else None
+
     def controller(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
         """Acceleration, learned drag, and the model's voltages, gated."""
         from etude.robots.quadrotor.controller import learned

@@ -12,6 +12,7 @@ import numpy as np
 from etude.contracts import Array, Index, Log, Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import command_lag, median_rate, sampled, saturated, trimmed, without_lag
+from etude.robots.quadrotor.battery import slow_voltage
 from etude.robots.quadrotor.inputs import Acceleration, QuadrotorInputs
 from etude.robots.quadrotor.recorded import on_even_grid, with_states
 from etude.robots.quadrotor.spec import QuadrotorSpec
@@ -36,7 +37,7 @@ class FlightData:
         lag_s: how far the motion lags behind the commands, s; "auto" measures it in logs at least
             `FAST` times the model's rate or of `FAST_HZ`, and takes 0 where there is none.
         first_s, last_s: trimmed from both ends, s.
-        altitude, acceleration, body_velocity: the inputs, see `QuadrotorInputs`.
+        altitude, acceleration, body_velocity, battery_voltage: the inputs, see `QuadrotorInputs`.
         trims: whether the identified physics have a constant for each motor, beside drag, ground effect,
             back-EMF and gains.
     """
@@ -48,6 +49,7 @@ class FlightData:
     altitude: bool = True
     acceleration: Acceleration = "specific_force"
     body_velocity: bool = True
+    battery_voltage: bool = True
     trims: bool = True
 
     def __post_init__(self) -> None:
@@ -61,7 +63,9 @@ class FlightData:
 
     def inputs(self) -> QuadrotorInputs:
         """The inputs that are asked for, before any flight."""
-        return QuadrotorInputs(self.altitude, self.acceleration, self.body_velocity)
+        return QuadrotorInputs(
+            self.altitude, self.acceleration, self.body_velocity, battery_voltage=self.battery_voltage
+        )
 
 
 def flight_samples(
@@ -81,7 +85,7 @@ def flight_samples(
             changing.
     """
     _check_logs(logs)
-    told = [with_states(on_even_grid(log)) for log in logs]
+    told = [slow_voltage(with_states(on_even_grid(log))) for log in logs]
     lag = common_lag(told, spec, data)
     parts = [
         _flight(log, raw.t, group, spec, data, lag)

@@ -20,6 +20,10 @@ from etude.robots.quadrotor.vehicle import GRAVITY
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
+MOST_KEPT = 0.5
+"""Part of the box that learned margins may take."""
+TEST_DURATION = 30.0
+"""s, whatever flights a campaign trains on, so that these can be compared."""
 
 
 def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
@@ -29,6 +33,7 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
     a + g z ("lift") is held within what flatness needs, limits or not.
     """
+    margins = _at_most(MOST_KEPT, spec, margins)
     lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
@@ -42,9 +47,18 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     if spec.thrust is not None:
         least, most = spec.thrust
         found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins))
-    if spec.tilt is not None:
-        found.append(TiltLimit(spec.tilt, GRAVITY))
+    tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
+    if tilts:
+        found.append(TiltLimit(min(tilts), GRAVITY))
     return tuple(found)
+
+
+def _at_most(share: float, spec: QuadrotorSpec, margins: Margins) -> Margins:
+    """Learned margins that leave a part of the box for the flight; the certificate says what is kept."""
+    half = 0.5 * share * (np.array(spec.upper) - np.array(spec.lower))
+    return {
+        form: (np.vstack([np.minimum(table[0], half), table[1:]]), c) for form, (table, c) in margins.items()
+    }
 
 
 def lift_room(spec: QuadrotorSpec) -> float:
@@ -76,7 +90,7 @@ def trial_flights(
     spec: QuadrotorSpec, config: FlightConfig, rng: np.random.Generator
 ) -> Mapping[str, Trajectory]:
     """A flight uniform on the safe ones of the thesis's form (N = 2), and one on their edge."""
-    own = FlightConfig(TEST_HARMONICS, config.duration, start=config.start)
+    own = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
     family = flight_family(own)
     feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))
     drawn = {"uniform": uniform(rng, feasible)[0], "boundary": boundary(rng, feasible)[0]}

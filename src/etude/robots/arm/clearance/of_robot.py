@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Margins
+from etude.contracts import Array, Margins, Proof
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
@@ -21,7 +21,7 @@ BELOW = 0.005
 """m: a base that reaches deeper below its own zero does not stand on a floor there."""
 _KEPT = 8
 """Descriptions that are remembered: shapes are loaded and poses tried once for each."""
-_known: dict[str, tuple[Loaded, Settled]] = {}
+_known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
 
 
 def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
@@ -33,11 +33,13 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     found = _of(spec)
     if found is None or not found[1].gaps.list:
         return None
-    loaded, complete = found
+    loaded, complete, proofs = found
     home, lower, upper = search_of(spec)
     unseen = not_looked_at(loaded, complete.around)
     margin = complete.around.collision.margin
-    return Clearance(complete.gaps, spec.names, home, margin, lower, upper, margins, unseen)
+    # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
+    known = {} if margins else proofs
+    return Clearance(complete.gaps, spec.names, home, margin, lower, upper, margins, unseen, _proofs=known)
 
 
 def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
@@ -89,7 +91,7 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unseen), unknown)
 
 
-def _of(spec: ArmSpec) -> tuple[Loaded, Settled] | None:
+def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] | None:
     if spec.model_file is None or not spec.around.collision.look:
         return None
     stamp = spec.model_file.stat()
@@ -99,7 +101,7 @@ def _of(spec: ArmSpec) -> tuple[Loaded, Settled] | None:
             _known.clear()
         loaded = load_arm(spec)
         leave = disabled(spec.model_file)
-        _known[key] = loaded, settled(loaded, spec.lower, spec.upper, spec.around, leave)
+        _known[key] = loaded, settled(loaded, spec.lower, spec.upper, spec.around, leave), {}
     return _known[key]
 
 

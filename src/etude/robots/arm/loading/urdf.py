@@ -20,7 +20,7 @@ from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.rotations import angles_of
 from etude.robots.arm.loading.urdf_additions import add_to_urdf
 from etude.robots.arm.loading.urdf_shapes import NO_SHAPES, shapes_of
-from etude.robots.arm.loading.urdf_tree import UrdfTree, numbers, pose_of, read_tree
+from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, numbers, pose_of, read_tree
 
 COMPILER = {
     "fusestatic": "true",
@@ -81,27 +81,11 @@ def _base(tree: UrdfTree) -> tuple[str, ...]:
     return (f"the base '{tree.root}' is taken to be fixed{loose}",)
 
 
-def _without_range(joint: ET.Element) -> list[ET.Element]:
-    """Takes the <limit> from a joint; the same without positions, as of a joint that turns without end."""
-    limits = joint.findall("limit")
-    for limit in limits:
-        joint.remove(limit)
-    joint.set("type", {"revolute": "continuous"}.get(joint.get("type", ""), joint.get("type", "")))
-    keep = ("effort", "velocity")
-    return [
-        ET.Element("limit", {key: one.attrib[key] for key in keep if key in one.attrib}) for one in limits
-    ]
-
-
 def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
     """A chosen joint as it is; any other one fixed where it is held."""
     name = joint.get("name", "")
     if name in choice.joints:
-        kept = ET.Element("joint", joint.attrib)
-        kept.extend(
-            part for part in joint if part.tag in ("parent", "child", "origin", "axis", "limit", "dynamics")
-        )
-        return kept
+        return _moving(joint)
     fixed = ET.Element("joint", name=name, type="fixed")
     fixed.extend(part for part in joint if part.tag in ("parent", "child"))
     turn, at = pose_of(joint)
@@ -118,3 +102,16 @@ def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
     xyz, rpy = (" ".join(repr(float(x)) for x in three) for three in (at, angles_of(turn)))
     ET.SubElement(fixed, "origin", xyz=xyz, rpy=rpy)
     return fixed
+
+
+def _moving(joint: ET.Element) -> ET.Element:
+    """The joint without what does not matter; a hinge without a range turns without end.
+
+    MuJoCo leaves such a range out too, but says so in a file that it writes wherever it runs.
+    """
+    new = ET.Element("joint", joint.attrib)
+    new.extend(part for part in joint if part.tag in KEPT)
+    lower, upper = hard_range(joint, joint.get("name", ""))
+    if joint.get("type") == "revolute" and not (lower < upper and math.isfinite(upper - lower)):
+        new.set("type", "continuous")
+    return new

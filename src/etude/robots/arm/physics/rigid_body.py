@@ -115,7 +115,11 @@ def identify(
     for j in range(spec.dof):
         moving = samples.moving[:, j] & samples.usable[:, j]
         if not np.any(moving):
-            raise DataError("An axis never moves, so nothing of it can be identified", where=spec.names[j])
+            raise DataError(
+                "An axis never moves, so nothing of it can be identified",
+                where=spec.names[j],
+                next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
+            )
         prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
         fits.append(
             _fit_output(rigid[moving, j], extra[moving, j], samples.command[moving, j], prior, weight)

@@ -16,6 +16,7 @@ from etude.robots.quadrotor.plant.disturbance import Disturbance
 from etude.robots.quadrotor.plant.record import flight_log
 from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
 from etude.robots.quadrotor.plant.simulated import SimulatedVehicle, Start
+from etude.robots.quadrotor.room import TEST_DURATION
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
 SETTLED_S = 5.0
@@ -32,7 +33,7 @@ class SimulatedFlights:
         spec: the owner's description: room and rate of the log.
         start: how flights begin.
         averaged: whether the log has means over its intervals, as an anti-aliasing filter gives them.
-        duration: of planned flights, s; one that ended early goes on with its last error.
+        duration: of test flights, s; one that ended early goes on with its last error.
         air: what no model knows.
     """
 
@@ -119,7 +120,7 @@ def simulated_robot(spec: QuadrotorSpec, config: Any) -> SimulatedFlights:
         )
     vehicle = simulated_vehicle(spec.plant, "robot.toml, plant")
     trajectory, data = config.trajectory, config.data
-    return SimulatedFlights(vehicle, spec, trajectory.start, data.averaged, trajectory.duration)
+    return SimulatedFlights(vehicle, spec, trajectory.start, data.averaged, TEST_DURATION)
 
 
 def _with(parameters: Any, table: str, **changes: Any) -> Any:

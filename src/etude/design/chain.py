@@ -1,0 +1,137 @@
+"""Design of a recording of several segments: each given what those before it will have told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
+from etude.design.candidates import Source
+from etude.design.config import DesignConfig
+from etude.design.reference import MOTIONS
+from etude.design.solve import Design, design, variance_removed
+from etude.design.view import Latent
+from etude.limits.certificate import certify
+from etude.trajectories.chain import chained
+
+Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
+"""Of a kind: (motion, pose) -> the way from the pose to its start, and from its end back."""
+
+HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
+"""Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedChain:
+    """A recording, and how its segments were found, in turn.
+
+    Attributes:
+        trajectory: the chain; of one segment, itself. segments: one design each.
+        dropped: segments that no certified way leads to, so that the recording is shorter.
+    """
+
+    trajectory: Trajectory
+    segments: tuple[Design, ...]
+    dropped: int = 0
+
+    @property
+    def status(self) -> str:
+        """One sentence of each."""
+        if len(self.segments) == 1:
+            return self.segments[0].status + cut_short(self.dropped)
+        values = ", ".join(f"{own.value:.4g}" for own in self.segments)
+        how = f"{len(self.segments)} segments, each given those before it"
+        return f"{how}: {self.segments[0].criterion} {values}.{cut_short(self.dropped)}"
+
+    @property
+    def variance_removed(self) -> float:
+        """Fraction of the reference variance that the recording is forecast to remove, mean over commands."""
+        return variance_removed(self.segments[0].deviation_before, self.segments[-1].deviation_after)
+
+
+def design_chain(
+    family: Family,
+    limits: Sequence[Limit],
+    home: Array,
+    inputs: Inputs,
+    model: Model | Sequence[Latent],
+    config: DesignConfig,
+    rng: np.random.Generator,
+    tasks: Sequence[Trajectory] = (),
+    *,
+    count: int,
+    ways: Ways,
+    standing_in: Sequence[Trajectory] = (),
+    given: Sequence[Trajectory] = (),
+    rate: float = 0.0,
+    physics: Mapping[str, Physics] | None = None,
+) -> DesignedChain:
+    """`count` segments of `family`, chained; other arguments and errors as `solve.design`.
+
+    Segment i is designed given the planned samples of those before it: what they will say is not needed, as
+    a variance does not depend on it.
+    """
+    if not standing_in:
+        source = Source(family, tuple(limits), home, config.sampler)
+        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
+    found: list[Design] = []
+    for _ in range(count):
+        before = [*given, *(own.trajectory for own in found)]
+        found.append(
+            design(
+                family,
+                limits,
+                home,
+                inputs,
+                model,
+                config,
+                rng,
+                tasks,
+                standing_in=standing_in,
+                given=before,
+                rate=rate,
+                physics=physics,
+            )
+        )
+    trajectory, kept = linked([own.trajectory for own in found], ways, limits, home)
+    return DesignedChain(trajectory, tuple(found[:kept]), count - kept)
+
+
+def linked(
+    segments: Sequence[Trajectory], ways: Ways, limits: Sequence[Limit], home: Array
+) -> tuple[Trajectory, int]:
+    """The segments with certified links, and how many of them: it ends before one that no way leads to.
+
+    A link is the straight way, as fast as it is proved; where that leaves the limits, the way by home.
+    """
+    links: list[tuple[Trajectory, ...]] = []
+    for before, after in pairwise(segments):
+        link = _link(before, after, ways, limits, home)
+        if link is None:
+            break
+        links.append(link)
+    kept = len(links) + 1
+    return chained(segments[:kept], links), kept
+
+
+def cut_short(dropped: int) -> str:
+    """What is said of segments that were left out."""
+    return f" No certified way leads to {dropped} more." if dropped else ""
+
+
+def _link(
+    before: Trajectory, after: Trajectory, ways: Ways, limits: Sequence[Limit], home: Array
+) -> tuple[Trajectory, ...] | None:
+    end = before.motion(np.array([before.duration]), 1).orders[0, 0]
+    straight, back, there = ways(after, end), ways(before, home), ways(after, home)
+    tried: list[tuple[Trajectory, ...]] = [] if straight is None else [(straight[0],)]
+    tried += [] if back is None or there is None else [(back[1], there[0])]
+    for link in tried:
+        for factor in HURRIED:
+            hurried = tuple(part.slowed(factor) for part in link)
+            if all(certify(part, limits).ok for part in hurried):
+                return hurried
+    return None

@@ -1,0 +1,126 @@
+"""Chains: several segments in one recording, each from rest to rest, with a link between two of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Motion, Trajectory
+from etude.errors import UsageError
+from etude.shown import Picture, picture_of
+
+Array = NDArray[np.float64]
+
+JOINED = 1e-9
+"""Largest step between two parts, in position (rad, m), velocity and acceleration."""
+LABELS = ("segment", "link", "approach", "return")
+
+
+Part = tuple[str, Trajectory]
+"""What a part is for ("segment", "link", "approach", "return"), and its motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Parts one after the other; where one ends and the next begins all axes are at rest.
+
+    Attributes:
+        parts: segments, which the recording is made for, and what leads from one to the next.
+
+    Raises:
+        UsageError: fewer than two parts, no segment, an unknown label, parts that are chains themselves, of
+            other axes, in motion where they meet, or that do not meet.
+    """
+
+    parts: tuple[Part, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple((str(label), part) for label, part in self.parts))
+        labels = [label for label, _ in self.parts]
+        if len(labels) < 2 or "segment" not in labels or not set(labels) <= set(LABELS):
+            raise UsageError(f"a chain has two parts or more, each one of {', '.join(LABELS)}, not {labels}")
+        if any(part.form == self.form for _, part in self.parts):
+            raise UsageError("a part of a chain cannot be a chain itself")
+        ends = [part.motion(np.array([0.0, part.duration])).orders for _, part in self.parts]
+        if len({own.shape[2] for own in ends}) > 1:
+            raise UsageError("the parts of a chain move different numbers of axes")
+        for number, (before, after) in enumerate(pairwise(ends), start=1):
+            step = np.abs(after[0, 0] - before[0, 1]).max()
+            pace = max(np.abs(before[1:, 1]).max(), np.abs(after[1:, 0]).max())
+            if not max(step, pace) <= JOINED:
+                raise UsageError(
+                    f"parts {number} and {number + 1} of the chain do not meet at rest: "
+                    f"a step of {step:.3g}, a speed or acceleration of {pace:.3g}"
+                )
+
+    @property
+    def form(self) -> str:
+        """What its file says it is; tracking margins are kept for the forms of its parts."""
+        return "chain"
+
+    @property
+    def duration(self) -> float:
+        """Of all parts, s."""
+        start, _, last = self.pieces()[-1]
+        return start + last.duration
+
+    def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
+        """The parts, each with the time at which it starts."""
+        starts = accumulate((part.duration for _, part in self.parts[:-1]), initial=0.0)
+        return tuple((start, label, part) for start, (label, part) in zip(starts, self.parts, strict=True))
+
+    def motion(self, t: Array, orders: int = 3) -> Motion:
+        """Position and exact derivatives at times t (T,) s; at rest outside [0, duration].
+
+        Raises:
+            UsageError: more orders than the links have (four).
+        """
+        t, pieces = np.asarray(t, dtype=float), self.pieces()
+        starts = np.array([start for start, _, _ in pieces])
+        place = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
+        out: Array | None = None
+        for number, (start, _, part) in enumerate(pieces):
+            own = part.motion(t[place == number] - start, orders).orders
+            if out is None:
+                out = np.zeros((orders, len(t), own.shape[2]))
+            out[:, place == number] = own
+        assert out is not None
+        return Motion(t, out)
+
+    def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:  # noqa: ARG002
+        """No chain is proved as a whole: UsageError."""
+        raise UsageError("a chain is proved piece by piece", next_step="Ask its pieces.")
+
+    def slowed(self, factor: float) -> Chain:
+        """The same path in `factor` times the time."""
+        return Chain(tuple((label, part.slowed(factor)) for label, part in self.parts))
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
+        return picture_of("trajectory", self, path)
+
+    def to_json(self) -> str:
+        """The exact chain as JSON text; every float of every part reads back to the same bits."""
+        parts = [[label, json.loads(part.to_json())] for label, part in self.parts]
+        return json.dumps({"form": self.form, "parts": parts}, indent=1) + "\n"
+
+
+def chained(segments: Sequence[Trajectory], links: Sequence[Sequence[Trajectory]]) -> Trajectory:
+    """The segments, with one or more links between two of them; of a single segment, itself."""
+    if len(segments) == 1:
+        return segments[0]
+    parts: list[Part] = [("segment", segments[0])]
+    for own, segment in zip(links, segments[1:], strict=True):
+        parts += [*(("link", link) for link in own), ("segment", segment)]
+    return Chain(tuple(parts))
+
+
+def segment_starts(trajectory: Trajectory) -> list[float]:
+    """When each segment starts, s; what lies between (a link) belongs to the one before."""
+    return [start for start, label, _ in trajectory.pieces() if label == "segment"]

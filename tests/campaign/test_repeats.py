@@ -1,0 +1,112 @@
+"""The same motion again is said to be so, and is no new group; another one is neither."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_robot import make_campaign, random_motion, stub_learner, write_log
+
+from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import _scores, told_samples
+from etude.campaign.repeats import CHECK, planned_states, share_within
+from etude.campaign.status import status
+from etude.campaign.tell import Told, tell
+from etude.commands.status import _lines as lines
+from etude.contracts import Trajectory
+from etude.logs.log_file import read_log_file
+from etude.trajectories.json_text import from_json
+
+QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nreference_points = 30\n"
+CONFIG = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n" + QUICK
+
+
+def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = None) -> Told:
+    """The log of the next proposal; of `motion` in its place, as if that had been proposed."""
+    number = ask(campaign, new=True, go_on=True).number
+    file = campaign.proposal(number) / "trajectory.json"
+    if motion is not None:
+        file.write_text(motion.to_json())
+    trajectory = from_json(file.read_bytes())
+    return tell(
+        campaign,
+        write_log(folder / f"{number}.csv", trajectory, seed=number),
+        number=number,
+        learner=stub_learner,
+    )
+
+
+@pytest.fixture
+def told_once(tmp_path: Path) -> tuple[Campaign, Trajectory]:
+    campaign = make_campaign(tmp_path, config=CONFIG)
+    asked_and_run(campaign, tmp_path)
+    return campaign, stored_trajectory(campaign, 1)
+
+
+def repeats(told: Told) -> list[str]:
+    return [finding.sentence for finding in told.findings if finding.check == CHECK]
+
+
+def test_the_same_motion_again_is_no_new_group(
+    told_once: tuple[Campaign, Trajectory], tmp_path: Path
+) -> None:
+    campaign, motion = told_once
+    (sentence,) = repeats(asked_and_run(campaign, tmp_path, motion))
+    assert sentence.startswith("it repeats log 1: 100 %")
+    assert campaign.state().rounds[2].told["repeats"] == 1  # type: ignore[index]
+    assert f"log 2: {sentence}" in [news["sentence"] for news in status(campaign)["news"]]
+    assert repeats(asked_and_run(campaign, tmp_path, random_motion(campaign, 7))) == []
+    samples = told_samples(campaign, [1, 2, 3])
+    assert np.unique(samples.group).tolist() == [0, 1]
+    assert np.count_nonzero(samples.group == 0) > 1.9 * np.count_nonzero(samples.group == 1)
+    # without the log that it repeats it stands for itself
+    assert np.unique(told_samples(campaign, [2, 3]).group).tolist() == [0, 1]
+    # nothing of it is new to a model of the first
+    alone = told_samples(campaign, [1, 2])
+    assert _scores(None, None, alone, 1) == {}  # type: ignore[arg-type]
+
+
+def test_a_slower_run_of_it_is_another_motion(told_once: tuple[Campaign, Trajectory], tmp_path: Path) -> None:
+    campaign, motion = told_once
+    assert repeats(asked_and_run(campaign, tmp_path, motion.slowed(2.0))) == []
+
+
+def test_most_of_it_is_enough_and_half_is_not(told_once: tuple[Campaign, Trajectory]) -> None:
+    campaign, _ = told_once
+    log = read_log_file(campaign.run_file(1))
+    known = planned_states(campaign, log)
+    assert known is not None
+    assert share_within(known, known) == 1.0
+    far = known.copy()
+    far[: len(far) // 2, 0] += 100.0
+    assert share_within(far, known) == pytest.approx(0.5, abs=0.02)
+    edge = known + 0.999 * np.eye(known.shape[1])[1]
+    assert share_within(edge, known) == 1.0
+    assert share_within(known[:0], known) == share_within(known, known[:0]) == 0.0
+    bare = log.without(*(name for name in log.values if name.endswith("_des")))
+    assert planned_states(campaign, bare) is None
+
+
+def test_status_says_when_the_choice_no_longer_matters(told_once: tuple[Campaign, Trajectory]) -> None:
+    campaign, _ = told_once
+    found = status(campaign)
+    assert found["choice"] is None
+    assert not any("no longer matters" in line for line in lines(found))
+    for choice, said in ((0.2, False), (0.051, False), (0.049, True), (0.0, True)):
+        text = [line for line in lines({**found, "choice": choice}) if "no longer matters" in line]
+        assert bool(text) == said
+    assert "4.9 %" in next(line for line in lines({**found, "choice": 0.049}) if "matters" in line)
+
+
+def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajectory]) -> None:
+    campaign, _ = told_once
+    state = campaign.state()
+    from etude.campaign.status import _choice
+
+    one = replace(state.rounds[1], asked={"learned": 1, "choice": 0.3})
+    before = replace(state.rounds[1], number=2, asked={"learned": 0, "choice": 0.9})
+    none = replace(state.rounds[1], number=3, asked={"learned": 2, "choice": None})
+    assert _choice(replace(state, rounds={1: one, 2: before, 3: none})) == 0.3
