@@ -6,6 +6,7 @@ a new file is written of what matters, and nothing of the old one is patched.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
