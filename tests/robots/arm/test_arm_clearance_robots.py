@@ -116,8 +116,11 @@ def designed(spec: ArmSpec, seed: int) -> FourierTrajectory:
 
 
 def speed(spec: ArmSpec, motions: Sequence[FourierTrajectory]) -> float:
-    t = np.linspace(0.0, SECONDS, 3001)
-    return float(np.mean([np.abs(motion.motion(t, 2).orders[1]).mean(axis=0) for motion in motions]))
+    found = []
+    for motion in motions:
+        t = np.linspace(0.0, motion.duration, 1001)
+        found.append(np.abs(motion.motion(t, 2).orders[1]).mean())
+    return float(np.mean(found))
 
 
 def nearest(limit: Clearance, motion: FourierTrajectory) -> Array:
