@@ -21,8 +21,8 @@ LARGEST_FLOOR = 0.1
 OF_ARMS = ("structured", "standing", "gip_lin")
 """Kernels of an arm's command, with many hyperparameters."""
 LEAST_FIT = 80
-"""Spacings in all trajectories together at least, for the hyperparameters of an arm's kernel; it has some 80 of
-these for six joints. Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
+"""Spacings that all trajectories together last at least: an arm's kernel has some 80 hyperparameters for six
+joints. Where logs are too short for `fit_spacing_s`, samples for these are taken nearer to each other."""
 
 
 @dataclass(frozen=True, eq=False)
