@@ -30,8 +30,9 @@ DRAWS = 5
 
 
 def draw_rows(logs: Path | None = None, *, least_samples: tuple[int, ...] = (150, 300)) -> list[Row]:
-    """By log and `data.least_samples`: mean nMSE over the outputs, its mean, spread and largest value over
-    the draws, beside linear regression's; the worst output's error over linear regression's; CPU of training.
+    """By log and `data.least_samples`: mean nMSE over the outputs, its mean, spread, least and largest value
+    over the draws, beside linear regression's; the worst output's error over linear regression's; CPU of
+    training.
     """
     rows = []
     for real in REAL_LOGS:
@@ -50,6 +51,7 @@ def _rows(name: str, mine: Array, linear: Array, worst: Array, seconds: Array) -
     return [
         Row(f"{name}_mean", float(mine.mean()), "1", beside, line),
         Row(f"{name}_deviation", float(mine.std(ddof=1)), "1"),
+        Row(f"{name}_least", float(mine.min()), "1", beside, line),
         Row(f"{name}_largest", float(mine.max()), "1", beside, line),
         Row(f"{name}_worst_vs_linear", float(worst.mean()), "1", "the largest", float(worst.max())),
         Row(f"{name}_cpu", float(seconds.mean()), "s"),
