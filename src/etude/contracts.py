@@ -292,8 +292,8 @@ class Proof:
 
 class Limit(Protocol):
     """One limit: how the search keeps it, how the final bytes are judged, what it measures. One that is
-    not convex gives no cones but a penalty; its result is drawn towards `Kind.home` until `prove` is
-    content.
+    not convex gives a penalty; its cones, if any, say where to search and prove nothing. Its result is
+    drawn towards `Kind.home` until `prove` is content, and then grown, part by part, as far as that holds.
     """
 
     @property

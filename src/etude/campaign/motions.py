@@ -13,8 +13,14 @@ if TYPE_CHECKING:
     from etude.design.chain import Ways
 
 
-def typical_motions(campaign: Campaign, rng: np.random.Generator, count: int) -> list[Trajectory]:
+def typical_motions(
+    campaign: Campaign, rng: np.random.Generator, count: int, *, grown: bool = False
+) -> list[Trajectory]:
     """Random trajectories inside the limits, as large as these allow.
+
+    Args:
+        campaign: whose. rng: source. count: of them.
+        grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
@@ -24,7 +30,7 @@ def typical_motions(campaign: Campaign, rng: np.random.Generator, count: int) ->
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family, home = kind.family(spec, config), kind.home(spec)
     source = Source(family, tuple(campaign.limits()), home, config.design.sampler)
-    return [drawn.trajectory for drawn in source.typical(rng, count)]
+    return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
 
 
 def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Trajectory]:

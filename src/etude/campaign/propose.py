@@ -74,7 +74,7 @@ def _random(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, d
 
     family = campaign.kind.family(campaign.spec, campaign.config)
     count = segments_of(campaign, family)
-    motions = typical_motions(campaign, rng, count)
+    motions = typical_motions(campaign, rng, count, grown=True)
     home = campaign.kind.home(campaign.spec)
     trajectory, kept = linked(motions, ways_of(campaign), campaign.limits(), home)
     several = f"{kept} segments, " if kept > 1 else ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,7 +15,11 @@ from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
     from etude.campaign.export import Exported
+    from etude.contracts import Proof
     from etude.limits.certificate import Certificate
+
+NEAREST = 6
+"""Distances that are shown one by one; an arm has dozens."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +69,16 @@ class Ask(Common):
                 f"{100 * use(row):.1f} %",
             ]
             for row in found.certificate.seen
+            if row.upper < math.inf
         ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(["axis", "limit", "proved min", "proved max", "used"], rows),
-            f"Proved for all times; {_ends(found.certificate)}. Written:",
+            *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
+            f"Proved for all times; {_ends(found.certificate)}.",
+            "Not looked at:",
+            *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
+            "Written:",
             *(f"  {name}" for name in files),
             *(line for one in found.exported for line in _exported(one)),
             f"Run it, then: etude tell {self.folder} LOG",
@@ -84,6 +95,22 @@ class Ask(Common):
             "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
         }
         return Outcome("\n".join(lines), data)
+
+
+def _distances(rows: Sequence[Proof]) -> list[str]:
+    """The least distances, the nearest one by one."""
+    from etude.limits.certificate import use
+
+    rows = sorted(rows, key=use, reverse=True)
+    near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}", row.where] for row in rows[:NEAREST]]
+    if not near:
+        return []
+    lines = [table(["distance (m) of", "proved", "to keep", "nearest"], near)]
+    rest = rows[NEAREST:]
+    if rest:
+        least = min(row.proved_lower for row in rest)
+        lines.append(f"{len(rest)} more distances, all at least {least:.4g} m.")
+    return lines
 
 
 def _ends(certificate: Certificate) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from etude.contracts import Array, Family, Limit, Trajectory
+from etude.design.kept import FEW_HALVINGS, Kept
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
 
@@ -37,7 +38,10 @@ class Drawn:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample."""
+    """Where random trajectories come from: a family, its limits, a pose inside them, a way to sample.
+
+    What limits that are not convex forbid is drawn home.
+    """
 
     family: Family
     limits: tuple[Limit, ...]
@@ -57,9 +61,14 @@ class Source:
         slow = count // AMPLITUDE_SHARE
         return [*self._drawn(rng, count - slow, scaled), *self._drawn(rng, slow, amplitude)]
 
-    def typical(self, rng: np.random.Generator, count: int) -> list[Drawn]:
-        """`count` large ones, as motions that stand in for tasks, or as a first trajectory."""
-        return self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+    def typical(self, rng: np.random.Generator, count: int, *, grown: bool = False) -> list[Drawn]:
+        """`count` large ones, as motions that stand in for tasks; or grown, as first trajectories."""
+        found = self._drawn(rng, count, uniform if self.sampler == "uniform" else scaled)
+        return [self._grown(drawn) for drawn in found] if grown else found
+
+    def _grown(self, drawn: Drawn) -> Drawn:
+        kept = Kept.of(self.limits, drawn.family, drawn.p)
+        return replace(drawn, p=kept.grown(drawn.family, drawn.feasible.centre, drawn.p))
 
     @cached_property
     def _whole(self) -> FeasibleSet:
@@ -76,5 +85,8 @@ class Source:
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
             for place, p in zip(places, sample(rng, feasible, len(places)), strict=True):
-                found[place] = Drawn(family, feasible, p)
+                kept = Kept.of(self.limits, family, p)
+                found[place] = Drawn(
+                    family, feasible, kept.drawn_home(family, feasible.centre, p, FEW_HALVINGS)
+                )
         return [found[place] for place in range(count)]

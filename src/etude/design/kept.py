@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from etude.contracts import Array, Family, Limit
-from etude.design.candidates import Drawn
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import certify
+from etude.limits.certificate import spare
+from etude.limits.feasible import FeasibleSet
+from etude.trajectories.extremes import ROOM
 
 INSTANTS = 400
 """Evenly over a motion, at which penalties are asked for."""
@@ -19,6 +20,14 @@ ORDERS = 3
 """Derivative orders that penalties see: position, velocity, acceleration."""
 HALVINGS = 12
 """Of the way home: the last proved point is within a thousandth of the way of one that is not."""
+FEW_HALVINGS = 5
+"""Of the way home of a motion that is only compared with others, or grown again afterwards."""
+GROWTH = (2.0, 1.4, 1.15, 1.05)
+"""Factors by which each part of a motion is tried to be enlarged."""
+TRIES = 2
+"""Of each factor in a row, while it succeeds."""
+LEAST_GROWTH = 1.01
+"""Less is not worth a proof."""
 HEAVY = 10.0
 """Weight of the penalty of a typical candidate, in values of the criterion."""
 
@@ -30,10 +39,12 @@ class Kept:
     Attributes:
         limits: those that answer with a penalty.
         times: (T,) s at which they are asked.
+        others: those whose cones say it all.
     """
 
     limits: tuple[Limit, ...]
     times: Array
+    others: tuple[Limit, ...] = ()
 
     @classmethod
     def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> Kept:
@@ -41,7 +52,10 @@ class Kept:
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
         motion = family.motion(p, times, ORDERS)
-        return cls(tuple(limit for limit in limits if limit.penalty(motion) is not None), times)
+        parts: dict[bool, list[Limit]] = {True: [], False: []}
+        for limit in limits:
+            parts[limit.penalty(motion) is None].append(limit)
+        return cls(tuple(parts[False]), times, tuple(parts[True]))
 
     def penalty(self, family: Family, p: Array) -> tuple[float, Array]:
         """Sum of the penalties at p (P,) and its gradient (P,); 0 where all are kept."""
@@ -53,18 +67,26 @@ class Kept:
                 total, gradient = total + found[0], gradient + found[1]
         return total, family.pull(p, self.times, gradient)
 
-    def weight(self, candidates: Sequence[Drawn]) -> float:
+    def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
         """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs."""
-        found = [self.penalty(drawn.family, drawn.p)[0] for drawn in candidates] if self.limits else []
+        found = [self.penalty(family, p)[0] for family, p in candidates] if self.limits else []
         typical = float(np.mean(found)) if found else 0.0
         return HEAVY / typical if typical > 0.0 else HEAVY
 
     def proved(self, family: Family, p: Array) -> bool:
         """Whether all of them hold, proved, on the trajectory of p (P,)."""
-        return not certify(family.trajectory(p), self.limits).failed
+        pieces = family.trajectory(p).pieces()
+        rows = (row for _, _, piece in pieces for limit in self.limits for row in limit.prove(piece))
+        return all(spare(row) >= 0.0 for row in rows if row.status != "not looked at")
 
-    def drawn_home(self, family: Family, home: Array, p: Array) -> Array:
+    def drawn_home(self, family: Family, home: Array, p: Array, halvings: int = HALVINGS) -> Array:
         """The parameters (P,), or the first on the way to `home` (P,) at which the limits are proved.
+
+        Args:
+            family: of the parameters.
+            home: (P,) standing still.
+            p: where to begin.
+            halvings: of the way.
 
         Raises:
             UnsafeTrajectoryError: they are not even at home.
@@ -79,13 +101,46 @@ class Kept:
                 next_step="Choose another home, or widen the limits.",
             )
         inside, outside = 0.0, 1.0
-        for _ in range(HALVINGS):
+        for _ in range(halvings):
             middle = 0.5 * (inside + outside)
             if self.proved(family, home + middle * (p - home)):
                 inside = middle
             else:
                 outside = middle
         return np.asarray(home + inside * (p - home))
+
+    def grown(
+        self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
+    ) -> Array:
+        """The parameters (P,) with each part enlarged about `home`, as far as all limits are proved.
+
+        Being drawn home shrinks all of a motion for the one part of it that is in the way, and the search may
+        have been kept in a part of what is allowed. So every block of what the other limits couple, a joint
+        say, is tried by itself.
+
+        Args:
+            family: of the parameters.
+            home: (P,) standing still.
+            p: where to begin, proved.
+            worth: of parameters; what lowers it is not done.
+        """
+        if not self.limits:
+            return p
+        pose = family.motion(home, np.zeros(1), 1).orders[0, 0]
+        whole, value = FeasibleSet.of(self.others, family, pose), worth(p)
+        for factor in GROWTH:
+            for block in whole.blocks:
+                for _ in range(TRIES):
+                    trial = p.copy()
+                    use = block.gauge(p[block.members])
+                    step = min(factor, ROOM / use) if use > 0.0 else 1.0
+                    trial[block.members] = block.centre + step * (p[block.members] - block.centre)
+                    if step <= LEAST_GROWTH or (trial_value := worth(trial)) < value:
+                        break
+                    if not self.proved(family, trial):
+                        break
+                    p, value = trial, trial_value
+        return p
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,10 +157,11 @@ def search(
 ) -> Found:
     """The best of the candidates and of what the best few are refined to.
 
-    What limits without cones forbid is drawn home, candidates and ends alike; between, a penalty counts.
+    What limits that are not convex forbid is drawn home, candidates and ends alike, and the ends are grown;
+    between, a penalty counts.
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
-    weight = kept.weight(candidates)
+    weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
     starts = [_at_home(kept, drawn) for drawn in candidates]
     aims = [replace(aim, family=drawn.family) for drawn in starts]
     values = [one.value(drawn.p) for one, drawn in zip(aims, starts, strict=True)]
@@ -171,15 +172,18 @@ def search(
         searched = Penalised(own, kept, weight * abs(values[place])) if kept.limits else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
-        found = _at_home(kept, replace(start, p=end.p))
+        found = _at_home(kept, replace(start, p=end.p), own.value)
         found_value = own.value(found.p) if kept.limits else end.value
         if found_value > value:
             best, value = found, found_value
     return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 
-def _at_home(kept: Kept, drawn: Drawn) -> Drawn:
-    return replace(drawn, p=kept.drawn_home(drawn.family, drawn.feasible.centre, drawn.p))
+def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float] | None = None) -> Drawn:
+    """Drawn home until its limits are proved, and grown where that is worth something."""
+    home = drawn.feasible.centre
+    p = kept.drawn_home(drawn.family, home, drawn.p)
+    return replace(drawn, p=p if worth is None else kept.grown(drawn.family, home, p, worth))
 
 
 def _status(config: DesignConfig, found: Found) -> str:

@@ -18,12 +18,13 @@ Array = NDArray[np.float64]
 
 REST_TOLERANCE = 1e-9
 """Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""
+COLLISIONS = "Collisions, with itself and with what stands around it."
 NOT_LOOKED_AT = (
     "How far the robot leaves the plan while it tracks it.",
-    "Collisions, with itself and with what stands around it.",
+    COLLISIONS,
     "The way to the start, and the way back from the end.",
 )
-"""What no certificate proves."""
+"""What no certificate proves, but for collisions where a limit says what it leaves out (`not_looked_at`)."""
 
 
 def spare(row: Proof) -> float:
@@ -32,8 +33,13 @@ def spare(row: Proof) -> float:
 
 
 def use(row: Proof) -> float:
-    """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width."""
+    """Fraction of the limit that is used, 1 where it is touched; infinite if the limit has no width.
+
+    Of a limit without an upper end (a distance): the limit over what is proved.
+    """
     half = 0.5 * (row.upper - row.lower)
+    if row.upper == math.inf and row.lower > 0.0:
+        return row.lower / row.proved_lower if row.proved_lower > 0.0 else math.inf
     return 1.0 - spare(row) / half if half > 0.0 else math.inf
 
 
@@ -83,7 +89,7 @@ class Certificate:
         return tuple((row.axis, row.quantity) for row in self.seen if use(row) >= 1.0 - tolerance)
 
     def to_json(self) -> str:
-        """The certificate as JSON text. A row's "margin" is what it spares of the limit."""
+        """The certificate as JSON text. A row's "margin" is what it spares of the limit; null is no end."""
         content = {
             "ok": self.ok,
             "at_rest": self.at_rest,
@@ -107,12 +113,22 @@ def certify(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
         for limit in limits:
             for i, row in enumerate(limit.prove(piece)):
                 key = (row.axis, row.quantity, f"{limit.name} {i}")
-                row = row if row.where else replace(row, where=where)
+                row = replace(row, where=" of the ".join(filter(None, (row.where, where))))
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(axis for axis, _, _ in found))
     rows = tuple(row for axis in axes for (own, _, _), row in found.items() if own == axis)
     rest = any(getattr(limit, "rest", False) for limit in limits)
-    return Certificate(rows, max(_end_speed(piece, limits) for _, _, piece in pieces), rest)
+    end_speed = max(_end_speed(piece, limits) for _, _, piece in pieces)
+    return Certificate(rows, end_speed, rest, _not_looked_at(limits))
+
+
+def _not_looked_at(limits: Sequence[Limit]) -> tuple[str, ...]:
+    """Sentences; a limit that looks at collisions says itself what it leaves out."""
+    found: list[str] = []
+    for sentence in NOT_LOOKED_AT:
+        own = [getattr(limit, "not_looked_at", ()) for limit in limits] if sentence == COLLISIONS else []
+        found += [one for sentences in own for one in sentences] or [sentence]
+    return tuple(found)
 
 
 def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
@@ -146,8 +162,8 @@ def require_certified(trajectory: Trajectory, limits: Sequence[Limit]) -> Certif
 
 
 def _row(row: Proof) -> dict[str, object]:
-    content = asdict(row)
-    return content | {"margin": spare(row), "tracking_margin": row.margin}
+    content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin}
+    return {key: None if value in (math.inf, -math.inf) else value for key, value in content.items()}
 
 
 def _joined(one: Proof, other: Proof) -> Proof:

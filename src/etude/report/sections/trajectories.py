@@ -21,6 +21,7 @@ from etude.report.markup import (
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
 from etude.report.scene import Path, room_of, scene
+from etude.report.sections.distances import distance_panel, distances, use_of_distance
 from etude.report.sections.learning import joint_style
 from etude.report.sections.views import through_space
 from etude.report.svg import Level, Line, Mark, panel
@@ -88,6 +89,8 @@ def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:
     measured = limit.of_motion(trajectory.motion(t, 4))
     if not rows or measured.shape[1] != len(rows):
         return None
+    if all(row.upper == np.inf for row in rows):
+        return distance_panel(rows, measured, t)
     low, high = (np.array([getattr(row, end) for row in rows]) for end in ("lower", "upper"))
     # a size has no lower end that could be met: it is drawn from zero
     signed = not bool(np.all(measured >= 0.0) and np.all((low <= 0.0) | ~np.isfinite(low)))
@@ -119,19 +122,22 @@ def _verdict(certificate: Facts | None) -> str:
 
 
 def _use(row: Facts) -> float:
+    if row["upper"] is None:
+        return use_of_distance(row["lower"], row["proved_lower"])
     half = 0.5 * (row["upper"] - row["lower"])
     return 1.0 - row["margin"] / half if half > 0 else float("inf")
 
 
 def _proofs(record: Record, certificate: Facts) -> Html:
     """One row per axis, one column per quantity; how it was proved stands below, once, and what was not."""
-    rows = certificate.get("rows", ())
+    every = certificate.get("rows", ())
+    rows = [row for row in every if row["upper"] is not None]
     axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
     proofs = {(row["axis"], row["quantity"]): _proof(row) for row in rows}
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
-    methods = "; ".join(dict.fromkeys(str(row["method"]) for row in rows))
+    methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"proved {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
-    parts = [table(header, body), paragraph(f"Method: {methods}.", class_="soft")]
+    parts = [table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
         parts.append(missing(f"Not looked at by anyone: {'; '.join(unseen)}."))

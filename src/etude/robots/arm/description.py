@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from etude.contracts import Described
 from etude.errors import UsageError
 from etude.robots.arm.robot_file import read_robot, robot_to_toml
 from etude.robots.arm.spec import ArmSpec
+
+if TYPE_CHECKING:
+    from etude.robots.arm.loading.loaded import Loaded
 
 ROBOT_FILE = "robot.toml"
 MODEL_NAME = "robot_model"
@@ -50,16 +55,34 @@ def describe(
     spec, confirm = read(path, joints, held)
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
+        from etude.robots.arm.clearance.of_robot import completed
+        from etude.robots.arm.clearance.srdf import disabled
         from etude.robots.arm.loading.crowded import crowded_links
-        from etude.robots.arm.loading.load import load
+        from etude.robots.arm.loading.load import load_arm
         from etude.robots.arm.loading.pack import packed
 
-        name = f"{MODEL_NAME}{spec.model_file.suffix}"
-        loaded = load(spec.model_file, spec.names, held=spec.held, mesh_roots=mesh_roots)
+        name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
+        loaded = load_arm(spec, mesh_roots=mesh_roots)
         crowded = crowded_links(loaded, spec.lower, spec.upper)
         files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
         files |= meshes
-        confirm = (*confirm, *loaded.notes)
         spec = replace(spec, model_file=Path(name))
+        floor = path.suffix.lower() != ".toml"
+        around, of_around = completed(spec, _loaded_from(spec, files), leave, assume_floor=floor)
+        confirm = (*confirm, *loaded.notes, *of_around)
+        spec = replace(spec, around=around)
     text = robot_to_toml(spec, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
     return Described({ROBOT_FILE: text.encode(), **files}, confirm)
+
+
+def _loaded_from(spec: ArmSpec, files: Mapping[str, bytes]) -> Loaded:
+    """The model as the campaign will load it: its shapes are those that were packed."""
+    from etude.robots.arm.loading.load import load_arm
+
+    assert spec.model_file is not None
+    with TemporaryDirectory() as folder:
+        for name, data in files.items():
+            path = Path(folder) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        return load_arm(replace(spec, model_file=Path(folder) / spec.model_file))

@@ -105,8 +105,10 @@ class ArmKind:
         return read(path)[0]
 
     def home(self, spec: ArmSpec) -> Array:
-        """(J,) the middle of the position limits."""
-        return 0.5 * (spec.lower + spec.upper)
+        """(J,) a pose clear of everything, or without shapes the middle of the position limits."""
+        from etude.robots.arm.clearance.of_robot import search_of
+
+        return search_of(spec)[0]
 
     def limit(self, spec: ArmSpec) -> Array:
         """(J,) the largest commands."""
@@ -132,7 +134,7 @@ class ArmKind:
         return family(spec, config.trajectory)
 
     def limits(self, spec: ArmSpec, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]:  # noqa: ARG002
-        """Position, velocity and acceleration of every joint, less what tracking was seen to overshoot."""
+        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot."""
         from etude.robots.arm.motions import limits
 
         return limits(spec, margins)

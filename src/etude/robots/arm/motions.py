@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from etude.contracts import Array, Limit, Margins, Trajectory
+from etude.limits.library import AxisLimit
+from etude.robots.arm.clearance.of_robot import clearance_of, search_of
 from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
@@ -21,19 +23,20 @@ UNHURRIED = 0.5
 
 
 def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
-    """Fourier series of every joint; if omega0 was left open, one period of what suits the robot."""
-    suited = suited_to(config, spec.lower, spec.upper, spec.velocity, spec.acceleration)
+    """Fourier series of every joint; if omega0 was left open, one period of what suits it and its box."""
+    _, lower, upper = search_of(spec)
+    suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)
 
 
 def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint, and rest at both ends."""
-    from etude.limits.library import AxisLimit
-
+    """Position, velocity and acceleration of every joint, rest at both ends; clearance if it has shapes."""
+    clearance = clearance_of(spec, margins)
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
+        *(() if clearance is None else (clearance,)),
     )
 
 
@@ -51,7 +54,8 @@ def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
     """Motions that are never trained on.
 
     They do not depend on which family a campaign trains on, so that settings can be compared: the thesis's
-    own form (3.5) with N = 2, one to two periods long, and point-to-point moves.
+    own form (3.5) with N = 2, one to two periods long, and point-to-point moves. Where a robot may touch
+    something they stay in the box that is nearly all clear of it.
     """
     from etude.limits.feasible import FeasibleSet
     from etude.limits.samplers import scaled
@@ -59,8 +63,9 @@ def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
     period = 2.0 * math.pi / TEST_DURATION
     thesis = FourierConfig(2, TEST_DURATION, (period, 2.0 * period), rest="ramp", ramp=TEST_RAMP)
     drawn = family(spec, thesis).drawn(rng)
-    room = FeasibleSet.of(limits(spec, {}), drawn, 0.5 * (spec.lower + spec.upper))
-    box = spec.lower, spec.upper, spec.velocity, spec.acceleration
+    home, lower, upper = search_of(spec)
+    room = FeasibleSet.of(limits(spec, {}), drawn, home)
+    box = lower, upper, spec.velocity, spec.acceleration
     return {
         "fourier": drawn.trajectory(scaled(rng, room)[0]),
         "moves": random_moves(rng, *box, count=MOVES),

@@ -24,15 +24,27 @@ mass = 0.9                  # kg
 centre = [0.0, 0.0, 0.06]   # of mass, m in the frame of the link that the last axis moves
 shape = "cylinder"          # box, cylinder or sphere; without inertia = [...] it gives the inertia
 size = [0.04, 0.12]         # radius and length, m
+[floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 from etude.errors import UsageError
 from etude.robots.arm.checks import check_spec, unit_suspicion
+from etude.robots.arm.clearance.surroundings import (
+    Box,
+    Collision,
+    Column,
+    Floor,
+    Room,
+    Search,
+    Surroundings,
+    Wall,
+)
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import decoded, from_table, read_text, write_values
@@ -58,6 +70,13 @@ class RobotTable:
     mounting: Mounting | None = None
     tool: Attached | None = None
     payload: Attached | None = None
+    collision: Collision | None = None
+    floor: Floor | None = None
+    box: tuple[Box, ...] = ()
+    wall: tuple[Wall, ...] = ()
+    room: Room | None = None
+    column: Column | None = None
+    search: Search | None = None
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -83,9 +102,40 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
             where=where,
             next_step="Correct the path (relative to this file), or leave model_file out.",
         )
+    names = [one.name for one in fields(Surroundings)]
+    try:
+        given = {name: getattr(table, name) for name in names}
+        around = Surroundings(**{**given, "collision": table.collision or Collision()})
+    except UsageError as error:
+        raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
     own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload")}
-    spec = ArmSpec(table.name, table.axis, table.command_unit, table.rate, model_file, **own)
+    head = (table.name, table.axis, table.command_unit, table.rate, model_file)
+    spec = ArmSpec(*head, **own, around=around)
+    _check_search(spec, where)
     return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def _check_search(spec: ArmSpec, where: str) -> None:
+    """UsageError unless home and box have a number for each joint, and home is inside its limits."""
+    search = spec.around.search
+    if search is None:
+        return
+    sides = {"home": search.home, "lower": search.lower or search.home, "upper": search.upper or search.home}
+    for name, values in sides.items():
+        if len(values) != spec.dof:
+            raise UsageError(
+                f"{name} has {len(values)} numbers, the robot has {spec.dof} joints",
+                where=f"{where} [search]",
+                next_step="Give one for each joint, or take [search] out: it will be found.",
+            )
+    for axis, low, pose, high in zip(spec.axes, sides["lower"], search.home, sides["upper"], strict=True):
+        if not (axis.lower <= low <= pose <= high <= axis.upper):
+            raise UsageError(
+                f"home or box of joint '{axis.name}' is outside its limits: {low:g}, {pose:g}, {high:g} in "
+                f"{axis.lower:g}..{axis.upper:g}",
+                where=f"{where} [search]",
+                next_step="Correct it, or take [search] out: it will be found.",
+            )
 
 
 def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[str, ...] = ()) -> str:
@@ -112,5 +162,12 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         mounting=spec.mounting,
         tool=spec.tool,
         payload=spec.payload,
+        **_tables(spec.around),
     )
     return write_values(table, comments)
+
+
+def _tables(around: Surroundings) -> dict[str, Any]:
+    """What stands around, by the names of its tables; None for what is as it is without one."""
+    found = {one.name: getattr(around, one.name) for one in fields(Surroundings)}
+    return found | {"collision": None if around.collision == Collision() else around.collision}

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from etude.contracts import Array, Channel
+from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.attached import Attached, Mounting
 
 COMMAND = "command"
@@ -57,6 +58,7 @@ class ArmSpec:
         held: joints of the model file that are no axes, and where they stand, rad or m.
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
+        around: what stands around it, and how far it keeps from that and from itself.
     """
 
     name: str
@@ -69,6 +71,7 @@ class ArmSpec:
     mounting: Mounting | None = None
     tool: Attached | None = None
     payload: Attached | None = None
+    around: Surroundings = field(default_factory=Surroundings)
 
     @property
     def dof(self) -> int:

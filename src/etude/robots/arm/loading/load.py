@@ -51,7 +51,9 @@ def load(
     return load_mjcf(path, joints, given, drives, added)
 
 
-def load_arm(spec: ArmSpec, *, shapes: bool = True, drives: bool = False) -> Loaded:
+def load_arm(
+    spec: ArmSpec, *, shapes: bool = True, drives: bool = False, mesh_roots: Sequence[Path] = ()
+) -> Loaded:
     """The robot's own model, of its `model_file`: its axes move, the others are held where it says.
 
     Raises:
@@ -64,4 +66,5 @@ def load_arm(spec: ArmSpec, *, shapes: bool = True, drives: bool = False) -> Loa
         )
     carried = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
     added = Additions(spec.mounting, tuple(carried))
-    return load(spec.model_file, spec.names, held=spec.held, shapes=shapes, drives=drives, added=added)
+    how = {"held": spec.held, "mesh_roots": mesh_roots, "shapes": shapes, "drives": drives}
+    return load(spec.model_file, spec.names, **how, added=added)  # type: ignore[arg-type]

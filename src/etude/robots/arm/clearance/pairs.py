@@ -1,0 +1,142 @@
+"""Which distances are looked at: a robot's shapes among themselves, and with what stands around.
+
+MuJoCo's own filter serves contacts, not proofs (a part welded to the world counts as nobody's parent), so
+pairs are chosen here. Left out: shapes of one rigid part, of parts on both sides of one joint, and what the
+robot file ignores.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from itertools import combinations
+from typing import Any
+
+from etude.contracts import Array
+from etude.errors import UsageError
+from etude.robots.arm.clearance.gaps import CUTOFF, Gap, Gaps
+from etude.robots.arm.clearance.skeleton import BOX, Skeleton, skeleton_of
+from etude.robots.arm.clearance.surroundings import Box, Column, Surroundings, Wall
+from etude.robots.arm.loading.loaded import Loaded, refused
+
+
+def gaps_of(loaded: Loaded, lower: Array, upper: Array, around: Surroundings) -> Gaps:
+    """Every distance that is looked at.
+
+    Args:
+        loaded: the robot. lower, upper: (k,) limits of its joints.
+        around: what stands around, and what is ignored.
+
+    Raises:
+        UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
+    """
+    spec = _spec(loaded, around.box)
+    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper)
+    _check_names(skeleton, around)
+    ignored = {frozenset(pair) for pair in around.collision.ignore}
+    excluded = {frozenset(pair) for pair in loaded.excluded}
+    sensed = [gap for gap in _own(skeleton, excluded) if not _is_ignored(gap, ignored)]
+    boxes = [gap for gap in _boxed(skeleton) if not _is_ignored(gap, ignored)]
+    walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
+    for gap in (*sensed, *boxes):
+        _add_sensor(spec, skeleton, gap)
+    with_sensors = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper)
+    walls, planes = zip(*walled, strict=True) if walled else ((), ())
+    return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
+
+
+def _spec(loaded: Loaded, boxes: Sequence[Box]) -> Any:
+    """The robot's with all geoms named, without sensors, and with the boxes."""
+    import mujoco
+
+    spec = loaded.spec()
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    for i, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"{geom.parent.name or 'base'}#{i}"
+    for box in boxes:
+        turn = [math.cos(0.5 * box.turn), 0.0, 0.0, math.sin(0.5 * box.turn)]
+        half = [0.5 * edge for edge in box.size]
+        # contacts are none of its business: it takes part through sensors alone
+        kind = mujoco.mjtGeom.mjGEOM_BOX
+        spec.worldbody.add_geom(
+            name=BOX + box.name, type=kind, size=half, pos=box.centre, quat=turn, contype=0, conaffinity=0
+        )
+    return spec
+
+
+def _compiled(spec: Any, loaded: Loaded) -> Any:
+    try:
+        return spec.compile()
+    except ValueError as problem:
+        raise refused(problem, loaded.source) from None
+
+
+def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
+    """Pairs of the robot's shapes that a joint can bring together."""
+    found = []
+    for (i, one), (k, other) in combinations(enumerate(skeleton.shapes), 2):
+        a, b = one.part, other.part
+        if a == b or skeleton.parent[a] == b or skeleton.parent[b] == a:
+            continue
+        if BOX in (one.name[: len(BOX)], other.name[: len(BOX)]):
+            continue
+        if frozenset((one.name, other.name)) not in excluded:
+            first, second = sorted((a, b))
+            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
+    return found
+
+
+def _boxed(skeleton: Skeleton) -> list[Gap]:
+    boxes = [(k, shape.link) for k, shape in enumerate(skeleton.shapes) if shape.name.startswith(BOX)]
+    return [_with_thing(skeleton, i, k, name) for i in _moving(skeleton) for k, name in boxes]
+
+
+def _walled(skeleton: Skeleton, around: Surroundings) -> list[tuple[Gap, tuple[Wall, ...] | Column]]:
+    things: dict[str, tuple[Wall, ...] | Column] = {}
+    for wall in around.walls:
+        before = things.get(wall.name, ())
+        things[wall.name] = (*before, wall) if isinstance(before, tuple) else before
+    if around.column is not None:
+        things["column"] = around.column
+    return [
+        (_with_thing(skeleton, i, -1, name), planes)
+        for i in _moving(skeleton)
+        for name, planes in things.items()
+    ]
+
+
+def _moving(skeleton: Skeleton) -> list[int]:
+    """Numbers of the shapes that some joint moves."""
+    return [i for i, shape in enumerate(skeleton.shapes) if shape.part]
+
+
+def _with_thing(skeleton: Skeleton, i: int, other: int, name: str) -> Gap:
+    shape = skeleton.shapes[i]
+    return Gap(i, other, (shape.link, name), (skeleton.parts[shape.part], name))
+
+
+def _add_sensor(spec: Any, skeleton: Skeleton, gap: Gap) -> None:
+    import mujoco
+
+    one, other = (skeleton.shapes[i].name for i in (gap.one, gap.other))
+    geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
+    spec.add_sensor(type=kind, objtype=geom, objname=one, reftype=geom, refname=other, cutoff=CUTOFF)
+
+
+def _is_ignored(gap: Gap, ignored: set[frozenset[str]]) -> bool:
+    return frozenset(gap.names) in ignored or frozenset(gap.row) in ignored
+
+
+def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
+    known = {shape.link for shape in skeleton.shapes} | set(skeleton.parts)
+    known |= (
+        {box.name for box in around.box} | {wall.name for wall in around.walls} | {"floor", "room", "column"}
+    )
+    unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
+    if unknown:
+        raise UsageError(
+            f"nothing is called {', '.join(unknown)}",
+            where="collision.ignore",
+            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(known))}.",
+        )

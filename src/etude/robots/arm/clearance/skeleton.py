@@ -1,0 +1,204 @@
+"""The parts of a robot that move as one, their convex shapes, and how far joints can carry them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.contracts import Array, Index, Mask
+from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    import mujoco
+
+BASE = "base"
+"""Name of all that no joint moves."""
+BOX = "box: "
+"""Starts the names of geoms that are boxes around the robot."""
+SIDES = 16
+"""Of the prism around a cylinder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A convex part of the robot: all points within `radius` of the hull of `points`; it holds its geom.
+
+    Attributes:
+        name: of its geom, "link#k" or the link's name.
+        geom: number in the model. part: number of the rigid part that it belongs to.
+        points: (V, 3) m in the geom's frame. radius: m.
+    """
+
+    name: str
+    geom: int
+    part: int
+    points: Array
+    radius: float
+
+    @property
+    def link(self) -> str:
+        """The link of the model file, or the box; links that are fixed to one another are one part."""
+        return self.name.removeprefix(BOX).split("#")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A compiled model seen as rigid parts between joints.
+
+    Attributes:
+        model: with one degree of freedom for each joint and no others.
+        joints: (k,) the model's numbers of the joints, in the order of the robot's axes.
+        lower, upper: (k,) position limits, rad (m); how far slides can carry something follows from them.
+        parts: names; 0 is what no joint moves.
+        parent: (B,) the part that each hangs on, -1 for the first.
+        moves: (B, k) whether that joint moves that part.
+        shapes: of all parts.
+    """
+
+    model: mujoco.MjModel
+    joints: Index
+    lower: Array
+    upper: Array
+    parts: tuple[str, ...]
+    parent: Index
+    moves: Mask
+    shapes: tuple[Shape, ...]
+
+    @property
+    def addresses(self) -> Index:
+        """(k,) places of the joints in qpos."""
+        return np.asarray(self.model.jnt_qposadr[self.joints], dtype=np.int64)
+
+    @cached_property
+    def slides(self) -> Mask:
+        """(k,) which joints slide."""
+        import mujoco
+
+        return np.asarray(self.model.jnt_type[self.joints] == int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+    @cached_property
+    def reaches(self) -> Array:
+        """(G, k) L: no point of that shape is ever farther from that joint's axis; 0 where it is not moved.
+
+        Of a slide it is 1. Else along the chain from the joint to the shape: the next anchor's distance from
+        the axis, the lengths between further anchors, the farthest point from the last one, and what slides
+        in between can add.
+        """
+        import mujoco
+
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        anchors, axes = data.xanchor[self.joints], data.xaxis[self.joints]
+        start = data.qpos[self.addresses]
+        added = np.where(self.slides, np.maximum(np.abs(self.lower - start), np.abs(self.upper - start)), 0.0)
+        found = np.zeros((len(self.shapes), len(self.joints)))
+        for row, shape in zip(found, self.shapes, strict=True):
+            world = shape.points @ data.geom_xmat[shape.geom].reshape(3, 3).T + data.geom_xpos[shape.geom]
+            outside, beyond = world, np.full(len(world), shape.radius)
+            for j in self.chain(shape.part)[::-1]:
+                row[j] = (
+                    1.0 if self.slides[j] else float((_across(outside - anchors[j], axes[j]) + beyond).max())
+                )
+                far = np.linalg.norm(outside - anchors[j], axis=1) + beyond
+                outside, beyond = anchors[[j]], np.array([far.max() + added[j]])
+        return found
+
+    def chain(self, part: int) -> list[int]:
+        """Places of the joints that move a part, the innermost first."""
+        order = {int(joint): j for j, joint in enumerate(self.joints)}
+        moved = [int(self.joints[j]) for j in np.flatnonzero(self.moves[part])]
+        # in a model, joints of outer bodies come after those of inner ones
+        return [order[joint] for joint in sorted(moved)]
+
+    def between(self, one: int, other: int) -> Mask:
+        """(k,) joints that move one of two parts and not the other: on them alone their distance depends."""
+        return np.asarray(self.moves[one] ^ self.moves[other])
+
+    def random_poses(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, k) uniform inside the limits."""
+        return rng.uniform(self.lower, self.upper, (count, len(self.joints)))
+
+
+def skeleton_of(model: mujoco.MjModel, names: tuple[str, ...], lower: Array, upper: Array) -> Skeleton:
+    """The skeleton of a model with exactly these joints.
+
+    Raises:
+        UsageError: the model has another number of degrees of freedom, or lacks a joint.
+    """
+    import mujoco
+
+    numbers = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in names]
+    if -1 in numbers or model.nq != len(names) or model.nv != len(names):
+        raise UsageError(
+            f"the model moves {model.nv} ways, the robot file names {len(names)} joints: {', '.join(names)}",
+            next_step="Distances need the same joints in both; others must be held.",
+        )
+    welds = sorted({int(body) for body in model.body_weldid})
+    place = {weld: i for i, weld in enumerate(welds)}
+    parent = [-1 if weld == 0 else place[int(model.body_weldid[model.body_parentid[weld]])] for weld in welds]
+    moves = np.zeros((len(welds), len(names)), dtype=np.bool_)
+    for part, weld in enumerate(welds):
+        if weld:
+            moves[part] = moves[parent[part]]  # parents come first
+            moves[part] |= np.array([int(model.jnt_bodyid[number]) == weld for number in numbers])
+    parts = tuple(BASE if weld == 0 else model.body(weld).name or f"body {weld}" for weld in welds)
+    shapes = tuple(_shapes(model, place))
+    joints, parents = np.array(numbers, dtype=np.int64), np.array(parent, dtype=np.int64)
+    return Skeleton(model, joints, np.asarray(lower), np.asarray(upper), parts, parents, moves, shapes)
+
+
+def _shapes(model: mujoco.MjModel, place: dict[int, int]) -> list[Shape]:
+    found = []
+    for geom in range(model.ngeom):
+        name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
+        if model.geom_contype[geom] or model.geom_conaffinity[geom] or name.startswith(BOX):
+            points, radius = _points(model, geom)
+            if len(points):
+                found.append(Shape(name, geom, place[int(model.body_weldid[body])], points, radius))
+    return found
+
+
+def _points(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
+    """Points (V, 3) and radius of a shape around a geom; no points for what has no convex hull of its own."""
+    import mujoco
+
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.zeros((1, 3)), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        angles = 2.0 * math.pi * np.arange(SIDES) / SIDES
+        ring = size[0] / math.cos(math.pi / SIDES) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ends = [np.column_stack([ring, np.full(SIDES, z)]) for z in (-size[1], size[1])]
+        return np.concatenate(ends), 0.0
+    if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+        return signs * size, 0.0
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        points = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
+        return _corners(points), 0.0
+    return np.zeros((0, 3)), 0.0
+
+
+def _corners(points: Array) -> Array:
+    """Those of the points that their hull needs; all if they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        corners: Array = points[ConvexHull(points).vertices]
+        return corners
+    except (QhullError, ValueError):
+        return points
+
+
+def _across(vectors: Array, axis: Array) -> Array:
+    """(V,) lengths of the vectors (V, 3) across a unit axis."""
+    across: Array = np.linalg.norm(np.cross(vectors, axis), axis=1)
+    return across

@@ -1,0 +1,169 @@
+"""What stands around a robot, and how far it keeps from it: tables of the robot file.
+
+[collision]
+margin = 0.01               # m, kept beyond what tracking needs
+ignore = [["link1", "link3"]]   # links whose distance is nobody's business
+look = true                 # false: no distance is looked at
+[floor]
+height = 0.0                # m, in the room that the base is mounted in; the robot stays above
+[[box]]                     # something to stay out of
+name = "table"
+centre = [0.6, 0.0, 0.2]    # m
+size = [0.4, 0.8, 0.4]      # m, whole edges
+turn = 0.0                  # rad about the vertical
+[[wall]]                    # a plane; the robot stays on the side that `normal` points to
+name = "fence"
+point = [1.2, 0.0, 0.0]
+normal = [-1.0, 0.0, 0.0]
+[room]                      # the robot stays inside
+lower = [-1.0, -1.0, 0.0]
+upper = [1.0, 1.0, 2.0]
+[column]                    # the robot stays within this distance of the vertical through `centre`
+radius = 1.2
+centre = [0.0, 0.0]
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from etude.errors import UsageError
+
+MARGIN = 0.01
+"""m that parts keep from one another and from what stands around, beyond what tracking needs."""
+SHORTEST = 1e-9
+"""Length of a normal that is none."""
+
+Point = tuple[float, float, float]
+
+
+def _check(fits: bool, fact: str) -> None:
+    if not fits:
+        raise UsageError(fact)
+
+
+@dataclass(frozen=True)
+class Collision:
+    """What is kept, and between which links nothing is.
+
+    Attributes:
+        margin: m, kept beyond what tracking needs; half of a pair's distance at home if that is less.
+        ignore: pairs of links, as in the model file, whose distance is not looked at.
+        look: False: no distance is.
+    """
+
+    margin: float = MARGIN
+    ignore: tuple[tuple[str, str], ...] = ()
+    look: bool = True
+
+    def __post_init__(self) -> None:
+        _check(
+            math.isfinite(self.margin) and self.margin > 0.0, f"margin must be above 0 m, not {self.margin}"
+        )
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A horizontal plane at `height` m in the room; the robot stays above."""
+
+    height: float
+
+    def __post_init__(self) -> None:
+        _check(math.isfinite(self.height), f"height must be a number of metres, not {self.height}")
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box to stay out of: centre and whole edges in m, turned by `turn` rad about the vertical."""
+
+    name: str
+    centre: Point
+    size: Point
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = (*self.centre, *self.size, self.turn)
+        fits = all(map(math.isfinite, numbers)) and min(self.size) > 0.0
+        _check(fits, f"box '{self.name}' needs a finite centre and edges above 0 m")
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane through `point` (m); the robot stays on the side that `normal` points to."""
+
+    name: str
+    point: Point
+    normal: Point
+
+    def __post_init__(self) -> None:
+        fits = all(map(math.isfinite, (*self.point, *self.normal))) and math.hypot(*self.normal) > SHORTEST
+        _check(fits, f"wall '{self.name}' needs a finite point and a normal that is not zero")
+
+
+@dataclass(frozen=True)
+class Room:
+    """A box, m, that the robot stays inside."""
+
+    lower: Point
+    upper: Point
+
+    def __post_init__(self) -> None:
+        fits = all(a < b for a, b in zip(self.lower, self.upper, strict=True))
+        _check(fits, f"room needs lower below upper, not {self.lower} and {self.upper}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """An upright cylinder, m, that the robot stays inside."""
+
+    radius: float
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        fits = math.isfinite(self.radius) and self.radius > 0.0 and all(map(math.isfinite, self.centre))
+        _check(fits, f"column needs a radius above 0 m, not {self.radius}")
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where motions are looked for: a clear pose and a box about it; what is proved does not depend on it.
+
+    Attributes:
+        home: pose that is clear of everything, rad (m).
+        lower, upper: ends of the box; motions may be grown beyond it.
+    """
+
+    home: tuple[float, ...]
+    lower: tuple[float, ...] = ()
+    upper: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """All of it. Nothing is assumed to stand where nothing is given."""
+
+    collision: Collision = field(default_factory=Collision)
+    floor: Floor | None = None
+    box: tuple[Box, ...] = ()
+    wall: tuple[Wall, ...] = ()
+    room: Room | None = None
+    column: Column | None = None
+    search: Search | None = None
+
+    def __post_init__(self) -> None:
+        names = [box.name for box in self.box] + [wall.name for wall in self.wall]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        _check(not twice, f"boxes and walls share the names {', '.join(twice)}")
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """Every plane: the floor, the walls, and the six sides of the room, which share one name."""
+        found = [] if self.floor is None else [Wall("floor", (0.0, 0.0, self.floor.height), (0.0, 0.0, 1.0))]
+        found += self.wall
+        if self.room is not None:
+            for axis in range(3):
+                inward = tuple(1.0 if i == axis else 0.0 for i in range(3))
+                outward = tuple(-1.0 if i == axis else 0.0 for i in range(3))
+                found += [Wall("room", self.room.lower, inward), Wall("room", self.room.upper, outward)]  # type: ignore[arg-type]
+        return tuple(found)

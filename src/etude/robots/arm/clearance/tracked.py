@@ -1,0 +1,126 @@
+"""What tracking errors can take from a distance: the real pose lies within e of the planned one.
+
+Every distance falls by at most P.e, with P the reach; that is for the worst pose there is, and far too much
+for most. With n the direction from one shape to the other at this pose, both seen through their corners x,
+
+    d(q + delta) >= min (n.x_2 - sum_j |n.dx_2/dq_j| e_j) - max (n.x_1 + sum_j |n.dx_1/dq_j| e_j) - slack
+
+for all |delta_j| <= e_j: whatever n is, no two shapes are nearer than along it. The slack is the second
+order: no point bends by more than L_j along two joints of which j is the outer one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Index, Mask
+from etude.robots.arm.clearance.gaps import Gaps, unit
+from etude.robots.arm.clearance.surroundings import Column
+
+NEAR = 0.02
+"""m beyond what is wanted within which the pose itself is looked at."""
+
+
+def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array) -> Array:
+    """(T, n) m by which distances can be less than planned.
+
+    Args:
+        gaps: of the robot.
+        poses: (T, k). distances: (T, n) at them.
+        error: (k,) e, rad (m).
+        wanted: (n,) m; where the bound by reaches leaves more than that it is enough.
+    """
+    found = np.tile(gaps.reach @ error, (len(poses), 1))
+    near = (distances - found < wanted + NEAR) & (distances > 0.0)
+    at = np.flatnonzero(near.any(axis=1))
+    if not len(at):
+        return found
+    scene = Scene.of(gaps, poses[at], near[at])
+    for i in np.flatnonzero(near.any(axis=0)):
+        own = np.flatnonzero(near[at, i])
+        fall = distances[at[own], i] - scene.least(int(i), own, error)
+        found[at[own], i] = np.clip(fall, 0.0, found[at[own], i])
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Where everything is at M poses.
+
+    Attributes:
+        gaps: of the robot.
+        places: (M, geoms, 3) and turns: (M, geoms, 3, 3) of the geoms.
+        anchors, axes: (M, k, 3) of the joints.
+        normals: (M, n, 3) from one geom to the other, of gaps between geoms that are near.
+    """
+
+    gaps: Gaps
+    places: Array
+    turns: Array
+    anchors: Array
+    axes: Array
+    normals: Array
+
+    @classmethod
+    def of(cls, gaps: Gaps, poses: Array, near: Mask) -> Scene:
+        """At poses (M, k), with the normals of the gaps that are `near` (M, n)."""
+        import mujoco
+
+        skeleton = gaps.skeleton
+        model, data, ends = skeleton.model, mujoco.MjData(skeleton.model), np.zeros(6)
+        frames, normals = [], np.zeros((len(poses), len(gaps.sensed), 3))
+        for t, pose in enumerate(poses):
+            data.qpos[skeleton.addresses] = pose
+            mujoco.mj_kinematics(model, data)
+            joints = data.xanchor[skeleton.joints], data.xaxis[skeleton.joints]
+            frames.append((data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy(), *joints))
+            for i in np.flatnonzero(near[t, : len(gaps.sensed)]):
+                one, other = (skeleton.shapes[k].geom for k in (gaps.sensed[i].one, gaps.sensed[i].other))
+                distance = mujoco.mj_geomDistance(model, data, one, other, 1.0, ends)
+                normals[t, i] = (ends[3:] - ends[:3]) / distance
+        places, turns, anchors, axes = (np.stack(part) for part in zip(*frames, strict=True))
+        return cls(gaps, places, turns, anchors, axes, normals)
+
+    def least(self, i: int, at: Index, error: Array) -> Array:
+        """(len(at),) m that gap number `i` keeps at those poses, whatever the errors; -inf: not known."""
+        gap, sensed = self.gaps.list[i], len(self.gaps.sensed)
+        moving = np.where(self.gaps.reach[i] > 0.0, error, 0.0)
+        if i < sensed:
+            normal = self.normals[at, i]
+            one, other = (
+                self._lowest(gap.one, -normal, at, moving),
+                self._lowest(gap.other, normal, at, moving),
+            )
+            return one + other
+        planes = self.gaps.planes[i - sensed]
+        if isinstance(planes, Column):
+            return np.full(len(at), -np.inf)
+        found = []
+        for wall in planes:
+            normal, offset = unit(wall)
+            found.append(self._lowest(gap.one, np.tile(normal, (len(at), 1)), at, moving) - offset)
+        return np.asarray(np.min(found, axis=0))
+
+    def _lowest(self, number: int, normal: Array, at: Index, error: Array) -> Array:
+        """(len(at),) least n.x of a shape under errors (k,), with a normal (len(at), 3) for each pose."""
+        skeleton = self.gaps.skeleton
+        shape, order = skeleton.shapes[number], skeleton.chain(skeleton.shapes[number].part)
+        own = [j for j in order if error[j] > 0.0]
+        corners = (
+            shape.points @ self.turns[at, shape.geom].transpose(0, 2, 1) + self.places[at, None, shape.geom]
+        )
+        height = (corners @ normal[:, :, None])[:, :, 0]
+        for j in own:
+            axis = self.axes[at, j]
+            if skeleton.slides[j]:
+                height = height - error[j] * np.abs((axis * normal).sum(axis=1))[:, None]
+            else:
+                lever = (corners - self.anchors[at, None, j]) @ np.cross(normal, axis)[:, :, None]
+                height = height - error[j] * np.abs(lever[:, :, 0])
+        L, before, slack = skeleton.reaches[number], 0.0, 0.0
+        for j in own:
+            slack += L[j] * error[j] * (0.5 * error[j] + before)
+            before += error[j]
+        return np.asarray(height.min(axis=1) - shape.radius - slack)

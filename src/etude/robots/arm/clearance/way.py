@@ -1,0 +1,143 @@
+"""The poses that a trajectory goes through, each once: clearance is a property of the path, not of time.
+
+A Fourier motion runs over one period of its series again and again, at whatever speed, ramps and repeats
+included; straight moves are lines between waypoints. Whatever holds for these poses holds for all times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Index, Trajectory
+from etude.errors import UsageError
+from etude.trajectories.extremes import riesz_range
+from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.moves import PointToPoint
+from etude.trajectories.ramp import phase
+
+FIRST = 128
+"""Intervals to begin with."""
+GRID = 4001
+"""Instants at which a phase is turned round, to say when something happens."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A curve x -> pose and how much it can bend.
+
+    Attributes:
+        knots: (K,) x, increasing; the curve is smooth between them.
+        at: x (T,) -> poses (T, k) and their derivatives (T, k).
+        bend: (k,) no second derivative is larger between knots; speed: (k,) nor a first one.
+        time: x (T,) -> s in the trajectory, the first time it is there.
+    """
+
+    knots: Array
+    at: Callable[[Array], tuple[Array, Array]]
+    bend: Array
+    speed: Array
+    time: Callable[[Array], Array]
+
+    def variation(self, x: Array, poses: Array, rates: Array, left: Index, right: Index) -> Array:
+        """(I, k) how far each joint travels at most between the points `left` and `right` (I,) of x.
+
+        Where its rate cannot change sign it is the difference of the ends; else the bend adds to that.
+        """
+        step = (x[right] - x[left])[:, None]
+        direct = np.abs(poses[right] - poses[left])
+        turns = np.abs(rates[left]) <= self.bend * step
+        bent = np.where(turns, np.where(self.bend > 0.0, 0.5 * self.bend * step**2, 0.0), 0.0)
+        return np.asarray(np.minimum(direct + bent, self.speed * step))
+
+
+def way_of(piece: Trajectory) -> Way:
+    """The way of any piece of a trajectory."""
+    if isinstance(piece, FourierTrajectory):
+        return _of_series(piece)
+    if isinstance(piece, PointToPoint):
+        return _of_moves(piece)
+    return _of_time(piece)
+
+
+def _of_series(piece: FourierTrajectory) -> Way:
+    """One period, or what of it is gone through."""
+    span = min(2.0 * math.pi / piece.omega0, piece.duration - piece.ramp)
+    path = FourierTrajectory(piece.coefficients, piece.omega0, span)
+    times = np.linspace(0.0, piece.duration, GRID)
+    reached = phase(times, piece.duration, piece.ramp)[0]
+    return Way(
+        np.linspace(0.0, span, FIRST + 1),
+        lambda x: _two(path, x),
+        _largest(path, 2),
+        np.full(piece.axes, np.inf),
+        lambda x: np.interp(x, reached, times),
+    )
+
+
+def _of_moves(piece: PointToPoint) -> Way:
+    """Lines from waypoint to waypoint, x their number: on each, no joint ever turns."""
+    points, whole = piece.waypoints, np.arange(len(piece.waypoints), dtype=float)
+    each = max(FIRST // max(len(points) - 1, 1), 1)
+    knots = np.linspace(0.0, whole[-1], each * (len(points) - 1) + 1)
+    knots[::each] = whole  # to the last bit: an interval never holds a waypoint inside
+    steps = np.diff(points, axis=0)
+    starts = piece.dwell + np.concatenate([[0.0], np.cumsum(piece.times + piece.dwell)])
+    part = np.linspace(0.0, 1.0, GRID)
+    risen = part**3 * (10.0 - 15.0 * part + 6.0 * part * part)
+
+    def at(x: Array) -> tuple[Array, Array]:
+        k = np.clip(np.floor(x).astype(int), 0, len(steps) - 1)
+        return points[k] + (x - k)[:, None] * steps[k], steps[k]
+
+    def time(x: Array) -> Array:
+        k = np.clip(np.floor(x).astype(int), 0, len(steps) - 1)
+        return np.asarray(starts[k] + np.interp(x - k, risen, part) * piece.times[k])
+
+    still = np.zeros(piece.axes)
+    return Way(knots, at, still, still + np.inf, time)
+
+
+def _of_time(piece: Trajectory) -> Way:
+    """Any other form, over its whole duration, by its own bounds of speed and acceleration.
+
+    Of set-points that are held, each joint is taken to stay between one and the next.
+    """
+    if getattr(piece, "held", False):
+        return _of_points(piece)
+    try:
+        bend = _largest(piece, 2)
+    except UsageError:  # a form whose velocity jumps
+        bend = np.full_like(_largest(piece, 1), np.inf)
+    knots = np.linspace(0.0, piece.duration, FIRST + 1)
+    return Way(knots, lambda x: _two(piece, x), bend, _largest(piece, 1), lambda x: x)
+
+
+def _of_points(piece: Any) -> Way:
+    """Lines from set-point to set-point: joints that stay between the ends travel no farther."""
+    times, points = np.asarray(piece.times), np.asarray(piece.points)[0]
+    still = np.zeros(points.shape[1])
+
+    def at(x: Array) -> tuple[Array, Array]:
+        poses = np.stack([np.interp(x, times, column) for column in points.T], axis=1)
+        return poses, np.zeros_like(poses)
+
+    return Way(times, at, still, still + np.inf, lambda x: x)
+
+
+def _two(piece: Trajectory, x: Array) -> tuple[Array, Array]:
+    orders = piece.motion(x, 2).orders
+    return orders[0], orders[1]
+
+
+def _largest(piece: Trajectory, order: int) -> Array:
+    """(k,) bound of the size of a derivative at all times."""
+    values, amplitudes, kappa = piece.bound(order, 1)
+    if not np.isfinite(values).all():
+        return np.full(values.shape[1], np.inf)
+    low, high = riesz_range(values, kappa, amplitudes)
+    return np.asarray(np.maximum(np.abs(low), np.abs(high)))
