@@ -1,4 +1,4 @@
-"""Kills 200 writers, each at a random system call, and looks at what is left. Run by test_kills.py.
+"""Kills writers, each at a random system call, and looks at what is left. Run by test_kills.py.
 
 A process of its own, so that forking is cheap and safe: no threads, everything imported once.
 """
