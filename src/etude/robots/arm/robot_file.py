@@ -14,6 +14,7 @@ velocity = 2.0              # largest |qd|, rad/s
 acceleration = 4.0          # largest |qdd|, rad/s^2
 command = 150.0             # largest |command|, in command_unit
 unit = "m"                  # optional: of a sliding joint
+jerk = 20.0                 # optional: largest |qddd|, rad/s^3
 [held]                      # optional: the model file's other joints, and where they stand, rad or m
 gripper = 0.02
 [mounting]                  # optional: the base in the room, z up

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,7 @@ class Axis:
         acceleration: largest |qdd|, rad/s^2 (m/s^2).
         command: largest |command| in the robot's command unit.
         unit: of the position: "rad", or "m" for a sliding joint.
+        jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Axis:
     acceleration: float
     command: float
     unit: Literal["rad", "m"] = "rad"
+    jerk: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,11 @@ class ArmSpec:
     @property
     def acceleration(self) -> Array:
         return np.array([axis.acceleration for axis in self.axes])
+
+    @property
+    def jerk(self) -> Array:
+        """(J,) infinite where there is no limit."""
+        return np.array([math.inf if axis.jerk is None else axis.jerk for axis in self.axes])
 
     @property
     def command(self) -> Array:
