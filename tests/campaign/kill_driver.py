@@ -21,6 +21,7 @@ from etude.campaign import tell as telling
 from etude.campaign.abandon import abandon
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import damaged_files, read_events
+from etude.campaign.motions import typical_motions
 from etude.contracts import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
@@ -36,14 +37,14 @@ def make_cheap(campaign: Campaign) -> None:
         log = Log(t, {}, {}, source=path.name)
         return log.put(c.channel("q"), q).put(c.command, qdd)
 
-    def random_again(c: Campaign, _: Any, rng: np.random.Generator, __: Any) -> Any:
-        return asking.typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
+    def random_again(c: Campaign, _: Any, rng: np.random.Generator, *__: Any) -> Any:
+        return typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
 
     telling.read = log_from_name
+    telling.repeated = lambda *_: None
     telling.log_bytes = lambda log: log["q"].tobytes()
     type(campaign.kind).samples = lambda *_: None
-    asking._designed = random_again
-    asking.newest_model = lambda *_: None
+    asking.proposed = random_again
 
 
 def one_session(campaign: Campaign, inbox: Path, done: int) -> None:
