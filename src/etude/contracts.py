@@ -589,6 +589,23 @@ class Choosing(Protocol):
     ) -> Described: ...
 
 
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A robot as sticks: points (T, P, 3) m in the world along T poses; sticks (S, 2) pairs of points; tips:
+    the points at its ends.
+    """
+
+    points: Array
+    sticks: Index
+    tips: tuple[int, ...]
+
+
+class Drawn(Protocol):
+    """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
+
+    def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
 # plays: certify that
 Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]

@@ -43,6 +43,13 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
         )
     for axis in spec.axes:
         _check_axis(axis, where)
+    for motor in spec.motors:
+        if motor.name not in spec.names:
+            raise UsageError(
+                f"[[motor]] '{motor.name}' is no joint of the robot",
+                where=where,
+                next_step=f"Its joints are {', '.join(spec.names)}.",
+            )
     suspicion = unit_suspicion(spec)
     if suspicion and not units_checked:
         raise UsageError(

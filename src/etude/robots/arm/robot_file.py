@@ -6,6 +6,7 @@ command_unit = "N m"        # of the learned output: N m, N, A, V or pwm
 rate = 100.0                # logging and control rate, Hz
 model_file = "arm.urdf"     # optional, relative to this file
 plant = "arm4"              # optional, simulated stand-in
+[simulate]                  # optional, as [[motor]]: of the stand-in made from model_file; rehearsal.overlay
 [[axis]]                    # one table per joint, in the order of every array's columns
 name = "elbow"
 lower = -1.0                # rad (m for a sliding joint)
@@ -47,6 +48,7 @@ from etude.robots.arm.clearance.surroundings import (
     Wall,
 )
 from etude.robots.arm.loading.attached import Attached, Mounting
+from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
 from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import decoded, from_table, read_text, write_values
 
@@ -78,6 +80,8 @@ class RobotTable:
     room: Room | None = None
     column: Column | None = None
     search: Search | None = None
+    simulate: Simulate | None = None
+    motor: tuple[MotorTable, ...] = ()
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -109,7 +113,8 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload")}
+    same = ("plant", "held", "mounting", "tool", "payload", "simulate")
+    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor}
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
@@ -164,6 +169,8 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         tool=spec.tool,
         payload=spec.payload,
         **_tables(spec.around),
+        simulate=spec.simulate,
+        motor=spec.motors,
     )
     return write_values(table, comments)
 

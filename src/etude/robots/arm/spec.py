@@ -13,6 +13,7 @@ import numpy as np
 from etude.contracts import Array, Channel
 from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.attached import Attached, Mounting
+from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -62,6 +63,7 @@ class ArmSpec:
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
+        simulate, motors: of the stand-in made from the model file, where there is no such plant.
     """
 
     name: str
@@ -75,6 +77,8 @@ class ArmSpec:
     tool: Attached | None = None
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
+    simulate: Simulate | None = None
+    motors: tuple[MotorTable, ...] = ()
 
     @property
     def dof(self) -> int:
