@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots_of_others import campaign_of, robot_of
+from robots_of_others import FILES, campaign_of, file_of, robot_of
 
 from etude.campaign.folder import Campaign
 from etude.campaign.simulate import simulate
@@ -98,11 +98,11 @@ def test_an_upper_body_and_a_mobile_manipulator_learn_like_an_arm(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot_name", ["ur5", "mobile_arm"])
-def test_the_stand_in_keeps_the_laws_of_a_robot(robot_name: str, tmp_path: Path) -> None:
-    campaign = campaign_of(robot_name, tmp_path)
+def test_the_stand_in_keeps_the_laws_of_a_robot(robot_name: str) -> None:
+    described = str(file_of(robot_name)) if robot_name in FILES else robot_name
 
     class Suite(RobotSuite):
         kind = KIND
-        robot = str(campaign.path / "robot.toml")
+        robot = described
 
     run_laws(Suite())
