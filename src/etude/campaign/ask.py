@@ -20,6 +20,7 @@ from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
+from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
@@ -148,23 +149,28 @@ def _propose(
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
     rng = np.random.default_rng(seed)
-    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), say)
+    kept = kept_now(campaign, state)
+    limits = campaign.limits(kept.margins)
+    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), limits, say)
     if not go_on:
         _check_stop(campaign, state, facts["gain"])
-    files = _files(campaign, trajectory, campaign.limits())
+    kept = kept.of(trajectory)
+    files = _files(campaign, trajectory, limits, kept)
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
         write_atomic(copy, tasks.read_bytes())
         written.append(copy)
     at_limit = [list(pair) for pair in files.certificate.active()]
-    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained)}
+    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained), **kept.as_facts()}
     campaign.commit("asked", number, written, **facts)
     return str(facts["status"])
 
 
-def _files(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> TrajectoryFiles:
-    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits)
+def _files(
+    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
+) -> TrajectoryFiles:
+    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits, kept.unheld)
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
@@ -184,8 +190,9 @@ def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int
     exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    limits = campaign.limits() if new else campaign.described_limits()
-    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits)
+    kept = kept_then(campaign.state().rounds[number].asked)
+    limits = campaign.limits(kept.margins) if new else campaign.described_limits(kept.margins)
+    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits, kept)
     if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
 
+ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 
@@ -44,7 +45,6 @@ class Ask(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ask import ask
-        from etude.limits.certificate import spare, use
 
         campaign = opened(self.folder, say)
         found = ask(
@@ -60,20 +60,9 @@ class Ask(Common):
         files = [
             str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
         ]
-        rows = [
-            [
-                row.axis,
-                row.quantity,
-                f"{row.proved_lower:.4g}",
-                f"{row.proved_upper:.4g}",
-                f"{100 * use(row):.1f} %",
-            ]
-            for row in found.certificate.seen
-            if row.upper < math.inf
-        ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
-            table(["axis", "limit", "proved min", "proved max", "used"], rows),
+            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf]),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             f"Proved for all times; {_ends(found.certificate)}.",
             "Not looked at:",
@@ -92,9 +81,31 @@ class Ask(Common):
             "files": files,
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
-            "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
+            "margins": _spared(found.certificate.seen),
+            "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+
+def _row(row: Proof) -> list[str]:
+    """What is asked, what tracking may add, and the limit of both together."""
+    from etude.limits.certificate import use
+    from etude.limits.unseen import tracked_in_words
+
+    asked = f"{row.proved_lower:.4g} .. {row.proved_upper:.4g}"
+    limit = f"{row.lower - row.margin:.4g} .. {row.upper + row.margin:.4g}"
+    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.1f} %"]
+
+
+def _spared(rows: Sequence[Proof]) -> dict[str, float]:
+    """The least that each axis spares of a limit, by both names."""
+    from etude.limits.certificate import spare
+
+    found: dict[str, float] = {}
+    for row in rows:
+        name = f"{row.axis} {row.quantity}"
+        found[name] = min(spare(row), found.get(name, math.inf))
+    return found
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:

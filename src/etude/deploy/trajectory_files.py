@@ -64,7 +64,12 @@ class TrajectoryFiles:
 
 
 def render(
-    trajectory: Trajectory, kind: Kind, spec: Any, config: Any, limits: Sequence[Limit]
+    trajectory: Trajectory,
+    kind: Kind,
+    spec: Any,
+    config: Any,
+    limits: Sequence[Limit],
+    unheld: Sequence[str] = (),
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -72,13 +77,14 @@ def render(
         trajectory: what to run.
         kind, spec, config: of the robot; the table holds the plans of its inputs.
         limits: what may not be exceeded.
+        unheld: sentences for the certificate, what this robot is known not to hold.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits)
+    certificate = require_certified(written, limits, unheld)
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
@@ -168,10 +174,10 @@ def _path_orders(path: str, log: Log) -> list[Channel]:
 
 def _outside(limit: Limit, motion: Motion, written: Trajectory) -> Any:
     """(T,) where a row of what is limited leaves its interval."""
-    values = limit.of_motion(motion)
-    proofs = limit.prove(written.pieces()[0][2])
-    bad = np.zeros(len(motion.t), dtype=np.bool_)
-    for column, proof in zip(values.T, proofs, strict=True):
-        slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
-        bad |= (column < proof.lower - slack) | (column > proof.upper + slack)
+    values, bad = limit.of_motion(motion), np.zeros(len(motion.t), dtype=np.bool_)
+    for start, _, piece in written.pieces():
+        own = (motion.t >= start) & (motion.t <= start + piece.duration)
+        for column, proof in zip(values.T, limit.prove(piece), strict=True):
+            slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
+            bad |= own & ((column < proof.lower - slack) | (column > proof.upper + slack))
     return bad

@@ -25,6 +25,8 @@ mass = 0.9                  # kg
 centre = [0.0, 0.0, 0.06]   # of mass, m in the frame of the link that the last axis moves
 shape = "cylinder"          # box, cylinder or sphere; without inertia = [...] it gives the inertia
 size = [0.04, 0.12]         # radius and length, m
+[gains]                     # optional: of the robot's own feedback
+kp = [900.0]                # command units per rad (m), one for each joint
 [floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
 """
 
@@ -47,7 +49,7 @@ from etude.robots.arm.clearance.surroundings import (
     Wall,
 )
 from etude.robots.arm.loading.attached import Attached, Mounting
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.arm.spec import ArmSpec, Axis, Gains
 from etude.robots.toml import decoded, from_table, read_text, write_values
 
 KIND = "arm"
@@ -71,6 +73,7 @@ class RobotTable:
     mounting: Mounting | None = None
     tool: Attached | None = None
     payload: Attached | None = None
+    gains: Gains | None = None
     collision: Collision | None = None
     floor: Floor | None = None
     box: tuple[Box, ...] = ()
@@ -109,7 +112,7 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload")}
+    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload", "gains")}
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
@@ -163,6 +166,7 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         mounting=spec.mounting,
         tool=spec.tool,
         payload=spec.payload,
+        gains=spec.gains,
         **_tables(spec.around),
     )
     return write_values(table, comments)

@@ -48,6 +48,17 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class Gains:
+    """Of the robot's own feedback, where they are known.
+
+    Attributes:
+        kp: command units per rad (m), one for each joint: at rest of the error all of the command is kp e.
+    """
+
+    kp: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class ArmSpec:
     """A robot as its owner describes it, one TOML file per robot (see `robot_file`).
 
@@ -62,6 +73,7 @@ class ArmSpec:
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
+        gains: of its feedback, or None where they are not known.
     """
 
     name: str
@@ -75,6 +87,7 @@ class ArmSpec:
     tool: Attached | None = None
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
+    gains: Gains | None = None
 
     @property
     def dof(self) -> int:
