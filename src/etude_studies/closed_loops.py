@@ -1,4 +1,4 @@
-"""How often simulated robots leave their limits, with margins for tracking and without; does the confidence hold?
+"""How often simulated robots leave their limits with margins for tracking; does the confidence hold?
 
 A loop is one motion, run: drawn at random inside the limits less the margins that the runs before have left,
 eight in a row from a robot that nobody knows. Feedback alone, or the exact inverse beside it from the second
@@ -130,7 +130,7 @@ def _true_errors(log: Log, motion: Trajectory) -> Array:
 
 
 def _outside(log: Log, motion: Trajectory, spec: ArmSpec) -> Array:
-    """(HELD, k) how far positions and velocities really left their limits, in parts of the range; <= 0: not."""
+    """(HELD, k) how far positions and velocities left their limits, in parts of the range; <= 0: never."""
     own = (log.t >= 0.0) & (log.t <= motion.duration)
     q, qd = _truth(log, own)
     beyond = np.maximum(q - spec.upper, spec.lower - q) / (spec.upper - spec.lower)
@@ -178,7 +178,7 @@ def main(path: Path, rows: int) -> None:
             done.append({**vars(case), "runs": run_row(case)})
             file.write(json.dumps(done[-1]) + "\n")
             file.flush()
-    print(summary(done))
+    print(summary(done))  # noqa: T201
 
 
 if __name__ == "__main__":

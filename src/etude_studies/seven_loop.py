@@ -66,7 +66,7 @@ class SevenLoop:
         return Log(t, {n: known[n] for n in values}, values, "seven joints")
 
     def _friction(self, q: Array, qd: Array) -> Array:
-        return self.arm.friction_at(q[None], qd[None])[0]
+        return np.asarray(self.arm.friction_at(q[None], qd[None])[0])
 
 
 @cache

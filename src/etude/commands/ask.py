@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -65,6 +65,7 @@ class Ask(Common):
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf]),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             f"Proved for all times; {_ends(found.certificate)}.",
+            *_to_confirm(campaign.spec),
             "Not looked at:",
             *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
             "Written:",
@@ -82,9 +83,17 @@ class Ask(Common):
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "margins": _spared(found.certificate.seen),
+            "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+
+def _to_confirm(spec: Any) -> list[str]:
+    """What was assumed of the robot and nobody has confirmed."""
+    assumed = getattr(spec, "confirm", ())
+    head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
+    return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
 
 
 def _row(row: Proof) -> list[str]:

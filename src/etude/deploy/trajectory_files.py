@@ -89,6 +89,8 @@ def render(
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
     proof = {"trajectory": COEFFICIENTS, "robot": spec.name, **json.loads(certificate.to_json())}
+    assumed = list(getattr(spec, "confirm", ()))
+    proof |= {"to_confirm": assumed} if assumed else {}
     text = json.dumps(proof, indent=1) + "\n"
     return TrajectoryFiles(written, certificate, coefficients, table, text.encode())
 

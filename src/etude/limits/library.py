@@ -138,6 +138,7 @@ class NormLimit(Convex):
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
         axis: whose size it is, as in the certificate.
         margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
+        looks_at: what else is looked at with it, sentences of `limits.unseen`.
     """
 
     quantity: str
@@ -150,6 +151,7 @@ class NormLimit(Convex):
     margin: float = 0.0
     margins: Margins = field(default_factory=dict)
     rest: bool = False
+    looks_at: tuple[str, ...] = ()
 
     @property
     def _shift(self) -> Array:

@@ -6,6 +6,7 @@ command_unit = "N m"        # of the learned output: N m, N, A, V or pwm
 rate = 100.0                # logging and control rate, Hz
 model_file = "arm.urdf"     # optional, relative to this file
 plant = "arm4"              # optional, simulated stand-in
+confirm = ["..."]           # optional: what was assumed; take a line out once you know that it is right
 [[axis]]                    # one table per joint, in the order of every array's columns
 name = "elbow"
 lower = -1.0                # rad (m for a sliding joint)
@@ -68,6 +69,7 @@ class RobotTable:
     model_file: str | None = None
     plant: str | None = None
     units_checked: bool = False
+    confirm: tuple[str, ...] = ()
     axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
     held: dict[str, float] = field(default_factory=dict)
     mounting: Mounting | None = None
@@ -112,7 +114,10 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload", "gains")}
+    own = {
+        name: getattr(table, name)
+        for name in ("plant", "held", "mounting", "tool", "payload", "gains", "confirm")
+    }
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
@@ -142,13 +147,12 @@ def _check_search(spec: ArmSpec, where: str) -> None:
             )
 
 
-def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[str, ...] = ()) -> str:
+def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
     """TOML text that `parse_robot` reads back to the same spec.
 
     Args:
         spec: the robot.
         folder: where the text will be stored; a model_file below it is written as a relative path.
-        comments: lines to put on top, e.g. limits that a person should confirm.
     """
     model_file = spec.model_file
     if model_file is not None and folder is not None and model_file.is_relative_to(folder.resolve()):
@@ -167,9 +171,10 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         tool=spec.tool,
         payload=spec.payload,
         gains=spec.gains,
+        confirm=spec.confirm,
         **_tables(spec.around),
     )
-    return write_values(table, comments)
+    return write_values(table)
 
 
 def _tables(around: Surroundings) -> dict[str, Any]:

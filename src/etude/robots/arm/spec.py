@@ -74,6 +74,7 @@ class ArmSpec:
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
         gains: of its feedback, or None where they are not known.
+        confirm: what was assumed of it, a sentence each, until a person has confirmed it.
     """
 
     name: str
@@ -88,6 +89,7 @@ class ArmSpec:
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
     gains: Gains | None = None
+    confirm: tuple[str, ...] = ()
 
     @property
     def dof(self) -> int:

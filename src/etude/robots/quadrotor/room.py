@@ -11,6 +11,7 @@ from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
+from etude.limits.unseen import COMMANDS
 from etude.robots.quadrotor.channels import AXES
 from etude.robots.quadrotor.family import FlightConfig, flight_family
 from etude.robots.quadrotor.flatness import LEAST_LIFT
@@ -46,7 +47,7 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
     if spec.thrust is not None:
         least, most = spec.thrust
-        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins))
+        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins, looks_at=(COMMANDS,)))
     tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
