@@ -28,6 +28,7 @@ from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 if TYPE_CHECKING:
+    from etude.campaign.ways import Approached
     from etude.limits.certificate import Certificate
 
 ASK_STREAM = 1
@@ -46,6 +47,7 @@ class Proposal:
         new: False if it had been asked for before and is still open.
         status: how it was found.
         exported: the same motion in the formats that were asked for.
+        way: from where the robot stands to its start, and back, if that was asked for.
     """
 
     number: int
@@ -55,6 +57,7 @@ class Proposal:
     new: bool
     status: str
     exported: tuple[Exported, ...] = ()
+    way: Approached | None = None
 
 
 def ask(
@@ -66,6 +69,7 @@ def ask(
     tasks: Path | None = None,
     formats: Sequence[str] = (),
     effort: bool = False,
+    start: str = "",
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Proposal:
@@ -79,6 +83,8 @@ def ask(
         tasks: a file of motions that the model is for.
         formats: also write it for these receivers, names among `etude.exporters`.
         effort: with the learned command where the format has a place for it.
+        start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
+            way there and back is then written too, and other formats hold approach, motion and return.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
@@ -100,8 +106,20 @@ def ask(
             status = _propose(campaign, state, number, motions, tasks, go_on, say)
         found = _present(campaign, number, made, status, speed)
         motion = stored_trajectory(campaign, number, speed)
-        written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
-        return replace(found, exported=tuple(written))
+        way = _way(campaign, number, motion, found.folder, start) if start else None
+        if way is not None and way.whole is not None:
+            motion, place = way.whole, way.folder
+        else:
+            place = found.folder
+        written = [export(campaign, number, motion, place, name, effort=effort) for name in formats]
+        return replace(found, exported=tuple(written), way=way)
+
+
+def _way(campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str) -> Approached:
+    from etude.campaign.ways import approached
+
+    kept = kept_then(campaign.round(number).asked)
+    return approached(campaign, number, motion, folder, start, kept)
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:

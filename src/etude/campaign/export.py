@@ -59,7 +59,7 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     files = exporter(what, campaign.kind, campaign.spec)
-    limits = campaign.limits(kept_then(campaign.round(number).asked).margins)
+    limits = campaign.limits(kept_then(campaign.round(number).asked).margins_of_chain(trajectory))
     certificate = certify_played(exporter, files, limits, trajectory.form)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}

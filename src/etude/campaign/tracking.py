@@ -41,6 +41,14 @@ class Kept:
         own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
         return replace(self, unheld=tuple(dict.fromkeys(own)))
 
+    def margins_of_chain(self, trajectory: Trajectory) -> Margins:
+        """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
+        own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
+        if trajectory.form in self.margins or not own:
+            return self.margins
+        table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
+        return {**self.margins, trajectory.form: (table, sure)}
+
     def as_facts(self) -> dict[str, Any]:
         """For the `asked` event; nothing where nothing is kept."""
         if not self.margins:

@@ -15,6 +15,7 @@ from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
     from etude.campaign.export import Exported
+    from etude.campaign.ways import Approached
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
 
@@ -38,6 +39,9 @@ class Ask(Common):
     lerobot, or another package's exporter; certified as its receiver reads it."""
     effort: bool = False
     """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
+    start: Annotated[str, tyro.conf.arg(name="from")] = ""
+    """Where the robot stands: home, joint=value,... or a CSV whose last row it is. The way to the start and
+    back is then certified and written too; other formats hold approach, motion and return in one."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -55,6 +59,7 @@ class Ask(Common):
             tasks=self.tasks,
             formats=self.format,
             effort=self.effort,
+            start=self.start,
             say=say,
         )
         files = [
@@ -70,6 +75,7 @@ class Ask(Common):
             *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
             "Written:",
             *(f"  {name}" for name in files),
+            *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
             f"Run it, then: etude tell {self.folder} LOG",
         ]
@@ -83,10 +89,19 @@ class Ask(Common):
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "margins": _spared(found.certificate.seen),
+            "way": [] if found.way is None else [str(path) for path in found.way.files],
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+
+def _way(way: Approached) -> list[str]:
+    """The files to the start and back, and what is not in one file."""
+    lines = [f"To the start and back, proved alike: {way.folder}", *(f"  {path}" for path in way.files)]
+    if way.whole is None:
+        lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
+    return lines
 
 
 def _to_confirm(spec: Any) -> list[str]:

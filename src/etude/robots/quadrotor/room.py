@@ -17,6 +17,7 @@ from etude.robots.quadrotor.family import FlightConfig, flight_family
 from etude.robots.quadrotor.flatness import LEAST_LIFT
 from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.robots.quadrotor.vehicle import GRAVITY
+from etude.trajectories.splined import Splined
 
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
@@ -25,6 +26,10 @@ MOST_KEPT = 0.5
 """Part of the box that learned margins may take."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
+PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
+"""Of a septic from rest to rest over length and time 1."""
+UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
+"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
 
 
 def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
@@ -85,6 +90,21 @@ def home(spec: QuadrotorSpec) -> Array:
     room = np.minimum(room, reach - np.hypot(*points.T))
     place[:2] = points[int(np.argmax(room))]
     return np.asarray(place)
+
+
+def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Splined, Splined]:
+    """Straight septics from rest to rest: their jerk begins and ends at nothing, so that attitudes do too."""
+    first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
+    return _septic(spec, pose, first), _septic(spec, last, pose)
+
+
+def _septic(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
+    length = float(np.linalg.norm(end - start))
+    slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
+    lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
+    points = np.zeros((4, 2, 3))
+    points[0] = start, end
+    return Splined(np.array([0.0, lasting]), points)
 
 
 def trial_flights(
