@@ -26,7 +26,6 @@ from etude.limits.samplers import scaled
 from etude.limits.tracking import HELD, Ranges, TrackingConfig, margins_of, within_room
 from etude.logs.tracked import largest_errors
 from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.motions import largest_error, limits
 from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.moves import random_moves
 from etude_studies.seven_loop import seven_loop
@@ -62,13 +61,14 @@ def run_row(case: Case) -> list[dict[str, Any]]:
     """What became of each run."""
     robot, world = _robot(case.robot)
     spec: ArmSpec = world.spec
+    known = world.kind.largest_error(spec)  # type: ignore[attr-defined]
     rng, errors, found = np.random.default_rng([case.seed, 15]), list[Array](), []
     ranges = Ranges.of((spec.lower, spec.upper), (-spec.velocity, spec.velocity), _home(spec), _units(spec))
     for run in range(RUNS):
         told = {case.form: errors} if errors else {}
-        wanted = margins_of(TrackingConfig(), ranges, told, FORMS, largest_error(spec))
+        wanted = margins_of(TrackingConfig(), ranges, told, FORMS, known)
         margins = {f: within_room(t, np.asarray(c), ranges) for f, (t, c) in wanted.items()}
-        kept = limits(spec, margins if case.margin else {})
+        kept = world.kind.limits(spec, world.config, None, margins if case.margin else {})
         motion = _motion(world, case.form, kept, margins if case.margin else {}, rng)
         exact = case.control == "feedforward" and run > 0
         log = robot.run(motion, _exact(robot) if exact else None, rng)
