@@ -10,10 +10,14 @@ import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
 from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
 from etude.campaign.tracking import kept_now, kept_then
+from etude.contracts import Proof
 from etude.errors import UsageError
+from etude.trajectories.fourier import FourierTrajectory
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 
@@ -112,3 +116,29 @@ def test_without_margins_nothing_is_kept_or_stored(tmp_path: Path) -> None:
     assert all(row["tracking_margin"] == 0.0 for row in rows(lab, 1, "velocity"))
     assert kept_then({"seed": [1]}).margins == {}
     assert kept_then(None).margins == {}
+
+
+def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) -> None:
+    campaign, _ = create_campaign(tmp_path / "sky", "quadrotor")
+
+    def box(*largest: float) -> Proof:
+        """The row of x after logs with these errors."""
+        rounds = {
+            i: Round(i, {}, {"tracked": {"fourier": [[size, 0.0, 0.0], [0.1] * 3, [0.0] * 3]}})
+            for i, size in enumerate(largest, 1)
+        }
+        (found,) = [
+            limit
+            for limit in campaign.limits(kept_now(campaign, State(rounds=rounds)).margins)
+            if limit.name == "position"
+        ]
+        return found.prove(FourierTrajectory(np.zeros((3, 3)), 1.0, 10.0))[0]
+
+    assert (box().margin, box().confidence) == (1.0, 1.0)
+    assert (box(0.1).margin, box(0.1).confidence) == (1.0, 0.95)
+    assert box(0.5).margin == pytest.approx(1.5)
+    assert box(0.5, 0.6, 0.4, 0.1).margin == pytest.approx(1.0)  # 0.9 is less than its owner keeps
+    half = box(50.0)
+    assert (half.margin, half.confidence) == (5.0, 0.0)
+    thesis, _ = create_campaign(tmp_path / "thesis", "quadrotor", "thesis")
+    assert kept_now(thesis, State()).margins == {}

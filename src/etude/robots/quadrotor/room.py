@@ -22,8 +22,6 @@ from etude.trajectories.splined import Splined
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
-MOST_KEPT = 0.5
-"""Part of the box that learned margins may take."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
 PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
@@ -39,7 +37,6 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
     a + g z ("lift") is held within what flatness needs, limits or not.
     """
-    margins = _at_most(MOST_KEPT, spec, margins)
     lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
@@ -57,14 +54,6 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
     return tuple(found)
-
-
-def _at_most(share: float, spec: QuadrotorSpec, margins: Margins) -> Margins:
-    """Learned margins that leave a part of the box for the flight; the certificate says what is kept."""
-    half = 0.5 * share * (np.array(spec.upper) - np.array(spec.lower))
-    return {
-        form: (np.vstack([np.minimum(table[0], half), table[1:]]), c) for form, (table, c) in margins.items()
-    }
 
 
 def lift_room(spec: QuadrotorSpec) -> float:
