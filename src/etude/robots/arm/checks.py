@@ -50,12 +50,25 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
                 where=where,
                 next_step=f"Its joints are {', '.join(spec.names)}.",
             )
+    _check_gains(spec, where)
     suspicion = unit_suspicion(spec)
     if suspicion and not units_checked:
         raise UsageError(
             suspicion, where=where, next_step=f"{RADIANS} If the figure is right, set units_checked = true."
         )
     return spec
+
+
+def _check_gains(spec: ArmSpec, where: str) -> None:
+    if spec.gains is None:
+        return
+    kp = spec.gains.kp
+    if len(kp) != spec.dof or not all(math.isfinite(gain) and gain > 0.0 for gain in kp):
+        raise UsageError(
+            f"kp = {list(kp)} must be a number above zero for each of {spec.dof} joints",
+            where=f"{where} [gains]",
+            next_step=f"In {spec.command_unit} per rad (m), or take [gains] out: a margin is then assumed.",
+        )
 
 
 def _check_axis(axis: Axis, where: str) -> None:

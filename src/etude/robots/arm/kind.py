@@ -140,6 +140,12 @@ class ArmKind:
 
         return limits(spec, margins)
 
+    def largest_error(self, spec: ArmSpec) -> Array:
+        """(J,) rad (m) that the largest command holds against its own proportional gain."""
+        from etude.robots.arm.motions import largest_error
+
+        return largest_error(spec)
+
     def ways(self, spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory] | None:
         """Straight moves in joint space, from the pose to the start and from the end back."""
         from etude.robots.arm.motions import ways

@@ -44,6 +44,18 @@ def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
     )
 
 
+def largest_error(spec: ArmSpec) -> Array:
+    """(J,) rad (m): at an extremum of the error its rate is zero, so all of the command is kp e; NaN where
+    the gains are not known. A simulated arm's are.
+    """
+    gains = None if spec.gains is None else spec.gains.kp
+    if gains is None and spec.plant is not None:
+        from etude.robots.arm.plant.parameters import load_parameters, plant_names
+
+        gains = load_parameters(spec.plant).controller.kp if spec.plant in plant_names() else None
+    return np.full(spec.dof, np.nan) if gains is None else spec.command / np.array(gains)
+
+
 def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
     """Straight moves in joint space, from the pose to the start and from the end back."""
     first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]

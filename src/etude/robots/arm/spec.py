@@ -49,6 +49,17 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class Gains:
+    """Of the robot's own feedback, where they are known.
+
+    Attributes:
+        kp: command units per rad (m), one for each joint: at rest of the error all of the command is kp e.
+    """
+
+    kp: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class ArmSpec:
     """A robot as its owner describes it, one TOML file per robot (see `robot_file`).
 
@@ -64,6 +75,8 @@ class ArmSpec:
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
         simulate, motors: of the stand-in made from the model file, where there is no such plant.
+        gains: of its feedback, or None where they are not known.
+        confirm: what was assumed of it, a sentence each, until a person has confirmed it.
     """
 
     name: str
@@ -79,6 +92,8 @@ class ArmSpec:
     around: Surroundings = field(default_factory=Surroundings)
     simulate: Simulate | None = None
     motors: tuple[MotorTable, ...] = ()
+    gains: Gains | None = None
+    confirm: tuple[str, ...] = ()
 
     @property
     def dof(self) -> int:
