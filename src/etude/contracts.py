@@ -27,8 +27,8 @@ Mask = NDArray[np.bool_]
 Role = Literal["state", "command", "plan", "aside", "truth"]
 Row = Mapping[str, Array]  # one instant of a log: (parts,) by channel name
 Margins = Mapping[
-    str, tuple[Array, float]
-]  # by Trajectory.form: (O, k), NaN where not held, and its confidence
+    str, tuple[Array, Array | float]
+]  # by Trajectory.form: (O, k), NaN where not held, and its confidence, 0 where assumed: (O, k) or one number
 Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the channel itself; "tanh", ...)
 Code = tuple[
     Mapping[str, Array], int, str
@@ -273,8 +273,8 @@ class Cone:
 @dataclass(frozen=True)
 class Proof:
     """One row of the certificate: the interval that holds `quantity`, and its limit less tracking's
-    margin with that confidence. where: "forearm and table at 3.2 s". What is not looked at is a row
-    too, its numbers NaN.
+    margin with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". What is
+    not looked at is a row too, its numbers NaN.
     """
 
     axis: str
@@ -587,6 +587,31 @@ class Choosing(Protocol):
     def chosen(
         self, path: Path, joints: Sequence[str], held: Mapping[str, float], mesh_roots: Sequence[Path]
     ) -> Described: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A robot as sticks: points (T, P, 3) m in the world along T poses; sticks (S, 2) pairs of points; tips:
+    the points at its ends.
+    """
+
+    points: Array
+    sticks: Index
+    tips: tuple[int, ...]
+
+
+class Drawn(Protocol):
+    """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
+
+    def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
+class Gained(Protocol):
+    """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
+    NaN where unknown.
+    """
+
+    def largest_error(self, spec: Any) -> Array: ...
 
 
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver

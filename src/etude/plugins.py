@@ -78,6 +78,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "changed_robot": "etude_studies.changed_robot:run",
         "design": "etude_studies.design:run",
         "design_gain": "etude_studies.design_gain:run",
+        "more_joints": "etude_studies.more_joints:run",
         "online": "etude_studies.online:run",
         "quadrotor": "etude_studies.flight_orders:run",
         "quadrotor_loop": "etude_studies.flight_loop:run",

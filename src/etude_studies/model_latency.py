@@ -31,7 +31,7 @@ def latency_rows(rng: np.random.Generator) -> list[Row]:
     one by one, swaps and refreshes included.
     """
     world = World.of("arm4")
-    columns = world.kind.inputs(world.spec, world.config).columns
+    columns = world.inputs(world.alone).columns
     joints = [_structured(columns, joint) for joint in world.spec.names]
     return [
         _predict_row("predict_one_point_us", [process(NOISE)] * OUTPUTS, INPUTS, rng),

@@ -34,7 +34,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Choice:
-    """One way of learning: keys of [model] and [data] that differ from the default's.
+    """One way of learning: keys of [model] and [data] that differ from those of the default process alone.
 
     With `other`, each output takes that kernel if it errs less on stretches left out in training.
     """
@@ -91,7 +91,7 @@ CHOICES: dict[str, Choice] = {
     "rigid_body": Choice({"kernel": f"{HERE}:rigid_body"}),
     "rigid_body_or_not": Choice(other=f"{HERE}:rigid_body"),
     "noise_floor_auto": Choice({"noise_floor": "auto"}),
-    "samples_300": Choice(data={"least_samples": 300}),
+    "samples_150": Choice(data={"least_samples": 150}),
     "samples_600": Choice(data={"least_samples": 600}),
     "ard_se": Choice({"kernel": "ard_se"}),
 }
@@ -127,7 +127,7 @@ def left_out(choice: Choice, log: Log, world: World) -> LeftOut:
     for train, test in folds(log, world, choice):
         moving = test.usable & test.moving
         errors.append(np.where(moving, predicted(choice, world, train, test) - test.command, 0.0))
-        line = LinearPhysics(world.kind.inputs(world.spec, world.config))(train).predict(test.log)
+        line = LinearPhysics(world.inputs(world.alone))(train).predict(test.log)
         linears.append(np.where(moving, line - test.command, 0.0))
         held.append(np.where(moving, test.command, np.nan))
     command = np.concatenate(held)
@@ -141,7 +141,7 @@ def left_out(choice: Choice, log: Log, world: World) -> LeftOut:
 
 def predicted(choice: Choice, world: World, train: Samples, test: Samples) -> Array:
     """Commands (n, J) of the test by the process of that choice."""
-    config = replace(world.config.model, **{"rung": "gp", **choice.model})
+    config = replace(world.alone, **{"rung": "gp", **choice.model})
     ladder = world.learned(train, config, np.random.default_rng(SEED), body=False)
     found = ladder.model.mean(test.log)
     if not choice.other:

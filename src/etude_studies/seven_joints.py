@@ -118,11 +118,14 @@ class SevenJoints:
         states = {"q": q, "qd": qd, "qdd": qdd}
         known = {c.name: c for c in world.kind.channels(world.spec)}
         log = Log(np.arange(len(q)) / RATE, {n: known[n] for n in states}, states)
+        return np.asarray(body(self.payload, self.built).predict(log) + self.friction_at(q, qd))
+
+    def friction_at(self, q: Array, qd: Array) -> Array:
+        """(T, 7) N m, ripple of the torque included."""
         limit, rough = self.built.limit, self.built.rough
         bend = (1.0 + 0.5 * np.exp(-((qd / STRIBECK) ** 2))) * (1.0 + rough * np.sin(3.0 * q))
         rub = self.friction * limit * (COULOMB * np.tanh(qd / 0.01) * bend + VISCOUS * qd)
-        ripple = 0.05 * rough * limit * np.sin(8.0 * q)
-        return np.asarray(body(self.payload, self.built).predict(log) + rub + ripple)
+        return np.asarray(rub + 0.05 * rough * limit * np.sin(8.0 * q))
 
     def run(self, motion: Trajectory, controller: None, rng: np.random.Generator) -> Log:  # noqa: ARG002
         """A log of the motion at 100 Hz."""

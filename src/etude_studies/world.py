@@ -73,6 +73,11 @@ class World:
         groups = [np.full(len(log), place, dtype=np.int64) for place, log in enumerate(logs)]
         return self.kind.samples(self.spec, config, logs, groups)
 
+    @property
+    def alone(self) -> ModelConfig:
+        """The preset's [model] without candidates beside the default."""
+        return replace(self.config.model, candidates=("default",))
+
     def inputs(self, model: ModelConfig) -> Inputs:
         """What a model of that configuration looks at."""
         return self.kind.inputs(self.spec, replace(self.config, model=model))

@@ -35,6 +35,7 @@ rung = "gp"
 points = 50
 fit_points = 30
 steps = 2
+candidates = ["default"]
 [design]
 candidates = 2
 refine = 1
@@ -83,7 +84,9 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
-    import etude.campaign.simulate  # noqa: F401
+    import etude.campaign.simulate
+    import etude.commands.parse
+    import etude.design.solve  # noqa: F401
 
     robot = campaign.kind.robot(campaign.spec, campaign.config)
     rng = np.random.default_rng(0)

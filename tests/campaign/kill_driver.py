@@ -1,4 +1,4 @@
-"""Kills 200 writers, each at a random system call, and looks at what is left. Run by test_kills.py.
+"""Kills writers, each at a random system call, and looks at what is left. Run by test_kills.py.
 
 A process of its own, so that forking is cheap and safe: no threads, everything imported once.
 """
@@ -21,10 +21,13 @@ from etude.campaign import tell as telling
 from etude.campaign.abandon import abandon
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import damaged_files, read_events
+from etude.campaign.motions import typical_motions
 from etude.contracts import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
 CALLS = ("open", "write", "fsync", "replace", "ftruncate")
+PLACES = ((CALLS, 90), (("write",), 20))
+"""Which calls are counted, and at which of them, at most, a session dies; half of them in a write."""
 
 
 def make_cheap(campaign: Campaign) -> None:
@@ -36,14 +39,14 @@ def make_cheap(campaign: Campaign) -> None:
         log = Log(t, {}, {}, source=path.name)
         return log.put(c.channel("q"), q).put(c.command, qdd)
 
-    def random_again(c: Campaign, _: Any, rng: np.random.Generator, __: Any) -> Any:
-        return asking.typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
+    def random_again(c: Campaign, _: Any, rng: np.random.Generator, *__: Any) -> Any:
+        return typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
 
     telling.read = log_from_name
+    telling.repeated = lambda *_: None
     telling.log_bytes = lambda log: log["q"].tobytes()
     type(campaign.kind).samples = lambda *_: None
-    asking._designed = random_again
-    asking.newest_model = lambda *_: None
+    asking.proposed = random_again
 
 
 def one_session(campaign: Campaign, inbox: Path, done: int) -> None:
@@ -67,11 +70,11 @@ def one_session(campaign: Campaign, inbox: Path, done: int) -> None:
             telling.tell(campaign, log, number=proposal.number, learner=stub_learner)
 
 
-def die_at(step: int) -> None:
-    """Makes the `step`-th system call of storage, counted from now, the last thing this process does."""
+def die_at(step: int, names: tuple[str, ...], before: bool) -> None:
+    """This process dies at the `step`-th of these calls of storage, counted from now, or just `before` it."""
     seen = 0
 
-    def wrap(real: Any, before: bool) -> Any:
+    def wrap(real: Any) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:
             nonlocal seen
             seen += 1
@@ -87,15 +90,13 @@ def die_at(step: int) -> None:
 
         return call
 
-    before = random.random() < 0.5
-
     class Dying:
         def __getattr__(self, name: str) -> Any:
             real = getattr(os, name)
-            return wrap(real, before) if name in CALLS else real
+            return wrap(real) if name in names else real
 
     dying = Dying()
-    wrapped = {name: getattr(dying, name) for name in CALLS}
+    wrapped = {name: getattr(dying, name) for name in names}
     dying.__dict__.update(wrapped)
     storage.os = dying  # type: ignore[assignment]
 
@@ -111,9 +112,11 @@ def one_campaign(folder: Path, kills: int) -> int:
         sessions += 1
         before = read_events(campaign.path)
         read_end, write_end = os.pipe()
+        names, most = random.choice(PLACES)  # here, as every child gets a seed of its own
+        step, before_it = random.randint(1, most), random.random() < 0.5
         child = os.fork()
         if child == 0:
-            die_at(random.randint(1, 90))
+            die_at(step, names, before_it)
             one_session(campaign, inbox, write_end)
             os._exit(0)
         os.close(write_end)

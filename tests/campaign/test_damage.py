@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_robot import make_campaign, write_log
-from test_learning import CONFIG
+from test_learning import CONFIG as LEARNING
 
 from etude import cli, storage
 from etude.campaign.ask import ask, stored_trajectory
@@ -26,6 +26,7 @@ from etude.models import store
 from etude.models.model import LearnedModel
 from etude.trajectories.json_text import from_json
 
+CONFIG = LEARNING.replace("[model]", '[model]\ncandidates = ["default"]')
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 600, dtype=np.uint8)) + b"\n"
 NESTED = b"[" * 100_000 + b"\n"
 Harm = Callable[[Path], object]

@@ -110,3 +110,14 @@ def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajec
     before = replace(state.rounds[1], number=2, asked={"learned": 0, "choice": 0.9})
     none = replace(state.rounds[1], number=3, asked={"learned": 2, "choice": None})
     assert _choice(replace(state, rounds={1: one, 2: before, 3: none})) == 0.3
+
+
+def test_a_damaged_earlier_log_does_not_keep_one_from_being_told(
+    told_once: tuple[Campaign, Trajectory], tmp_path: Path
+) -> None:
+    campaign, _ = told_once
+    number = ask(campaign, new=True, go_on=True).number
+    log = write_log(tmp_path / "2.csv", stored_trajectory(campaign, number), seed=2)
+    campaign.run_file(1).write_bytes(b"PAR1")
+    assert not repeats(tell(campaign, log, number=number, learner=stub_learner))
+    assert campaign.state().rounds[2].told is not None

@@ -16,6 +16,7 @@ from etude.campaign import tell as telling
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.learn import Learned
+from etude.campaign.motions import typical_motions
 from etude.campaign.several import tell
 from etude.campaign.simulate import simulate
 from etude.campaign.simulate import test_motions as motions_of
@@ -38,15 +39,14 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
         facts = {"models": {}, "chosen": "gp", "rungs": ["gp"] * 4, "robot_seconds": 8.0 * number}
         return Learned([], facts)
 
-    def again(campaign: Campaign, _: Any, rng: np.random.Generator, __: Any) -> Any:
-        return asking.typical_motions(campaign, rng, 1)[0], {"status": "", "gain": None}
+    def again(campaign: Campaign, _: Any, rng: np.random.Generator, *__: Any) -> Any:
+        return typical_motions(campaign, rng, 1)[0], {"status": "", "gain": None}
 
     def silent(_: Any, spec: Any, config: Any, model: Model) -> Controller | None:
         return None
 
     monkeypatch.setattr(learning, "learn_log", learn)
-    monkeypatch.setattr(asking, "_designed", again)
-    monkeypatch.setattr(asking, "newest_model", lambda *_: None)
+    monkeypatch.setattr(asking, "proposed", again)
     monkeypatch.setattr(module, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "only_rung", lambda *_: None)
     monkeypatch.setattr(arm_motions, "MOVES", 1)

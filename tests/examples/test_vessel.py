@@ -45,7 +45,7 @@ def test_nothing_inside_knows_of_it() -> None:
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A fresh environment with the plug-in installed by pip; the rest is that of the tests."""
     folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=True)
+    venv.create(folder)
     python = folder / "bin" / "python"
     site = subprocess.run(
         [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"],
@@ -54,7 +54,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     paths = [sysconfig.get_path("purelib"), *(p for p in sys.path if p.endswith("site-packages"))]
     source = str(VESSEL.parents[1] / "src")
     (Path(site) / "beside.pth").write_text("\n".join(dict.fromkeys([source, *paths])) + "\n")
-    command = [python, "-m", "pip", "install", "--quiet", "--no-deps", str(VESSEL)]
+    pip = [sys.executable, "-m", "pip", "--python", str(python)]
+    command = [*pip, "install", "--quiet", "--no-deps", str(VESSEL)]
     environment = {**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0 and "onnection" in done.stderr:

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import Inputs, commanded, samples_of, trajectories, trajectory
+from learning_examples import LIMIT, NAMES, SMALL, Inputs, commanded, samples_of, trajectories, trajectory
 
 from etude.contracts import Samples
 from etude.errors import DataError, UsageError
+from etude.models.fit import Folds, rows_of
 from etude.models.held_out import (
     block_masks,
     contiguous_blocks,
@@ -125,3 +126,16 @@ def test_in_order_sorts_and_drops_repetitions() -> None:
         np.testing.assert_array_equal(restored.log[name], data.log[name])
     np.testing.assert_array_equal(restored.group, data.group)
     np.testing.assert_array_equal(restored.moving, data.moving)
+
+
+@pytest.mark.parametrize("dense", [1, 3])
+def test_samples_for_hyperparameters_are_as_far_apart_however_densely_a_log_is_sampled(dense: int) -> None:
+    data, config = samples(160 * dense + 1), replace(SMALL, kernel="structured", fit_points=300, points=600)
+    inputs = Inputs()
+    fold = fold_numbers(data, config.stretch_s)
+    folds = Folds(data, inputs, inputs.of_log(data.log), fold, LIMIT, config, NAMES)
+    rows = rows_of(folds, (0,), np.random.default_rng(0))
+    assert len(rows.kept) == len(rows.moving)  # all teach
+    apart = np.diff(data.t[rows.chosen])  # of 20 s, an eightieth; more where a joint stands
+    assert apart.min() == pytest.approx(0.25)
+    assert np.median(apart) == pytest.approx(0.25, abs=0.05)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from peer_examples import SPECTRAL, MakePeer, peer_maker
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from etude.commands.bench import Bench
 from etude.commands.parse import command
@@ -139,7 +139,8 @@ def test_both_evaluate_in_turn_at_parameters_that_change() -> None:
         return run
 
     first, second = evaluate("a", [9.0, 1.0, 2.0]), evaluate("b", [0.5, 0.1, 0.3])
-    assert in_turn([first, second], np.zeros(2), 3) == pytest.approx([2000.0, 300.0])
+    with threadpool_limits(2):
+        assert in_turn([first, second], np.zeros(2), 3) == pytest.approx([2000.0, 300.0])
     assert [name for name, _ in seen] == ["a", "b"] * 3
     assert seen[0][1] == seen[1][1]
     assert len({place for _, place in seen}) == 3

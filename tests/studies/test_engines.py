@@ -57,7 +57,8 @@ def test_bytes_do_not_depend_on_the_engine(tmp_path: Path) -> None:
     assert len(comparable(whole)) == 4
 
 
-def test_workers_have_one_thread(tmp_path: Path) -> None:
+def test_workers_have_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")  # of whoever starts them
     spec = Spec("engine_runs:threads", {}, 0)
     with Workers(1) as pool:
         run_all([spec], tmp_path, pool)

@@ -35,7 +35,10 @@ def test_the_same_bits_there_as_here(make: MakePeer) -> None:
         assert other.described == f"{own.described}, own process"
 
 
-def test_the_own_process_is_another_has_one_thread_and_ends(make: MakePeer) -> None:
+def test_the_own_process_is_another_has_one_thread_and_ends(
+    make: MakePeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")  # of whoever starts it
     told = (
         "value, gradient = os.getpid(), np.array([float(os.environ[n]) for n in os.environ if 'NUM_TH' in n])"
     )

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from etude.commands.bench import Bench
+from etude.contracts import Samples
 from etude.errors import DataError, UsageError
+from etude.models.config import ModelConfig
 from etude.models.held_out import split_blocks
+from etude.models.ladder import Ladder
 from etude.models.score import figures
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples
@@ -24,6 +28,18 @@ def tx40() -> Recording:
     path = log.find()
     assert path is not None
     return log.load(path)
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trainings that take no time; what the whole ones are worth is measured by the bench."""
+    learned = World.learned
+
+    def few_steps(self: World, samples: Samples, model: ModelConfig, *more: Any, **how: Any) -> Ladder:
+        short = replace(model, steps=8, fit_points=100, points=200, candidates=("default",))
+        return learned(self, samples, short, *more, **how)
+
+    monkeypatch.setattr(World, "learned", few_steps)
 
 
 def sarcos_like(n: int = 400) -> dict[str, np.ndarray]:
@@ -105,6 +121,7 @@ def test_rows_are_the_defined_figures() -> None:
     assert worst.value == pytest.approx((mine / theirs).max())
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_folder_with_sarcos_is_measured_and_what_must_be_said_is(tmp_path, monkeypatch, capsys) -> None:
     np.savez(tmp_path / "sarcos_inv_test.npz", **sarcos_like())
     monkeypatch.setattr(real_logs, "EXAMPLES", tmp_path)
@@ -170,6 +187,7 @@ def test_a_panda_log_is_read_and_damaged_ones_refused(tmp_path) -> None:
         panda_log(path)
 
 
+@pytest.mark.usefixtures("brief")
 def test_outputs_that_linear_regression_predicts_better_are_said(monkeypatch, capsys, tx40) -> None:
     class Warned:
         def __init__(self, ladder) -> None:

@@ -13,7 +13,7 @@ from etude_studies import real_choices
 from etude_studies.real_choices import Choice, choice_rows, folds, left_out, predicted, stacked_errors
 from etude_studies.real_logs import REAL_LOGS, arm_log
 
-FEW = {"steps": 3, "fit_points": 40, "candidates": ("default",)}
+FEW = {"steps": 3, "fit_points": 40}
 QUICK = Choice(FEW)
 
 
@@ -81,7 +81,7 @@ def test_a_choice_is_what_its_keys_say(tx40) -> None:
 @pytest.mark.parametrize("kernel", ["inertia", "rigid_body"])
 def test_a_kernel_of_this_study_is_the_structured_one_and_more(tx40, kernel: str) -> None:
     _, _, (_, world) = tx40
-    columns = world.kind.inputs(world.spec, world.config).columns
+    columns = world.inputs(world.alone).columns
     own = getattr(real_choices, kernel)(columns, (world.spec.names[1],))
     plain = structured(columns, (world.spec.names[1],))
     assert own.names()[: len(plain.names())] == plain.names()
@@ -95,7 +95,10 @@ def test_of_two_kernels_each_output_takes_the_better_one(tx40) -> None:
     train, test = next(folds(log, world, QUICK))
     plain = Choice({**FEW, "kernel": "ard_se"})
     both = predicted(replace(plain, other="structured"), world, train, test)
-    np.testing.assert_array_equal(both, predicted(QUICK, world, train, test))
+    one, other = (predicted(choice, world, train, test) for choice in (plain, QUICK))
+    better = (both == other).all(axis=0)
+    assert np.where(better, other, one) == pytest.approx(both, abs=0.0)
+    assert np.count_nonzero(better) >= len(better) - 1  # of so little training one may err less by chance
 
 
 def test_rows_are_beside_the_default(monkeypatch) -> None:

@@ -7,6 +7,7 @@ import pickle
 import polars as pl
 import pytest
 from hypothesis import given
+from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from etude.errors import DataError, UsageError
@@ -31,6 +32,7 @@ def test_the_canonical_form_and_its_hash_are_pinned() -> None:
     assert ONE.hash == "f1812a57f03ac6e29e2d"
 
 
+@examples(max_examples=30)
 @given(SETTINGS, st.integers())
 def test_order_does_not_matter_and_the_canonical_form_says_all(
     settings: dict[str, object], seed: int

@@ -20,6 +20,7 @@ from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
+from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
@@ -27,6 +28,7 @@ from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 if TYPE_CHECKING:
+    from etude.campaign.ways import Approached
     from etude.limits.certificate import Certificate
 
 ASK_STREAM = 1
@@ -45,6 +47,7 @@ class Proposal:
         new: False if it had been asked for before and is still open.
         status: how it was found.
         exported: the same motion in the formats that were asked for.
+        way: from where the robot stands to its start, and back, if that was asked for.
     """
 
     number: int
@@ -54,6 +57,7 @@ class Proposal:
     new: bool
     status: str
     exported: tuple[Exported, ...] = ()
+    way: Approached | None = None
 
 
 def ask(
@@ -65,6 +69,7 @@ def ask(
     tasks: Path | None = None,
     formats: Sequence[str] = (),
     effort: bool = False,
+    start: str = "",
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Proposal:
@@ -78,6 +83,8 @@ def ask(
         tasks: a file of motions that the model is for.
         formats: also write it for these receivers, names among `etude.exporters`.
         effort: with the learned command where the format has a place for it.
+        start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
+            way there and back is then written too, and other formats hold approach, motion and return.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
@@ -99,8 +106,20 @@ def ask(
             status = _propose(campaign, state, number, motions, tasks, go_on, say)
         found = _present(campaign, number, made, status, speed)
         motion = stored_trajectory(campaign, number, speed)
-        written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
-        return replace(found, exported=tuple(written))
+        way = _way(campaign, number, motion, found.folder, start) if start else None
+        if way is not None and way.whole is not None:
+            motion, place = way.whole, way.folder
+        else:
+            place = found.folder
+        written = [export(campaign, number, motion, place, name, effort=effort) for name in formats]
+        return replace(found, exported=tuple(written), way=way)
+
+
+def _way(campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str) -> Approached:
+    from etude.campaign.ways import approached
+
+    kept = kept_then(campaign.round(number).asked)
+    return approached(campaign, number, motion, folder, start, kept)
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:
@@ -148,23 +167,28 @@ def _propose(
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
     rng = np.random.default_rng(seed)
-    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), say)
+    kept = kept_now(campaign, state)
+    limits = campaign.limits(kept.margins)
+    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), limits, say)
     if not go_on:
         _check_stop(campaign, state, facts["gain"])
-    files = _files(campaign, trajectory, campaign.limits())
+    kept = kept.of(trajectory)
+    files = _files(campaign, trajectory, limits, kept)
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
         write_atomic(copy, tasks.read_bytes())
         written.append(copy)
     at_limit = [list(pair) for pair in files.certificate.active()]
-    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained)}
+    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained), **kept.as_facts()}
     campaign.commit("asked", number, written, **facts)
     return str(facts["status"])
 
 
-def _files(campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit]) -> TrajectoryFiles:
-    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits)
+def _files(
+    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
+) -> TrajectoryFiles:
+    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits, kept.unheld)
 
 
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
@@ -184,8 +208,9 @@ def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int
     exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    limits = campaign.limits() if new else campaign.described_limits()
-    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits)
+    kept = kept_then(campaign.state().rounds[number].asked)
+    limits = campaign.limits(kept.margins) if new else campaign.described_limits(kept.margins)
+    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits, kept)
     if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)

@@ -52,6 +52,11 @@ COMMENTS: dict[str, dict[str, str]] = {
         "inducing": "exact processes with more samples are seen through so many; 0: as they are",
         "raw_units": "add variances of different commands as they are, as the thesis",
     },
+    "tracking": {
+        "margin": 'kept of the limits for tracking errors: "learned" from logs, "assumed", or "none"',
+        "position": "assumed before any log where gains are not known: part of each range",
+        "velocity": "the same of each velocity limit",
+    },
     "stop": {
         "command_tolerance": "good enough: forecast error as a fraction of the command limit; 0: off",
         "noise_fraction": "stop when the variance left is below this fraction of the noise; 0: off",

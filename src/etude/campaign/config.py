@@ -9,11 +9,18 @@ from etude.campaign.stop_config import StopConfig
 from etude.contracts import Kind
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
+from etude.limits.tracking import TrackingConfig
 from etude.logs.mapping import LogConfig
 from etude.models.config import ModelConfig
 from etude.robots.toml import read_table
 
-SHARED: dict[str, type] = {"model": ModelConfig, "design": DesignConfig, "stop": StopConfig, "log": LogConfig}
+SHARED: dict[str, type] = {
+    "model": ModelConfig,
+    "design": DesignConfig,
+    "tracking": TrackingConfig,
+    "stop": StopConfig,
+    "log": LogConfig,
+}
 """Tables that mean the same for every kind; [trajectory] and [data] are the kind's own."""
 SECTIONS = ("trajectory", "data", *SHARED)
 
@@ -32,6 +39,7 @@ class CampaignConfig:
         design: how the next trajectory is chosen.
         stop: when another trajectory is not worth its robot time.
         log: how the robot's logs name things.
+        tracking: what is kept of the limits for tracking errors.
     """
 
     kind: str
@@ -43,6 +51,7 @@ class CampaignConfig:
     design: DesignConfig
     stop: StopConfig
     log: LogConfig = field(default_factory=LogConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
 
     @property
     def duration(self) -> float:

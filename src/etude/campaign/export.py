@@ -9,6 +9,7 @@ from etude import plugins
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import Event, require_intact
 from etude.campaign.learn import newest_model
+from etude.campaign.tracking import kept_then
 from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, commanded
 from etude.deploy.played import certify_played
@@ -58,7 +59,8 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     files = exporter(what, campaign.kind, campaign.spec)
-    certificate = certify_played(exporter, files, campaign.limits(), trajectory.form)
+    limits = campaign.limits(kept_then(campaign.round(number).asked).margins_of_chain(trajectory))
+    certificate = certify_played(exporter, files, limits, trajectory.form)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
     paths = [place / file for file in contents]

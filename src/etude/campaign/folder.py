@@ -12,9 +12,8 @@ from typing import Any
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
 from etude.campaign.journal import Event, commit, read_events
-from etude.campaign.margins import measured_margins
 from etude.campaign.state import Round, State, replay
-from etude.contracts import Channel, Kind, Limit
+from etude.contracts import Channel, Kind, Limit, Margins
 from etude.errors import UsageError
 from etude.shown import Picture, picture_of
 from etude.storage import writer_lock
@@ -81,16 +80,14 @@ class Campaign:
         """The channel of that name."""
         return next(c for c in self.channels if c.name == name)
 
-    def limits(self) -> Sequence[Limit]:
-        """What no trajectory may exceed, with the room that logs have shown to be needed."""
-        factor = float(getattr(self.config.trajectory, "room_factor", 0.0))
-        margins = measured_margins(self.state(), "fourier", factor) if factor else {}
-        return self.kind.limits(self.spec, self.config, None, margins)
+    def limits(self, margins: Margins | None = None) -> Sequence[Limit]:
+        """What no trajectory may exceed, less the margins of tracking."""
+        return self.kind.limits(self.spec, self.config, None, margins or {})
 
-    def described_limits(self) -> Sequence[Limit]:
+    def described_limits(self, margins: Margins | None = None) -> Sequence[Limit]:
         """What the robot's description allows: what a proposal that is open already is held against."""
         trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
-        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), None, {})
+        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), None, margins or {})
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.contracts import Family, Trajectory
+from etude.contracts import Family, Limit, Trajectory
 
 if TYPE_CHECKING:
     from etude.design.chain import Ways
 
 
 def typical_motions(
-    campaign: Campaign, rng: np.random.Generator, count: int, *, grown: bool = False
+    campaign: Campaign,
+    rng: np.random.Generator,
+    count: int,
+    limits: Sequence[Limit] | None = None,
+    *,
+    grown: bool = False,
 ) -> list[Trajectory]:
     """Random trajectories inside the limits, as large as these allow.
 
     Args:
         campaign: whose. rng: source. count: of them.
         grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
+
+    Args:
+        limits: None: the robot's own, without margins.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
@@ -29,7 +38,8 @@ def typical_motions(
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     family, home = kind.family(spec, config), kind.home(spec)
-    source = Source(family, tuple(campaign.limits()), home, config.design.sampler)
+    inside = tuple(campaign.limits() if limits is None else limits)
+    source = Source(family, inside, home, config.design.sampler)
     return [drawn.trajectory for drawn in source.typical(rng, count, grown=grown)]
 
 

@@ -12,7 +12,7 @@ from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import newest_model
 from etude.campaign.motions import reference_motions, segments_of, typical_motions, ways_of
 from etude.campaign.state import State
-from etude.contracts import Inputs, Model, Trajectory
+from etude.contracts import Inputs, Limit, Model, Trajectory
 from etude.design.view import Latent
 
 FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
@@ -34,6 +34,7 @@ def proposed(
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
+    limits: Sequence[Limit],
     say: Say,
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The next recording, and the facts of how it was found.
@@ -42,13 +43,14 @@ def proposed(
 
     Args:
         open_ones: proposals that wait for their logs: what they will tell is not asked for again.
+        limits: less the margins of tracking.
     """
     known = _known(campaign, state)
     if known is None:
-        return _random(campaign, rng)
+        return _random(campaign, rng, limits)
     what = "from what was learned" if known.learned else "from the limits alone"
     say(f"Designing the next trajectory {what}.")
-    return _designed(campaign, known, rng, tasks if known.learned else (), open_ones)
+    return _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
 
 
 def _known(campaign: Campaign, state: State) -> Known | None:
@@ -68,15 +70,17 @@ def _known(campaign: Campaign, state: State) -> Known | None:
     return None if latents is None else Known(inputs, latents, False)
 
 
-def _random(campaign: Campaign, rng: np.random.Generator) -> tuple[Trajectory, dict[str, Any]]:
+def _random(
+    campaign: Campaign, rng: np.random.Generator, limits: Sequence[Limit]
+) -> tuple[Trajectory, dict[str, Any]]:
     """Random segments, chained."""
     from etude.design.chain import cut_short, linked
 
     family = campaign.kind.family(campaign.spec, campaign.config)
     count = segments_of(campaign, family)
-    motions = typical_motions(campaign, rng, count, grown=True)
+    motions = typical_motions(campaign, rng, count, limits, grown=True)
     home = campaign.kind.home(campaign.spec)
-    trajectory, kept = linked(motions, ways_of(campaign), campaign.limits(), home)
+    trajectory, kept = linked(motions, ways_of(campaign), limits, home)
     several = f"{kept} segments, " if kept > 1 else ""
     status = f"{several}{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
     return trajectory, {"status": status + cut_short(count - kept), "gain": None}
@@ -88,6 +92,7 @@ def _designed(
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
+    limits: Sequence[Limit],
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The recording that teaches most, and the facts of its search."""
     from etude.design.chain import design_chain
@@ -97,7 +102,7 @@ def _designed(
     mixed = known.learned and config.design.reference == "mixed"
     found = design_chain(
         family,
-        campaign.limits(),
+        limits,
         kind.home(spec),
         known.inputs,
         known.model,

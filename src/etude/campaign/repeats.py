@@ -10,6 +10,7 @@ from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.contracts import Array, Finding, Log
 from etude.deploy.trajectory_files import PLANNED
+from etude.errors import EtudeError
 from etude.logs.log_file import read_log_file
 from etude.logs.steps import median_rate
 
@@ -33,12 +34,19 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
         return None
     found: list[tuple[float, int]] = []
     for other in state.told:
-        if other.number != number:
-            known = planned_states(campaign, read_log_file(campaign.run_file(other.number)))
-            if known is not None and known.shape[1] == own.shape[1]:
-                found.append((share_within(own, known), other.number))
+        known = None if other.number == number else _stored_states(campaign, other.number)
+        if known is not None and known.shape[1] == own.shape[1]:
+            found.append((share_within(own, known), other.number))
     share, earlier = max(found, key=lambda pair: (pair[0], -pair[1]), default=(0.0, 0))
     return (earlier, share) if share > SHARE else None
+
+
+def _stored_states(campaign: Campaign, number: int) -> Array | None:
+    """Of a log that was told; None if its file is damaged, which training will say."""
+    try:
+        return planned_states(campaign, read_log_file(campaign.run_file(number)))
+    except EtudeError:
+        return None
 
 
 def share_within(own: Array, known: Array) -> float:

@@ -29,6 +29,9 @@ RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
 MOST_TRIES = 4
 """Trajectories tried for each that is wanted."""
+CERTAIN = ("sign",)
+"""Questions whose answer is known of a simulated robot. Joints that drag each other along exchange power, so
+that one of many may take more out of the motion than its friction puts in."""
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
 """The rung that a careful user has today, and what it is called as a baseline."""
 
@@ -62,6 +65,8 @@ def simulate(
     """
     _check_answered(campaign)
     loop = _Loop.of(campaign, engine, change or {})
+    for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
+        say(sentence)
     for name, controller in loop.baselines.items():
         loop.evaluate(0, controller, name)
     left = interrupted_round(campaign, say)
@@ -123,7 +128,7 @@ class _Loop:
             raise UsageError(
                 f"robot '{campaign.name}' has no simulated plant",
                 where=str(campaign.path / ROBOT),
-                next_step='Write plant = "..." there if it has one, or run the real robot.',
+                next_step="Name its URDF or MJCF as model_file there to rehearse, or run the real robot.",
             )
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
@@ -140,7 +145,7 @@ class _Loop:
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_log(path, log)
         try:
-            told = tell(campaign, path, number=number, changed=self.answer, say=say)
+            told = tell(campaign, path, number=number, changed=self.answer, accept=CERTAIN, say=say)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)

@@ -16,12 +16,11 @@ from etude.campaign.changed import answer, change_found
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
-from etude.campaign.margins import FACT as LEFT_PLAN
-from etude.campaign.margins import distance_from_plan
 from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.questions import Answers, Asked, Given, answers_of
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
+from etude.campaign.tracking import errors_told
 from etude.contracts import Finding, Log, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
@@ -269,8 +268,7 @@ def _store(
         trajectory = stored_trajectory(campaign, number, speed)
         starts = segment_starts(trajectory)
         facts |= {"segments": starts} if len(starts) > 1 else {}
-        apart = distance_from_plan(log, campaign.kind.path, trajectory.duration)
-        facts |= {} if apart is None else {LEFT_PLAN: apart}
+        facts |= errors_told(campaign, log, trajectory, speed)
     if repeats is not None:
         facts["repeats"] = repeats
     if given:

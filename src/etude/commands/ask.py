@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -15,9 +15,11 @@ from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
     from etude.campaign.export import Exported
+    from etude.campaign.ways import Approached
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
 
+ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 
@@ -37,6 +39,9 @@ class Ask(Common):
     lerobot, or another package's exporter; certified as its receiver reads it."""
     effort: bool = False
     """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
+    start: Annotated[str, tyro.conf.arg(name="from")] = ""
+    """Where the robot stands: home, joint=value,... or a CSV whose last row it is. The way to the start and
+    back is then certified and written too; other formats hold approach, motion and return in one."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -44,7 +49,6 @@ class Ask(Common):
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ask import ask
-        from etude.limits.certificate import spare, use
 
         campaign = opened(self.folder, say)
         found = ask(
@@ -55,31 +59,23 @@ class Ask(Common):
             tasks=self.tasks,
             formats=self.format,
             effort=self.effort,
+            start=self.start,
             say=say,
         )
         files = [
             str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
         ]
-        rows = [
-            [
-                row.axis,
-                row.quantity,
-                f"{row.proved_lower:.4g}",
-                f"{row.proved_upper:.4g}",
-                f"{100 * use(row):.1f} %",
-            ]
-            for row in found.certificate.seen
-            if row.upper < math.inf
-        ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
-            table(["axis", "limit", "proved min", "proved max", "used"], rows),
+            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf]),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             f"Proved for all times; {_ends(found.certificate)}.",
+            *_to_confirm(campaign.spec),
             "Not looked at:",
             *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
             "Written:",
             *(f"  {name}" for name in files),
+            *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
             f"Run it, then: etude tell {self.folder} LOG",
         ]
@@ -92,9 +88,48 @@ class Ask(Common):
             "files": files,
             "certified": found.certificate.ok,
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
-            "margins": {f"{r.axis} {r.quantity}": spare(r) for r in found.certificate.seen},
+            "margins": _spared(found.certificate.seen),
+            "way": [] if found.way is None else [str(path) for path in found.way.files],
+            "to_confirm": list(getattr(campaign.spec, "confirm", ())),
+            "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+
+def _way(way: Approached) -> list[str]:
+    """The files to the start and back, and what is not in one file."""
+    lines = [f"To the start and back, proved alike: {way.folder}", *(f"  {path}" for path in way.files)]
+    if way.whole is None:
+        lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
+    return lines
+
+
+def _to_confirm(spec: Any) -> list[str]:
+    """What was assumed of the robot and nobody has confirmed."""
+    assumed = getattr(spec, "confirm", ())
+    head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
+    return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
+
+
+def _row(row: Proof) -> list[str]:
+    """What is asked, what tracking may add, and the limit of both together."""
+    from etude.limits.certificate import use
+    from etude.limits.unseen import tracked_in_words
+
+    asked = f"{row.proved_lower:.4g} .. {row.proved_upper:.4g}"
+    limit = f"{row.lower - row.margin:.4g} .. {row.upper + row.margin:.4g}"
+    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.1f} %"]
+
+
+def _spared(rows: Sequence[Proof]) -> dict[str, float]:
+    """The least that each axis spares of a limit, by both names."""
+    from etude.limits.certificate import spare
+
+    found: dict[str, float] = {}
+    for row in rows:
+        name = f"{row.axis} {row.quantity}"
+        found[name] = min(spare(row), found.get(name, math.inf))
+    return found
 
 
 def _distances(rows: Sequence[Proof]) -> list[str]:

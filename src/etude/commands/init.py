@@ -42,7 +42,10 @@ class Init(Common):
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
-            lines += ["Please confirm in robot.toml:", *(f"  - {sentence}" for sentence in confirm)]
+            lines += [
+                "Please confirm, and take out of confirm in robot.toml:",
+                *(f"  - {sentence}" for sentence in confirm),
+            ]
         lines.append(f"Next: etude ask {self.folder}, or etude tell {self.folder} LOG if you have one.")
         data = {"folder": str(self.folder), "robot": campaign.name, "axes": campaign.axes, "confirm": confirm}
         return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})

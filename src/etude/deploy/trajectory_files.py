@@ -19,7 +19,8 @@ from etude.limits.certificate import Certificate, require_certified
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
 
-COEFFICIENTS, TABLE, CERTIFICATE = "trajectory.json", "trajectory.csv", "certificate.json"
+STEM = "trajectory"
+COEFFICIENTS, TABLE, CERTIFICATE = f"{STEM}.json", f"{STEM}.csv", "certificate.json"
 SPEEDS = (25, 50, 100)
 """Per cent: the ladder on which a motion is tried for the first time."""
 PLANNED = "_des"
@@ -47,6 +48,7 @@ class TrajectoryFiles:
         trajectory: what `coefficients` says.
         certificate: proved from `coefficients`, not from the object they were made of.
         coefficients, table, proof: contents of trajectory.json, trajectory.csv and certificate.json.
+        names: of these files, or of those of a way.
     """
 
     trajectory: Trajectory
@@ -54,17 +56,23 @@ class TrajectoryFiles:
     coefficients: bytes
     table: bytes
     proof: bytes
+    names: tuple[str, str, str] = (COEFFICIENTS, TABLE, CERTIFICATE)
 
     def write(self, folder: Path) -> list[Path]:
         """Writes the three files, the certificate last; returns their paths."""
-        contents = {COEFFICIENTS: self.coefficients, TABLE: self.table, CERTIFICATE: self.proof}
-        for name, data in contents.items():
+        for name, data in zip(self.names, (self.coefficients, self.table, self.proof), strict=True):
             write_atomic(folder / name, data)
-        return [folder / name for name in contents]
+        return [folder / name for name in self.names]
 
 
 def render(
-    trajectory: Trajectory, kind: Kind, spec: Any, config: Any, limits: Sequence[Limit]
+    trajectory: Trajectory,
+    kind: Kind,
+    spec: Any,
+    config: Any,
+    limits: Sequence[Limit],
+    unheld: Sequence[str] = (),
+    stem: str = STEM,
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -72,19 +80,24 @@ def render(
         trajectory: what to run.
         kind, spec, config: of the robot; the table holds the plans of its inputs.
         limits: what may not be exceeded.
+        unheld: sentences for the certificate, what this robot is known not to hold.
+        stem: of the files' names.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits)
+    certificate = require_certified(written, limits, unheld)
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
-    proof = {"trajectory": COEFFICIENTS, "robot": spec.name, **json.loads(certificate.to_json())}
+    names = (f"{stem}.json", f"{stem}.csv", CERTIFICATE if stem == STEM else f"{stem}.{CERTIFICATE}")
+    proof = {"trajectory": names[0], "robot": spec.name, **json.loads(certificate.to_json())}
+    assumed = list(getattr(spec, "confirm", ()))
+    proof |= {"to_confirm": assumed} if assumed else {}
     text = json.dumps(proof, indent=1) + "\n"
-    return TrajectoryFiles(written, certificate, coefficients, table, text.encode())
+    return TrajectoryFiles(written, certificate, coefficients, table, text.encode(), names)
 
 
 def table_rate(spec: Any) -> float:
@@ -168,10 +181,10 @@ def _path_orders(path: str, log: Log) -> list[Channel]:
 
 def _outside(limit: Limit, motion: Motion, written: Trajectory) -> Any:
     """(T,) where a row of what is limited leaves its interval."""
-    values = limit.of_motion(motion)
-    proofs = limit.prove(written.pieces()[0][2])
-    bad = np.zeros(len(motion.t), dtype=np.bool_)
-    for column, proof in zip(values.T, proofs, strict=True):
-        slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
-        bad |= (column < proof.lower - slack) | (column > proof.upper + slack)
+    values, bad = limit.of_motion(motion), np.zeros(len(motion.t), dtype=np.bool_)
+    for start, _, piece in written.pieces():
+        own = (motion.t >= start) & (motion.t <= start + piece.duration)
+        for column, proof in zip(values.T, limit.prove(piece), strict=True):
+            slack = ROUNDING * max(abs(b) for b in (proof.lower, proof.upper, 1.0) if math.isfinite(b))
+            bad |= own & ((column < proof.lower - slack) | (column > proof.upper + slack))
     return bad

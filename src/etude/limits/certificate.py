@@ -12,19 +12,13 @@ from numpy.typing import NDArray
 
 from etude.contracts import Limit, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError
+from etude.limits.unseen import ALL, in_words, not_looked_at
 from etude.trajectories.json_text import from_json
 
 Array = NDArray[np.float64]
 
 REST_TOLERANCE = 1e-9
 """Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""
-COLLISIONS = "Collisions, with itself and with what stands around it."
-NOT_LOOKED_AT = (
-    "How far the robot leaves the plan while it tracks it.",
-    COLLISIONS,
-    "The way to the start, and the way back from the end.",
-)
-"""What no certificate proves, but for collisions where a limit says what it leaves out (`not_looked_at`)."""
 
 
 def spare(row: Proof) -> float:
@@ -57,7 +51,7 @@ class Certificate:
     rows: tuple[Proof, ...]
     end_speed: float
     rest_needed: bool = True
-    not_looked_at: tuple[str, ...] = NOT_LOOKED_AT
+    not_looked_at: tuple[str, ...] = ALL
 
     @property
     def at_rest(self) -> bool:
@@ -101,34 +95,34 @@ class Certificate:
         return json.dumps(content, indent=1) + "\n"
 
 
-def certify(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
-    """Prove the limits for all times, piece by piece.
+def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()) -> Certificate:
+    """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
 
     Rest at the ends of each piece is needed if one of the limits says so (`rest`).
+
+    Args:
+        trajectory: what to prove. limits: of the robot.
+        unheld: sentences, what this robot is known not to hold.
     """
-    found: dict[tuple[str, str, str], Proof] = {}
+    found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
     for start, label, piece in pieces:
         where = f"{label} at {start:g} s" if len(pieces) > 1 else ""
         for limit in limits:
             for i, row in enumerate(limit.prove(piece)):
-                key = (row.axis, row.quantity, f"{limit.name} {i}")
+                key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
                 row = replace(row, where=" of the ".join(filter(None, (row.where, where))))
                 found[key] = _joined(found[key], row) if key in found else row
-    axes = list(dict.fromkeys(axis for axis, _, _ in found))
-    rows = tuple(row for axis in axes for (own, _, _), row in found.items() if own == axis)
+    axes = list(dict.fromkeys(key[0] for key in found))
+    rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
     rest = any(getattr(limit, "rest", False) for limit in limits)
     end_speed = max(_end_speed(piece, limits) for _, _, piece in pieces)
-    return Certificate(rows, end_speed, rest, _not_looked_at(limits))
+    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld))
 
 
-def _not_looked_at(limits: Sequence[Limit]) -> tuple[str, ...]:
-    """Sentences; a limit that looks at collisions says itself what it leaves out."""
-    found: list[str] = []
-    for sentence in NOT_LOOKED_AT:
-        own = [getattr(limit, "not_looked_at", ()) for limit in limits] if sentence == COLLISIONS else []
-        found += [one for sentences in own for one in sentences] or [sentence]
-    return tuple(found)
+def _kept(row: Proof) -> tuple[float, float] | None:
+    """By what rows of pieces differ: the ends of their limits; a distance has one row, whatever it loses."""
+    return None if row.upper == math.inf else (row.lower, row.upper)
 
 
 def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
@@ -136,13 +130,15 @@ def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
     return certify(from_json(data), limits)
 
 
-def require_certified(trajectory: Trajectory, limits: Sequence[Limit]) -> Certificate:
-    """The certificate, if every limit is met.
+def require_certified(
+    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()
+) -> Certificate:
+    """The certificate, if every limit is met. Arguments as of `certify`.
 
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits)
+    certificate = certify(trajectory, limits, unheld)
     if certificate.ok:
         return certificate
     if not certificate.failed:
@@ -162,7 +158,7 @@ def require_certified(trajectory: Trajectory, limits: Sequence[Limit]) -> Certif
 
 
 def _row(row: Proof) -> dict[str, object]:
-    content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin}
+    content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin, "in_words": in_words(row)}
     return {key: None if value in (math.inf, -math.inf) else value for key, value in content.items()}
 
 

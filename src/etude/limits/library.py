@@ -73,7 +73,7 @@ class AxisLimit(Convex):
         """Of the axes, in the motion."""
         return list(range(len(self.names)) if self.axes is None else self.axes)
 
-    def inner(self, form: str) -> tuple[Array, Array, Array, float]:
+    def inner(self, form: str) -> tuple[Array, Array, Array, Array]:
         """(n,) lower and upper less the margin, the margin, and its confidence."""
         margin, confidence = tracked(self.margin, self.margins, form, self.order, self.places)
         return np.asarray(self.lower) + margin, np.asarray(self.upper) - margin, margin, confidence
@@ -112,10 +112,10 @@ class AxisLimit(Convex):
         bound = bound_of(piece, self.order, 1, self.places, np.full(len(self.names), self.shift))
         least, most = bound.range()
         how = method_of(bound.kappa, 1)
-        table = np.stack([low, high, least, most, margin], axis=1).tolist()
+        table = np.stack([low, high, least, most, margin, confidence], axis=1).tolist()
         return [
-            Proof(name, self.quantity, a, b, c, d, how, margin=kept, confidence=confidence)
-            for name, (a, b, c, d, kept) in zip(self.names, table, strict=True)
+            Proof(name, self.quantity, a, b, c, d, how, margin=kept, confidence=sure)
+            for name, (a, b, c, d, kept, sure) in zip(self.names, table, strict=True)
         ]
 
     def of_motion(self, motion: Motion) -> Array:
@@ -138,6 +138,7 @@ class NormLimit(Convex):
         shift: (len(axes),) added before the size is taken, gravity for thrust; empty for none.
         axis: whose size it is, as in the certificate.
         margin, margins, rest: see `AxisLimit`; of several axes, the size of their margins.
+        looks_at: what else is looked at with it, sentences of `limits.unseen`.
     """
 
     quantity: str
@@ -150,6 +151,7 @@ class NormLimit(Convex):
     margin: float = 0.0
     margins: Margins = field(default_factory=dict)
     rest: bool = False
+    looks_at: tuple[str, ...] = ()
 
     @property
     def _shift(self) -> Array:
@@ -159,7 +161,9 @@ class NormLimit(Convex):
         """Lower and upper less the margin, the margin, and its confidence."""
         learned, confidence = tracked(0.0, self.margins, form, self.order, list(self.axes))
         margin = max(self.margin, float(np.linalg.norm(learned)))
-        return None if self.lower is None else self.lower + margin, self.upper - margin, margin, confidence
+        unmeasured = confidence.min() == 0.0 and margin <= self.margin
+        sure = 1.0 if unmeasured else float(confidence.min())
+        return None if self.lower is None else self.lower + margin, self.upper - margin, margin, sure
 
     def check_room(self, form: str) -> None:
         """UnsafeTrajectoryError if standing still in the middle is not inside."""

@@ -89,16 +89,19 @@ def largest_tilt(force: Bound, lift: float) -> float:
 
 def tracked(
     margin: Array | float, margins: Margins, form: str, order: int, axes: list[int]
-) -> tuple[Array, float]:
-    """(n,) what is kept for the tracking error, and with which confidence.
+) -> tuple[Array, Array]:
+    """(n,) what is kept for the tracking error, and (n,) with which confidence.
 
-    The larger of a fixed margin and what was learned of motions of that form; 1 where nothing was learned.
+    The larger of a fixed margin and that of motions of that form. A fixed one is its owner's word, 1, unless
+    logs speak of it; one that nobody measured adds nothing to the word of an owner who kept more.
     """
     fixed = np.broadcast_to(np.asarray(margin, dtype=float), (len(axes),))
     table, confidence = margins.get(form, (np.zeros((0, 0)), 1.0))
-    if order >= len(table) or not np.any(np.isfinite(table[order][axes])):
-        return fixed, 1.0
-    return np.fmax(fixed, table[order][axes]), confidence
+    if order >= len(table):
+        return fixed, np.ones(len(axes))
+    own, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
+    silent = np.isnan(own) | ((sure == 0.0) & (own <= fixed))
+    return np.fmax(fixed, own), np.where(silent, 1.0, sure)
 
 
 def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:

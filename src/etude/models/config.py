@@ -65,8 +65,8 @@ class ModelConfig:
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
         fit_points: samples for the hyperparameters, at most.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
-            likelihood then takes their agreement for precision. With the structured kernel less, where short
-            logs would leave fewer than 100.
+            likelihood then takes their agreement for precision. With an arm's kernels an eightieth of what
+            the trajectories last, where that is less.
         candidates: beside "default", processes that are averaged with it in its rung: names in
             `candidates.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches

@@ -20,9 +20,9 @@ LARGEST_FLOOR = 0.1
 """Limit of the noise floor as a part of the command's own deviation: a joint may use little of its range."""
 OF_ARMS = ("structured", "standing", "gip_lin")
 """Kernels of an arm's command, with many hyperparameters."""
-LEAST_FIT = 100
-"""Samples for the hyperparameters of an arm's kernel at least; it has some 80 of these for six joints.
-Where logs are too short for `fit_spacing_s`, samples are taken nearer to each other."""
+LEAST_FIT = 80
+"""Spacings that all trajectories together last at least: an arm's kernel has some 80 hyperparameters for six
+joints. Where logs are too short for `fit_spacing_s`, samples for these are taken nearer to each other."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from etude.report.sections.calibration import calibration
 from etude.report.sections.headline import headline
 from etude.report.sections.ladder import ladder
 from etude.report.sections.learning import learning
+from etude.report.sections.motion import motion
 from etude.report.sections.paths import paths
 from etude.report.sections.prediction import prediction
 from etude.report.sections.provenance import provenance, repairs
@@ -23,6 +24,7 @@ from etude.storage import write_atomic
 SECTIONS = (
     learning,
     rounds,
+    motion,
     paths,
     tracking,
     prediction,
@@ -39,6 +41,7 @@ is one function and one place in this row."""
 CONTENTS = {
     "learning": "learning curve",
     "rounds": "cost of each round",
+    "motion": "the robot in motion",
     "paths": "paths in space",
     "tracking": "desired against actual",
     "prediction": "predicted against measured",

@@ -96,13 +96,13 @@ def project(points: Array) -> Array:
 
 def scene(title: str, room: Room, paths: Sequence[Path], *, note: str = "") -> Html:
     """One drawing: the robot's room with ticks in m, paths, their shadows and where they start."""
-    camera, height = _camera(room)
+    camera, height = camera_of(room)
     drawn = "".join(_path(camera, path, room.lower[2]) for path in paths)
     words = f'<text class="title" x="12" y="18">{text(title)}</text>'
     words += f'<text class="tick" x="12" y="38">{text(note)}</text>' if note else ""
     return Html(
         f'<svg class="scene" viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}">'
-        f"{words}{_room(camera, room)}{drawn}</svg>"
+        f"{words}{drawn_room(camera, room)}{drawn}</svg>"
     )
 
 
@@ -111,11 +111,11 @@ def _corners(room: Room) -> Array:
     return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
-def _camera(room: Room) -> tuple[Camera, float]:
+def camera_of(room: Room, size: tuple[int, int] = SIZE) -> tuple[Camera, float]:
     """The camera that fills the drawing's width, or its height where the room is tall; and the height."""
     image = project(_corners(room))
     low, span = image.min(axis=0), np.ptp(image, axis=0)
-    free = (SIZE[0] - SIDES["left"] - SIDES["right"], SIZE[1] - SIDES["top"] - SIDES["bottom"])
+    free = (size[0] - SIDES["left"] - SIDES["right"], size[1] - SIDES["top"] - SIDES["bottom"])
     scale = min(free[0] / span[0], free[1] / span[1])
     spare = 0.5 * (free[0] - scale * span[0])
     height = SIDES["top"] + scale * span[1] + SIDES["bottom"]
@@ -123,7 +123,8 @@ def _camera(room: Room) -> tuple[Camera, float]:
     return Camera(float(scale), (float(place[0]), float(place[1]))), float(height)
 
 
-def _room(camera: Camera, room: Room) -> str:
+def drawn_room(camera: Camera, room: Room) -> str:
+    """Floor, two walls, ticks in m and what they are of."""
     (x0, y0, z0), (x1, y1, z1) = room.lower, room.upper
     ticks = [
         linear_ticks(low, high, wanted)

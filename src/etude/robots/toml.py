@@ -116,7 +116,7 @@ def write_values(value: Any, comments: tuple[str, ...] = ()) -> str:
     comments: sentences on top, for instance what a person should confirm.
     """
     lines = [f"# {line}" for comment in comments for line in comment.splitlines()]
-    lines += [f"{name} = {toml_value(item)}" for name, item in _stated(value) if not _is_table(item)]
+    lines += [f"{name} = {_in_lines(item)}" for name, item in _stated(value) if not _is_table(item)]
     for name, item in _stated(value):
         if _is_table(item):
             several = isinstance(item, tuple)
@@ -135,6 +135,15 @@ def toml_value(value: Any) -> str:
     if isinstance(value, tuple):
         value = list(value)
     return json.dumps(value, allow_nan=False, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _in_lines(value: Any) -> str:
+    """Sentences one a line, since people take them out; everything else on one."""
+    text = toml_value(value)
+    sentences = isinstance(value, tuple) and all(isinstance(one, str) and " " in one for one in value)
+    if not value or not sentences:
+        return text
+    return "[\n" + "".join(f"    {toml_value(one)},\n" for one in value) + "]"
 
 
 def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:

@@ -16,6 +16,7 @@ from etude.campaign.config import preset_config
 from etude.contracts import Family, Inputs, Kind, Limit, Motion, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
+from etude.storage import write_atomic
 
 Array = NDArray[np.float64]
 _KNOWN: dict[tuple[int, str, str], World] = {}
@@ -76,7 +77,7 @@ def _opened(kind: Kind, robot: str | Path, name: str) -> World:
         shutil.rmtree, folder, ignore_errors=True
     )  # physics read the model file when they are asked
     for file, content in kind.described(path).files.items():
-        (folder / file).write_bytes(content)
+        write_atomic(folder / file, content)
     spec = kind.spec(folder / "robot.toml")
     config = preset_config(kind, name)
     return World(

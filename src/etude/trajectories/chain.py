@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
 LABELS = ("segment", "link", "approach", "return")
+WAYS = LABELS[2:]
+"""What a chain may consist of without a segment: several moves to a motion, or back from it."""
 
 
 Part = tuple[str, Trajectory]
@@ -34,8 +36,8 @@ class Chain:
         parts: segments, which the recording is made for, and what leads from one to the next.
 
     Raises:
-        UsageError: fewer than two parts, no segment, an unknown label, parts that are chains themselves, of
-            other axes, in motion where they meet, or that do not meet.
+        UsageError: fewer than two parts, no segment unless all are one way, an unknown label, parts that are
+            chains themselves, of other axes, in motion where they meet, or that do not meet.
     """
 
     parts: tuple[Part, ...]
@@ -43,7 +45,8 @@ class Chain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple((str(label), part) for label, part in self.parts))
         labels = [label for label, _ in self.parts]
-        if len(labels) < 2 or "segment" not in labels or not set(labels) <= set(LABELS):
+        way = len(set(labels)) == 1 and labels[0] in WAYS
+        if len(labels) < 2 or not ("segment" in labels or way) or not set(labels) <= set(LABELS):
             raise UsageError(f"a chain has two parts or more, each one of {', '.join(LABELS)}, not {labels}")
         if any(part.form == self.form for _, part in self.parts):
             raise UsageError("a part of a chain cannot be a chain itself")

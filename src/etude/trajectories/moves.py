@@ -22,7 +22,9 @@ PEAK_VELOCITY = 15.0 / 8.0
 """max of s'(x) for s = x^3 (10 - 15 x + 6 x^2)."""
 PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
 """max of |s''(x)|."""
-PEAKS = ((0.0, PEAK_VELOCITY), (-PEAK_ACCELERATION, PEAK_ACCELERATION), (-30.0, 60.0))
+PEAK_JERK = 60.0
+"""max of |s'''(x)|, where a move begins and ends."""
+PEAKS = ((0.0, PEAK_VELOCITY), (-PEAK_ACCELERATION, PEAK_ACCELERATION), (-30.0, PEAK_JERK))
 """Extremes of the first three derivatives of s; the fourth is not finite where a move begins."""
 
 
@@ -35,6 +37,7 @@ class PointToPoint:
         peak_velocity: highest speed of a move, rad/s; float, (k,), or (K-1, k) for one row a move.
         dwell: s at rest before the first move and after every move.
         peak_acceleration: highest |qdd|, rad/s^2; float or (k,).
+        peak_jerk: highest |qddd|, rad/s^3; float or (k,).
 
     Raises:
         UsageError: wrong shapes, values that are not finite, speeds or accelerations <= 0, negative dwell.
@@ -44,13 +47,14 @@ class PointToPoint:
     peak_velocity: Array | float
     dwell: float = 0.8
     peak_acceleration: Array | float = math.inf
+    peak_jerk: Array | float = math.inf
 
     def __post_init__(self) -> None:
         points = np.array(self.waypoints, dtype=float)
         if points.ndim != 2 or len(points) < 2 or points.shape[1] < 1 or not np.all(np.isfinite(points)):
             raise UsageError(f"waypoints must be a finite (K >= 2, axes) table, not {points.shape}")
         moves = (len(points) - 1, points.shape[1])
-        for name in ("peak_velocity", "peak_acceleration"):
+        for name in ("peak_velocity", "peak_acceleration", "peak_jerk"):
             object.__setattr__(self, name, _per_move(name, getattr(self, name), moves))
         if not (math.isfinite(self.dwell) and self.dwell >= 0.0):
             raise UsageError(f"the dwell must be a number of seconds >= 0, not {self.dwell}")
@@ -71,11 +75,12 @@ class PointToPoint:
 
     @property
     def times(self) -> Array:
-        """(K-1,) s that each move lasts: long enough for every axis's peak velocity and acceleration."""
+        """(K-1,) s that each move lasts: long enough for every axis's peaks."""
         reach = np.abs(np.diff(self.waypoints, axis=0))
         by_speed = PEAK_VELOCITY * reach / self.peak_velocity
         by_acceleration = np.sqrt(PEAK_ACCELERATION * reach / self.peak_acceleration)
-        return np.asarray(np.maximum(by_speed, by_acceleration).max(axis=1))
+        by_jerk = np.cbrt(PEAK_JERK * reach / self.peak_jerk)
+        return np.asarray(np.maximum(np.maximum(by_speed, by_acceleration), by_jerk).max(axis=1))
 
     @property
     def duration(self) -> float:
@@ -129,8 +134,11 @@ class PointToPoint:
 
     def slowed(self, factor: float) -> PointToPoint:
         """The same moves in `factor` times the time, dwells included."""
-        speeds = self.peak_velocity / factor, self.peak_acceleration / factor**2
-        return PointToPoint(self.waypoints, speeds[0], self.dwell * factor, speeds[1])
+        peaks = [
+            peak / factor**order
+            for order, peak in enumerate((self.peak_velocity, self.peak_acceleration, self.peak_jerk), 1)
+        ]
+        return PointToPoint(self.waypoints, peaks[0], self.dwell * factor, *peaks[1:])
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """Motion over time: shown by a notebook, and saved as SVG if there is a path."""
@@ -138,7 +146,8 @@ class PointToPoint:
 
     def to_json(self) -> str:
         """The exact motion as JSON text; every float reads back to the same bits."""
-        names = ("waypoints", "peak_velocity", "dwell", "peak_acceleration")
+        names = ["waypoints", "peak_velocity", "dwell", "peak_acceleration"]
+        names += ["peak_jerk"] if np.isfinite(self.peak_jerk).any() else []
         return to_text(self.form, {name: getattr(self, name) for name in names})
 
 
@@ -165,11 +174,12 @@ def random_moves(
     speed_fraction_range: tuple[float, float] = (0.4, 0.8),
     box_fraction: float = 0.8,
     dwell: float = 0.8,
+    jerk: Array | float = math.inf,
 ) -> PointToPoint:
     """`count` moves between points drawn uniformly in the middle `box_fraction` of the position limits.
 
     Each move has its own speed, a fraction of the velocity limits drawn from `speed_fraction_range`;
-    acceleration limits are kept. Inside all four limits (k,), rad (m) and s, by construction.
+    acceleration and jerk limits are kept. Inside all limits (k,), rad (m) and s, by construction.
     """
     low, high = speed_fraction_range
     if count < 1 or not 0.0 < low <= high <= 1.0 or not 0.0 < box_fraction <= 1.0:
@@ -179,4 +189,4 @@ def random_moves(
     middle, half = 0.5 * (upper + lower), 0.5 * box_fraction * (upper - lower)
     waypoints = middle + half * rng.uniform(-1.0, 1.0, (count + 1, len(middle)))
     speed = ROOM * rng.uniform(low, high, (count, 1)) * velocity
-    return PointToPoint(waypoints, speed, dwell, ROOM * acceleration)
+    return PointToPoint(waypoints, speed, dwell, ROOM * acceleration, ROOM * np.asarray(jerk))

@@ -67,7 +67,7 @@ def test_a_description_is_whole_and_reads_back_the_same(name: str, tmp_path: Pat
     assert again.model_file == (tmp_path / "robot_model.xml").resolve()
     assert replace(again, model_file=None) == replace(KIND.spec(path), model_file=None)
     assert described.confirm == ()
-    assert KIND.physics(again, Config())["identified"].geometry.tree.joints == 4
+    assert KIND.physics(again, Config())["identified"].geometry.tree.joints == again.dof
 
 
 ODD = 'joint "one"\\2'
@@ -93,7 +93,7 @@ def test_odd_names_from_a_urdf_are_quoted_and_what_was_assumed_is_said(tmp_path:
     assert [axis.unit for axis in spec.axes] == ["rad", "m"]
     assert len(described.confirm) == 1  # one sentence for all assumed accelerations
     assert '\\"one\\"' in described.confirm[0]
-    assert described.files["robot.toml"].decode().startswith("# Confirm: Acceleration limit")
+    assert '\nconfirm = [\n    "Acceleration limit' in described.files["robot.toml"].decode()
 
 
 def test_channels_have_units_limits_and_roles() -> None:
@@ -162,8 +162,11 @@ def test_presets_and_comments_name_existing_keys_only() -> None:
 
 def test_baselines_are_feedback_alone_and_the_exact_inverse() -> None:
     assert set(KIND.baselines(SPEC, Config())) == {"pd", "perfect"}
-    assert set(KIND.baselines(replace(SPEC, plant=None), Config())) == {"pd"}
-    assert KIND.robot(replace(SPEC, plant=None), Config()) is None
+    nobody = replace(SPEC, plant=None, model_file=None)
+    assert set(KIND.baselines(nobody, Config())) == {"pd"}
+    assert KIND.robot(nobody, Config()) is None
+    with pytest.raises(UsageError, match="'shoulder' is driven by a tendon"):
+        KIND.robot(replace(SPEC, plant=None), Config())
 
 
 def test_the_kind_is_light_to_load() -> None:

@@ -49,7 +49,7 @@ def test_round_trip_is_exact(rows: list[tuple[float, ...]], name: str) -> None:
         for i, a in enumerate(axes)
     )
     spec = ArmSpec(name, unique, "pwm", 125.0, None, "arm4")
-    assert parse(robot_to_toml(spec, comments=("a comment",))) == spec
+    assert parse(robot_to_toml(spec)) == spec
 
 
 def test_large_limits_round_trip_with_the_owners_word() -> None:

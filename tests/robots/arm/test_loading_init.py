@@ -34,7 +34,7 @@ def test_joints_and_positions_come_from_the_command_line(
     assert spec.held == {"elbow": 0.5, "finger_left": 0.02}
     assert (lab / "robot_meshes" / "0_cube.obj").is_file()
     text = (lab / "robot.toml").read_text()
-    assert text.startswith("# Confirm: ")
+    assert "\nconfirm = [\n" in text
     assert '[held]\n"elbow" = 0.5\n"finger_left" = 0.02\n' in text
 
 

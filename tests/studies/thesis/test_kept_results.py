@@ -28,7 +28,9 @@ from etude_studies.world import World
 
 FIRST_ROUND = ("A1", "A5", "A7", "S1", "S5", "DP1")
 """Runs whose first round is computed again alone: a shorter run of the same settings begins the same."""
-WHOLE = ("B1", "K1", "mQ1", "mP2")
+WHOLE = ("B1", "K1", "mA5", "mA7", "mS1", "mS5", "mDP1", "mQ1")
+"""Each way of learning and designing, in miniature; the runs that take long are slow tests."""
+LONG = "mP2"
 REL = 0.03
 """Training ends a little elsewhere with another BLAS: 25 line searches carry its rounding on. Another seed,
 setting or test changes most figures by tens of per cent."""
@@ -54,12 +56,13 @@ def compared(run: str, table: pl.DataFrame, least: int) -> None:
         assert row["value"] == pytest.approx(row["value_kept"], rel=REL, abs=1e-6), row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", FIRST_ROUND)
 def test_a_first_round_is_computed_again(run: str) -> None:
     compared(run, computed(shortened(catalogue()[run].spec(0), rounds=1)), 15)
 
 
-@pytest.mark.parametrize("run", WHOLE)
+@pytest.mark.parametrize("run", [*WHOLE, pytest.param(LONG, marks=pytest.mark.slow)])
 def test_a_whole_run_is_computed_again(run: str) -> None:
     compared(run, computed(catalogue()[run].spec(0)), 5)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -95,9 +98,22 @@ def test_wrong_words_are_said_with_what_to_do(capsys, tmp_path: Path, words: lis
     assert not list(tmp_path.rglob("*.parquet"))
 
 
-def test_a_second_start_repeats_nothing_and_a_shard_does_its_part(capsys, tmp_path: Path) -> None:
-    words = ["run", RUN, "--seeds", "2", "--folder", str(tmp_path)]
-    _, first, _ = answer(capsys, *words, "--shard", "1/2")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A folder in which the first seed has run, and what the command said."""
+    folder, said = tmp_path_factory.mktemp("begun"), io.StringIO()
+    with contextlib.redirect_stdout(said):
+        main(["study", "run", RUN, "--seeds", "2", "--folder", str(folder), "--shard", "1/2", "--json"])
+    return folder, said.getvalue()
+
+
+@pytest.fixture
+def folder(begun: tuple[Path, str], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(begun[0], tmp_path / "folder"))
+
+
+def test_a_second_start_repeats_nothing_and_a_shard_does_its_part(capsys, begun, folder: Path) -> None:
+    words, first = ["run", RUN, "--seeds", "2", "--folder", str(folder)], json.loads(begun[1])
     _, second, _ = answer(capsys, *words)
     _, third, _ = answer(capsys, *words)
     assert (first["ran"], second["ran"], third["ran"]) == (2, 2, 0)  # each with the motions of its seed
@@ -105,17 +121,17 @@ def test_a_second_start_repeats_nothing_and_a_shard_does_its_part(capsys, tmp_pa
     assert not third["failed"]
 
 
-def test_the_example_of_the_page_gets_a_row_without_an_edit(capsys, tmp_path: Path, monkeypatch) -> None:
+def test_the_example_of_the_page_gets_a_row_without_an_edit(capsys, folder: Path, monkeypatch) -> None:
     page = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     assert EXAMPLE.read_text(encoding="utf-8").rstrip() in page
     assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) <= 30
     monkeypatch.syspath_prepend(str(EXAMPLE.parent))
     monkeypatch.setenv("PYTHONPATH", str(EXAMPLE.parent))  # of the processes that compute
-    words = ["run", RUN, "--seeds", "1", "--folder", str(tmp_path), "--method", "my_kernel:two_parts"]
+    words = ["run", RUN, "--seeds", "1", "--folder", str(folder), "--method", "my_kernel:two_parts"]
     code, found, _ = answer(capsys, *words)
     assert code == 0
     assert not found["failed"]
-    assert (tmp_path / "thesis" / "collected" / f"{RUN}+my_kernel.two_parts.parquet").exists()
+    assert (folder / "thesis" / "collected" / f"{RUN}+my_kernel.two_parts.parquet").exists()
 
 
 def test_another_version_of_a_method_is_another_run(tmp_path: Path, monkeypatch) -> None:
@@ -150,15 +166,19 @@ def endless(columns, commands):
 
 
 @pytest.mark.parametrize("name", ["nan", "endless"])
-def test_a_bad_method_concerns_its_own_rows(capsys, tmp_path: Path, monkeypatch, name: str) -> None:
+def test_a_bad_method_concerns_its_own_rows(
+    capsys, folder: Path, tmp_path: Path, monkeypatch, name: str
+) -> None:
     (tmp_path / "broken_kernel.py").write_text(BROKEN, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    words = ["run", RUN, "--seeds", "1", "--folder", str(tmp_path), "--limit-s", "25"]
+    limit, said = {"nan": ("60", "gives values that are no numbers"), "endless": ("3", "after 3 s")}[name]
+    words = ["run", RUN, "--seeds", "1", "--folder", str(folder), "--limit-s", limit]
     _, found, err = answer(capsys, *words, "--method", f"broken_kernel:{name}")
-    assert found["ran"] == 2, err  # the run without the method, and its motions
+    assert (found["ran"], found["kept"]) == (0, 1), err
     (reason,) = found["failed"].values()
-    assert reason
+    assert said in reason
+    assert (folder / "thesis" / "collected" / f"{RUN}.parquet").exists()  # the run without the method
 
 
 def test_the_page_of_the_thesis_is_of_the_committed_results() -> None:

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate, pairwise
 from typing import Literal
 
 import numpy as np
@@ -106,6 +105,17 @@ class _Composite(Kernel):
 
     parts: tuple[Kernel, ...]
 
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Where each part's hyperparameters are in theta."""
+        ends = np.cumsum([part.size for part in self.parts]).tolist()
+        return tuple(slice(first, end) for first, end in zip([0, *ends], ends, strict=False))
+
+    def shares(self, theta: Array) -> list[tuple[Kernel, Array]]:
+        """Each part with its hyperparameters."""
+        theta = self.check(theta)
+        return [(part, theta[own]) for part, own in zip(self.parts, self.places, strict=True)]
+
     def names(self) -> tuple[str, ...]:
         return _joined_names(self.parts)
 
@@ -122,7 +132,7 @@ class Sum(_Composite):
         return np.concatenate([part.initial(half_range, share) for part in self.parts])
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        pairs = [part.gram(own, X) for part, own in _shares(self, self.parts, theta)]
+        pairs = [part.gram(own, X) for part, own in self.shares(theta)]
 
         def pull(G: Array) -> Array:
             return np.concatenate([pull_part(G) for _, pull_part in pairs])
@@ -130,7 +140,7 @@ class Sum(_Composite):
         return _total([K for K, _ in pairs]), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        pairs = [part.cross(own, X, Z) for part, own in _shares(self, self.parts, theta)]
+        pairs = [part.cross(own, X, Z) for part, own in self.shares(theta)]
 
         def pull(G: Array) -> Array:
             return _total([pull_part(G) for _, pull_part in pairs])
@@ -138,10 +148,10 @@ class Sum(_Composite):
         return _total([K for K, _ in pairs]), pull
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return _total([part.diagonal(own, X) for part, own in _shares(self, self.parts, theta)])
+        return _total([part.diagonal(own, X) for part, own in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
-        shares = _shares(self, self.parts, theta)
+        shares = self.shares(theta)
         return _total([part.diagonal_gradient(own, X, g) for part, own in shares])
 
 
@@ -156,7 +166,7 @@ class Product(_Composite):
         )
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        pairs = [part.gram(own, X) for part, own in _shares(self, self.parts, theta)]
+        pairs = [part.gram(own, X) for part, own in self.shares(theta)]
         values = [K for K, _ in pairs]
 
         def pull(G: Array) -> Array:
@@ -165,7 +175,7 @@ class Product(_Composite):
         return _product(values), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        pairs = [part.cross(own, X, Z) for part, own in _shares(self, self.parts, theta)]
+        pairs = [part.cross(own, X, Z) for part, own in self.shares(theta)]
         values = [K for K, _ in pairs]
 
         def pull(G: Array) -> Array:
@@ -174,10 +184,10 @@ class Product(_Composite):
         return _product(values), pull
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return _product([part.diagonal(own, X) for part, own in _shares(self, self.parts, theta)])
+        return _product([part.diagonal(own, X) for part, own in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
-        shares = _shares(self, self.parts, theta)
+        shares = self.shares(theta)
         values = [part.diagonal(own, X) for part, own in shares]
         return _total(
             [
@@ -193,12 +203,6 @@ def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...
 
 def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
     return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
-
-
-def _shares(kernel: Kernel, parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
-    theta = kernel.check(theta)
-    ends = list(accumulate((part.size for part in parts), initial=0))
-    return [(part, theta[start:end]) for part, (start, end) in zip(parts, pairwise(ends), strict=True)]
 
 
 def _total(terms: list[Array]) -> Array:

@@ -59,9 +59,8 @@ class RestNoise(Kernel):
 
 def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
     """(n,) what noise at rest adds to each sample's own variance, in a sum of kernels."""
-    parts, found = kernel.parts if isinstance(kernel, Sum) else (kernel,), np.zeros(len(X))
-    ends = np.cumsum([part.size for part in parts])
-    for part, own in zip(parts, np.split(theta, ends[:-1]), strict=True):
+    found = np.zeros(len(X))
+    for part, own in kernel.shares(theta) if isinstance(kernel, Sum) else [(kernel, theta)]:
         if isinstance(part, RestNoise):
             found += part.diagonal(own, X)
     return found

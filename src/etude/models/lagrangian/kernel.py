@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Lagrangian(Kernel):
         if not 0 <= self.own < self.joints.count:
             raise UsageError(f"joint {self.own} is none of the {self.joints.count} joints")
 
-    @property
+    @cached_property
     def parameters(self) -> Parameters:
         """What theta is."""
         return Parameters(self.joints.slides, self.own)

@@ -40,7 +40,7 @@ class JointPrior:
         """What the Lagrangian's part of theta is."""
         return Parameters(self.joints.slides)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of theta."""
         return len(self.parameters.names()) + sum(kernel.size for kernel in self.additions)
@@ -81,7 +81,8 @@ class JointPrior:
         from etude.models.lagrangian.all_outputs import EVERY, sweep_all
 
         J, (p, rest) = self.joints.count, self.split(theta)
-        F, fixed = self.joints.packed(X), self.joints.packed(Z)
+        F = self.joints.packed(X)
+        fixed = F if X is Z else self.joints.packed(Z)
         K = np.empty((J, len(X), J, len(Z)))
         sweep_all(p, F, fixed, EVERY, K, False, F, p)
         for j, (kernel, own) in enumerate(zip(self.additions, rest, strict=True)):

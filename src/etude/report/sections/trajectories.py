@@ -35,7 +35,8 @@ ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acce
 FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
 TEXT = (
     "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
-    "what is proved of the file as written, for every instant and not only at samples."
+    "what is proved of the file as written, for every instant and not only at samples, and how far the robot "
+    "may leave it while it tracks."
 )
 
 
@@ -133,14 +134,15 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     every = certificate.get("rows", ())
     rows = [row for row in every if row["upper"] is not None]
     axes, quantities = (list(dict.fromkeys(row[key] for row in rows)) for key in ("axis", "quantity"))
-    proofs = {(row["axis"], row["quantity"]): _proof(row) for row in rows}
+    # pieces of a chain may have rows of their own: the tightest is shown
+    proofs = {(row["axis"], row["quantity"]): _proof(row) for row in sorted(rows, key=_use)}
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
-    header = ["", *(f"proved {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
+    header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
     parts = [table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
-        parts.append(missing(f"Not looked at by anyone: {'; '.join(unseen)}."))
+        parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))
     return join(parts)
 
 
@@ -155,7 +157,11 @@ def _unit(record: Record, quantity: str) -> str:
 
 
 def _proof(row: Facts) -> Html:
-    limit = f"limit {interval(row['lower'], row['upper'])}, margin "
+    """What is asked, what tracking may add, and the limit of both; older certificates know no tracking."""
+    kept, sure = row.get("tracking_margin", 0.0), row.get("confidence", 1.0)
+    how = "assumed" if sure == 0.0 else f"{100.0 * sure:.0f} % confidence"
+    tracked = "" if kept == 0.0 else f"tracked within {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
+    limit = f"{tracked}limit {interval(row['lower'] - kept, row['upper'] + kept)}, left "
     detail = element("small", limit, margin(row), class_="soft")
     return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")
 

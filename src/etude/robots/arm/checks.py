@@ -43,12 +43,32 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
         )
     for axis in spec.axes:
         _check_axis(axis, where)
+    for motor in spec.motors:
+        if motor.name not in spec.names:
+            raise UsageError(
+                f"[[motor]] '{motor.name}' is no joint of the robot",
+                where=where,
+                next_step=f"Its joints are {', '.join(spec.names)}.",
+            )
+    _check_gains(spec, where)
     suspicion = unit_suspicion(spec)
     if suspicion and not units_checked:
         raise UsageError(
             suspicion, where=where, next_step=f"{RADIANS} If the figure is right, set units_checked = true."
         )
     return spec
+
+
+def _check_gains(spec: ArmSpec, where: str) -> None:
+    if spec.gains is None:
+        return
+    kp = spec.gains.kp
+    if len(kp) != spec.dof or not all(math.isfinite(gain) and gain > 0.0 for gain in kp):
+        raise UsageError(
+            f"kp = {list(kp)} must be a number above zero for each of {spec.dof} joints",
+            where=f"{where} [gains]",
+            next_step=f"In {spec.command_unit} per rad (m), or take [gains] out: a margin is then assumed.",
+        )
 
 
 def _check_axis(axis: Axis, where: str) -> None:
@@ -59,6 +79,8 @@ def _check_axis(axis: Axis, where: str) -> None:
             raise UsageError(f"limit '{limit}' must be a finite number, not {value}", where=place)
         if limit in ("velocity", "acceleration", "command") and value <= 0:
             raise UsageError(f"limit '{limit}' must be above zero, not {value:g}", where=place)
+    if axis.jerk is not None and not (math.isfinite(axis.jerk) and axis.jerk > 0.0):
+        raise UsageError(f"limit 'jerk' must be a finite number above zero, not {axis.jerk:g}", where=place)
     if axis.lower >= axis.upper:
         raise UsageError(
             f"lower limit {axis.lower:g} is not below upper limit {axis.upper:g}",

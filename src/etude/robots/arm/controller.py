@@ -10,7 +10,7 @@ import numpy as np
 from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
 from etude.models.trust import trusted
-from etude.robots.arm.plant.robot import ArmRobot
+from etude.robots.arm.plant.following import Following
 from etude.robots.arm.spec import ArmSpec
 
 
@@ -83,7 +83,7 @@ class ModelController:
 class PerfectController:
     """The simulated robot's exact inverse, clipped to its commands: what no model can do better."""
 
-    robot: ArmRobot
+    robot: Following
 
     def planned(self, motion: Motion) -> Array | None:
         limit = self.robot.spec.command

@@ -71,8 +71,8 @@ def describe(
         around, of_around = completed(spec, _loaded_from(spec, files), leave, assume_floor=floor)
         confirm = (*confirm, *loaded.notes, *of_around)
         spec = replace(spec, around=around)
-    text = robot_to_toml(spec, comments=tuple(f"Confirm: {sentence}" for sentence in confirm))
-    return Described({ROBOT_FILE: text.encode(), **files}, confirm)
+    spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
+    return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
 
 
 def _loaded_from(spec: ArmSpec, files: Mapping[str, bytes]) -> Loaded:

@@ -15,6 +15,7 @@ from etude.contracts import (
     Described,
     Expected,
     Family,
+    Figure,
     Finding,
     Index,
     Limit,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from etude.robots.arm.controller import Fading
     from etude.robots.arm.inputs import ArmInputs
     from etude.robots.arm.physics.mean import ArmPhysics
-    from etude.robots.arm.plant.robot import ArmRobot
+    from etude.robots.arm.plant.following import Following
     from etude.robots.arm.spec import ArmSpec
 
 HERE = Path(__file__).parent
@@ -139,6 +140,12 @@ class ArmKind:
 
         return limits(spec, margins)
 
+    def largest_error(self, spec: ArmSpec) -> Array:
+        """(J,) rad (m) that the largest command holds against its own proportional gain."""
+        from etude.robots.arm.motions import largest_error
+
+        return largest_error(spec)
+
     def ways(self, spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory] | None:
         """Straight moves in joint space, from the pose to the start and from the end back."""
         from etude.robots.arm.motions import ways
@@ -171,13 +178,25 @@ class ArmKind:
 
         return samples_of(spec, config.data, logs, groups)
 
-    def robot(self, spec: ArmSpec, config: Any) -> ArmRobot | None:  # noqa: ARG002
-        """The simulated stand-in that the robot file names; None if it names none."""
-        if spec.plant is None:
+    def robot(self, spec: ArmSpec, config: Any) -> Following | None:  # noqa: ARG002
+        """The stand-in that the robot file names, else one made from its model file; None without both."""
+        if spec.plant is None and spec.model_file is None:
             return None
+        if spec.plant is None:
+            from etude.robots.arm.rehearsal.robot import rehearsed
+
+            return rehearsed(spec)
         from etude.robots.arm.plant.robot import simulated_robot
 
         return simulated_robot(spec.plant, spec)
+
+    def figure(self, spec: ArmSpec, q: Array) -> Figure | None:
+        """The joints and the tips along q (T, J); None without a model file."""
+        if spec.model_file is None:
+            return None
+        from etude.robots.arm.figure import figure
+
+        return figure(spec, q)
 
     def tests(self, spec: ArmSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:  # noqa: ARG002
         from etude.robots.arm.motions import tests

@@ -10,6 +10,7 @@ from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.library import AxisLimit
 from etude.robots.arm.clearance.of_robot import clearance_of, search_of
 from etude.robots.arm.spec import ArmSpec
+from etude.trajectories.extremes import ROOM
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
 
@@ -30,14 +31,29 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 
 def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint, rest at both ends; clearance if it has shapes."""
+    """Position, velocity and acceleration of every joint, rest at both ends; jerk and clearance if any."""
     clearance = clearance_of(spec, margins)
+    jerked = tuple(int(j) for j in np.flatnonzero(np.isfinite(spec.jerk)))
+    own = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
     return (
         AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
+        *((AxisLimit("jerk", 3, tuple(own[0]), -own[1], own[1], jerked),) if jerked else ()),
         *(() if clearance is None else (clearance,)),
     )
+
+
+def largest_error(spec: ArmSpec) -> Array:
+    """(J,) rad (m): at an extremum of the error its rate is zero, so all of the command is kp e; NaN where
+    the gains are not known. A simulated arm's are.
+    """
+    gains = None if spec.gains is None else spec.gains.kp
+    if gains is None and spec.plant is not None:
+        from etude.robots.arm.plant.parameters import load_parameters, plant_names
+
+        gains = load_parameters(spec.plant).controller.kp if spec.plant in plant_names() else None
+    return np.full(spec.dof, np.nan) if gains is None else spec.command / np.array(gains)
 
 
 def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
@@ -45,7 +61,7 @@ def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, 
     first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
     speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration
     return tuple(  # type: ignore[return-value]
-        PointToPoint(np.stack(ends), speeds[0], peak_acceleration=speeds[1])
+        PointToPoint(np.stack(ends), speeds[0], peak_acceleration=speeds[1], peak_jerk=ROOM * spec.jerk)
         for ends in ((pose, first), (last, pose))
     )
 
@@ -68,5 +84,5 @@ def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
     box = lower, upper, spec.velocity, spec.acceleration
     return {
         "fourier": drawn.trajectory(scaled(rng, room)[0]),
-        "moves": random_moves(rng, *box, count=MOVES),
+        "moves": random_moves(rng, *box, count=MOVES, jerk=spec.jerk),
     }

@@ -47,7 +47,8 @@ class ArmData:
         rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
             choose from, and 100/12 for downsampling.
         least_samples: of a log so short that fewer than these would be left, more are kept per second, up to
-            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute.
+            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute. With
+            fewer it is chance which instants were kept, and the error is too. Training takes no nearer ones.
         stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
             less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
             speed below which samples lie about the friction is far above the encoder's noise.
@@ -64,7 +65,7 @@ class ArmData:
     inputs: Literal["measured", "desired"] = "measured"
     cutoff_hz: float | Literal["auto", "none"] = "auto"
     rate_hz: float = 8.0
-    least_samples: int = 150
+    least_samples: int = 300
     stick_fraction: float = 0.05
     trim_s: float | Literal["auto"] = "auto"
     friction_fraction: float = 0.02

@@ -6,6 +6,8 @@ command_unit = "N m"        # of the learned output: N m, N, A, V or pwm
 rate = 100.0                # logging and control rate, Hz
 model_file = "arm.urdf"     # optional, relative to this file
 plant = "arm4"              # optional, simulated stand-in
+confirm = ["..."]           # optional: what was assumed; take a line out once you know that it is right
+[simulate]                  # optional, as [[motor]]: of the stand-in made from model_file; rehearsal.overlay
 [[axis]]                    # one table per joint, in the order of every array's columns
 name = "elbow"
 lower = -1.0                # rad (m for a sliding joint)
@@ -14,6 +16,7 @@ velocity = 2.0              # largest |qd|, rad/s
 acceleration = 4.0          # largest |qdd|, rad/s^2
 command = 150.0             # largest |command|, in command_unit
 unit = "m"                  # optional: of a sliding joint
+jerk = 20.0                 # optional: largest |qddd|, rad/s^3
 [held]                      # optional: the model file's other joints, and where they stand, rad or m
 gripper = 0.02
 [mounting]                  # optional: the base in the room, z up
@@ -24,6 +27,8 @@ mass = 0.9                  # kg
 centre = [0.0, 0.0, 0.06]   # of mass, m in the frame of the link that the last axis moves
 shape = "cylinder"          # box, cylinder or sphere; without inertia = [...] it gives the inertia
 size = [0.04, 0.12]         # radius and length, m
+[gains]                     # optional: of the robot's own feedback
+kp = [900.0]                # command units per rad (m), one for each joint
 [floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
 """
 
@@ -46,7 +51,8 @@ from etude.robots.arm.clearance.surroundings import (
     Wall,
 )
 from etude.robots.arm.loading.attached import Attached, Mounting
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
+from etude.robots.arm.spec import ArmSpec, Axis, Gains
 from etude.robots.toml import decoded, from_table, read_text, write_values
 
 KIND = "arm"
@@ -65,11 +71,13 @@ class RobotTable:
     model_file: str | None = None
     plant: str | None = None
     units_checked: bool = False
+    confirm: tuple[str, ...] = ()
     axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
     held: dict[str, float] = field(default_factory=dict)
     mounting: Mounting | None = None
     tool: Attached | None = None
     payload: Attached | None = None
+    gains: Gains | None = None
     collision: Collision | None = None
     floor: Floor | None = None
     box: tuple[Box, ...] = ()
@@ -77,6 +85,8 @@ class RobotTable:
     room: Room | None = None
     column: Column | None = None
     search: Search | None = None
+    simulate: Simulate | None = None
+    motor: tuple[MotorTable, ...] = ()
 
 
 def read_robot(path: Path) -> ArmSpec:
@@ -108,7 +118,8 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    own = {name: getattr(table, name) for name in ("plant", "held", "mounting", "tool", "payload")}
+    same = ("plant", "held", "mounting", "tool", "payload", "gains", "confirm", "simulate")
+    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor}
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
@@ -138,13 +149,12 @@ def _check_search(spec: ArmSpec, where: str) -> None:
             )
 
 
-def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[str, ...] = ()) -> str:
+def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
     """TOML text that `parse_robot` reads back to the same spec.
 
     Args:
         spec: the robot.
         folder: where the text will be stored; a model_file below it is written as a relative path.
-        comments: lines to put on top, e.g. limits that a person should confirm.
     """
     model_file = spec.model_file
     if model_file is not None and folder is not None and model_file.is_relative_to(folder.resolve()):
@@ -162,9 +172,13 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None, comments: tuple[
         mounting=spec.mounting,
         tool=spec.tool,
         payload=spec.payload,
+        gains=spec.gains,
+        confirm=spec.confirm,
         **_tables(spec.around),
+        simulate=spec.simulate,
+        motor=spec.motors,
     )
-    return write_values(table, comments)
+    return write_values(table)
 
 
 def _tables(around: Surroundings) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from etude.contracts import Array, Channel
 from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.attached import Attached, Mounting
+from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -33,6 +35,7 @@ class Axis:
         acceleration: largest |qdd|, rad/s^2 (m/s^2).
         command: largest |command| in the robot's command unit.
         unit: of the position: "rad", or "m" for a sliding joint.
+        jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
     """
 
     name: str
@@ -42,6 +45,18 @@ class Axis:
     acceleration: float
     command: float
     unit: Literal["rad", "m"] = "rad"
+    jerk: float | None = None
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Of the robot's own feedback, where they are known.
+
+    Attributes:
+        kp: command units per rad (m), one for each joint: at rest of the error all of the command is kp e.
+    """
+
+    kp: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -59,6 +74,9 @@ class ArmSpec:
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
+        simulate, motors: of the stand-in made from the model file, where there is no such plant.
+        gains: of its feedback, or None where they are not known.
+        confirm: what was assumed of it, a sentence each, until a person has confirmed it.
     """
 
     name: str
@@ -72,6 +90,10 @@ class ArmSpec:
     tool: Attached | None = None
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
+    simulate: Simulate | None = None
+    motors: tuple[MotorTable, ...] = ()
+    gains: Gains | None = None
+    confirm: tuple[str, ...] = ()
 
     @property
     def dof(self) -> int:
@@ -96,6 +118,11 @@ class ArmSpec:
     @property
     def acceleration(self) -> Array:
         return np.array([axis.acceleration for axis in self.axes])
+
+    @property
+    def jerk(self) -> Array:
+        """(J,) infinite where there is no limit."""
+        return np.array([math.inf if axis.jerk is None else axis.jerk for axis in self.axes])
 
     @property
     def command(self) -> Array:

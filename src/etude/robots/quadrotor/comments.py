@@ -11,7 +11,6 @@ COMMENTS: dict[str, dict[str, str]] = {
         "rest": "whether the plan itself starts and ends at rest",
         "free_centre": "whether x and y have a constant term too",
         "tilt": "rad, largest angle of the planned thrust from the vertical, if the vehicle's is not less",
-        "room_factor": "room is kept for so many times the largest distance from a plan so far; 0: none",
         "lean": "whether simulated flights lean against the drag that earlier ones taught",
         "centre": "m, constant terms of x and y where they are not free",
     },

@@ -28,8 +28,6 @@ class FlightConfig:
         centre: constant terms of x and y where they are not free, m.
         tilt: largest angle of the planned thrust from the vertical, rad, if the vehicle's own limit is not
             less; None: that alone.
-        room_factor: room is kept for so many times the largest distance from a plan that a log has shown;
-            0: for what the vehicle's description says alone.
         lean: whether simulated flights lean against the drag that earlier ones taught.
 
     Raises:
@@ -44,7 +42,6 @@ class FlightConfig:
     free_centre: bool = False
     centre: tuple[float, float] = (0.0, 0.0)
     tilt: float | None = None
-    room_factor: float = 0.0
     lean: bool = False
 
     def __post_init__(self) -> None:
@@ -59,7 +56,7 @@ class FlightConfig:
     @property
     def described(self) -> FlightConfig:
         """Without what is chosen beyond the description: what earlier plans are held against."""
-        return replace(self, tilt=None, room_factor=0.0)
+        return replace(self, tilt=None)
 
     @property
     def series(self) -> FourierConfig:

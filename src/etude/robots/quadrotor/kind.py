@@ -133,12 +133,16 @@ class QuadrotorKind:
 
     def ways(
         self,
-        spec: QuadrotorSpec,  # noqa: ARG002
-        motion: Trajectory,  # noqa: ARG002
-        pose: Array,  # noqa: ARG002
+        spec: QuadrotorSpec,
+        motion: Trajectory,
+        pose: Array,
     ) -> tuple[Trajectory, Trajectory] | None:
-        """None: a pilot, or the vehicle's own controller, takes off and lands."""
-        return None
+        """From hover to hover: to where the plan begins, and back from where it ends. A pilot, or the
+        vehicle's own controller, takes off and lands.
+        """
+        from etude.robots.quadrotor.room import ways
+
+        return ways(spec, motion, pose)
 
     def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
         return config.data.inputs()  # type: ignore[no-any-return]

@@ -11,19 +11,23 @@ from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
+from etude.limits.unseen import COMMANDS
 from etude.robots.quadrotor.channels import AXES
 from etude.robots.quadrotor.family import FlightConfig, flight_family
 from etude.robots.quadrotor.flatness import LEAST_LIFT
 from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.robots.quadrotor.vehicle import GRAVITY
+from etude.trajectories.splined import Splined
 
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
-MOST_KEPT = 0.5
-"""Part of the box that learned margins may take."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
+PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
+"""Of a septic from rest to rest over length and time 1."""
+UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
+"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
 
 
 def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
@@ -33,7 +37,6 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
     a + g z ("lift") is held within what flatness needs, limits or not.
     """
-    margins = _at_most(MOST_KEPT, spec, margins)
     lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
@@ -46,19 +49,11 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
     if spec.thrust is not None:
         least, most = spec.thrust
-        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins))
+        found.append(NormLimit("thrust", 2, PLACES, most, least, UP, margins=margins, looks_at=(COMMANDS,)))
     tilts = [tilt for tilt in (spec.tilt, config.tilt) if tilt is not None]
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
     return tuple(found)
-
-
-def _at_most(share: float, spec: QuadrotorSpec, margins: Margins) -> Margins:
-    """Learned margins that leave a part of the box for the flight; the certificate says what is kept."""
-    half = 0.5 * share * (np.array(spec.upper) - np.array(spec.lower))
-    return {
-        form: (np.vstack([np.minimum(table[0], half), table[1:]]), c) for form, (table, c) in margins.items()
-    }
 
 
 def lift_room(spec: QuadrotorSpec) -> float:
@@ -84,6 +79,21 @@ def home(spec: QuadrotorSpec) -> Array:
     room = np.minimum(room, reach - np.hypot(*points.T))
     place[:2] = points[int(np.argmax(room))]
     return np.asarray(place)
+
+
+def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Splined, Splined]:
+    """Straight septics from rest to rest: their jerk begins and ends at nothing, so that attitudes do too."""
+    first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
+    return _septic(spec, pose, first), _septic(spec, last, pose)
+
+
+def _septic(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
+    length = float(np.linalg.norm(end - start))
+    slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
+    lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
+    points = np.zeros((4, 2, 3))
+    points[0] = start, end
+    return Splined(np.array([0.0, lasting]), points)
 
 
 def trial_flights(

@@ -89,7 +89,7 @@ class Clearance:
             if len(self._proofs) >= KEPT:
                 self._proofs.clear()
             error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
-            self._proofs[key] = self._rows(way_of(piece), error, confidence)
+            self._proofs[key] = self._rows(way_of(piece), error, float(confidence.min()))
         return self._proofs[key]
 
     def distances(self, poses: Array, error: Array) -> Array:

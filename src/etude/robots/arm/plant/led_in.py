@@ -31,7 +31,8 @@ class LedIn:
 
     def inputs(self, substeps: int) -> LoopInputs:
         """As an engine takes it."""
-        return LoopInputs(self.orders[0], self.orders[1], self.feedforward, self.noise, substeps)
+        q, qd, qdd = self.orders
+        return LoopInputs(q, qd, self.feedforward, self.noise, substeps, qdd)
 
     def row(self, k: int) -> dict[str, Array]:
         """What a perfect run would measure at tick k, and the plan."""
@@ -43,7 +44,7 @@ def led_in(
     feedforward: Array | None,
     held: int,
     rate: float,
-    deviation: float,
+    deviation: float | Array,
     rng: np.random.Generator | None,
 ) -> LedIn:
     """The motion after `held` ticks in its first position, with the first row of its feedforward.
@@ -52,7 +53,7 @@ def led_in(
         motion: three orders at the control ticks.
         feedforward: (T, J), None if it is not known ahead.
         rate: Hz.
-        deviation, rng: of the encoder's noise, rad; None for no noise.
+        deviation, rng: of the encoder's noise, rad (J,) or for all; None for no noise.
     """
     still = np.stack([motion.orders[0, 0], *np.zeros((2, motion.orders.shape[2]))])
     rows = np.concatenate([np.repeat(still[:, None], held, axis=1), motion.orders[:ORDERS]], axis=1)

@@ -22,6 +22,7 @@ class LoopInputs:
         noise: (T, dof) encoder noise before quantisation, rad; drawn by the caller so that every engine
             sees the same.
         substeps: physics steps per control tick.
+        qdd_des: (T, dof) desired acceleration, for drives that go on between two set-points.
     """
 
     q_des: Array
@@ -29,11 +30,15 @@ class LoopInputs:
     tau_ff: Array
     noise: Array
     substeps: int
+    qdd_des: Array | None = None
 
     def tick(self, k: int, tau_ff: Array) -> LoopInputs:
         """Tick k alone, with this feedforward (dof,)."""
         one = slice(k, k + 1)
-        return LoopInputs(self.q_des[one], self.qd_des[one], tau_ff[None], self.noise[one], self.substeps)
+        bend = None if self.qdd_des is None else self.qdd_des[one]
+        return LoopInputs(
+            self.q_des[one], self.qd_des[one], tau_ff[None], self.noise[one], self.substeps, bend
+        )
 
 
 @dataclass(frozen=True)

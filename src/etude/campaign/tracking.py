@@ -1,0 +1,147 @@
+"""Margins of a campaign: from what its logs tell of tracking, and as they stood when a motion was asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.folder import Campaign
+from etude.campaign.state import State
+from etude.contracts import Array, Log, Margins, Trajectory
+from etude.limits.tracking import LAST, Ranges, margins_of, within_room
+from etude.logs.tracked import largest_errors
+from etude.trajectories.json_text import SINGLE
+
+TRACKED, MARGINS, UNHELD = "tracked", "margins", "unheld"
+"""Facts: largest errors by form, of a `told` event; what was kept, and what was not, of an `asked` one."""
+ACCELERATION = 2
+QUANTITIES = ("position", "velocity")
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What is kept of the limits for tracking, and what is not.
+
+    Attributes:
+        margins: by form of motion.
+        unheld: sentences: margins that would have left no room, and accelerations.
+        by_form: the same sentences, by the form of motion that they are about.
+    """
+
+    margins: Margins
+    unheld: tuple[str, ...] = ()
+    by_form: Mapping[str, tuple[str, ...]] | None = None
+
+    def of(self, trajectory: Trajectory) -> Kept:
+        """With the sentences about this motion, one piece after the other."""
+        forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
+        own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
+        return replace(self, unheld=tuple(dict.fromkeys(own)))
+
+    def margins_of_chain(self, trajectory: Trajectory) -> Margins:
+        """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
+        own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
+        if trajectory.form in self.margins or not own:
+            return self.margins
+        table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
+        return {**self.margins, trajectory.form: (table, sure)}
+
+    def as_facts(self) -> dict[str, Any]:
+        """For the `asked` event; nothing where nothing is kept."""
+        if not self.margins:
+            return {}
+        margins = {form: [_lists(own) for own in pair] for form, pair in self.margins.items()}
+        return {MARGINS: margins, UNHELD: list(self.unheld)}
+
+
+def kept_now(campaign: Campaign, state: State) -> Kept:
+    """What is kept of the limits of a motion that is asked for now."""
+    errors, ranges = seen_errors(state), ranges_of(campaign)
+    forms = list(dict.fromkeys([*SINGLE, *errors]))
+    wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
+    margins, by_form = {}, {}
+    for form, (table, confidence) in wanted.items():
+        kept = within_room(table, np.asarray(confidence), ranges)
+        margins[form] = kept
+        by_form[form] = (*_short(campaign, table, kept[0]), *_accelerations(campaign, errors.get(form, ())))
+    return Kept(margins, by_form=by_form)
+
+
+def kept_then(asked: Mapping[str, Any] | None) -> Kept:
+    """What was kept when a proposal was made; nothing of proposals that are older than margins."""
+    facts = asked or {}
+    margins = {form: (_array(table), _array(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()}
+    return Kept(margins, tuple(facts.get(UNHELD, ())))
+
+
+def errors_told(campaign: Campaign, log: Log, trajectory: Trajectory, speed: int) -> dict[str, Any]:
+    """The fact of a log: its largest errors by form; none of a run below full speed, which errs less."""
+    found = largest_errors(log, trajectory, campaign.kind.path) if speed == 100 else {}
+    return {TRACKED: {form: _lists(table) for form, table in found.items()}} if found else {}
+
+
+def seen_errors(state: State) -> dict[str, list[Array]]:
+    """By form, the largest errors (orders, k) of each log that is used, oldest first."""
+    found: dict[str, list[Array]] = {}
+    for one in sorted(state.told, key=lambda r: str((r.told or {}).get("time", ""))):
+        for form, table in ((one.told or {}).get(TRACKED) or {}).items():
+            found.setdefault(form, []).append(_array(table))
+    return found
+
+
+def ranges_of(campaign: Campaign) -> Ranges:
+    """Of the path and its rate, as the robot's description limits them."""
+    limits, path = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
+    rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
+    home = campaign.kind.home(campaign.spec)
+    return Ranges.of(limits[path], limits.get(rate), home, campaign.channel(path).units)
+
+
+def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
+    """The same for forms that logs have shown in turn: where one ends and the next begins, both are kept."""
+    own = [margins[form][0][0] for form in errors if form in margins]
+    out = {}
+    for form, (table, confidence) in margins.items():
+        most = np.max(own, axis=0) if form in errors else table[0]
+        out[form] = np.concatenate([most[None], table[1:]]), confidence
+    return out
+
+
+def _known(campaign: Campaign) -> Array | None:
+    """(k,) largest position errors that the gains allow; None of kinds that know no gains."""
+    largest = getattr(campaign.kind, "largest_error", None)
+    return None if largest is None else np.asarray(largest(campaign.spec))
+
+
+def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
+    """A sentence for each margin that would have left no room."""
+    units = campaign.channel(campaign.kind.path).units
+    return [
+        f"Tracking: {QUANTITIES[order]} of {axis} may be left by {wanted[order, j]:.3g} {units[j]}"
+        f"{'/s' * order}, of which {kept[order, j]:.3g} is kept: more would leave too little room."
+        for order in range(len(wanted))
+        for j, axis in enumerate(campaign.axes)
+        if kept[order, j] < wanted[order, j]
+    ]
+
+
+def _accelerations(campaign: Campaign, errors: Sequence[Array]) -> list[str]:
+    """What the last logs say of accelerations, which have no margin."""
+    last = [own[ACCELERATION] for own in errors[-LAST:] if len(own) > ACCELERATION]
+    if not last:
+        return []
+    units = campaign.channel(campaign.kind.path).units
+    most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
+    text = ", ".join(f"{axis} up to {value:.3g} {unit}/s^2" for axis, value, unit in most)
+    return [f"Acceleration is not held by the robot: it was left by {text}."]
+
+
+def _lists(table: Array | float) -> Any:
+    return [[None if np.isnan(v) else float(v) for v in row] for row in np.atleast_2d(table)]
+
+
+def _array(table: Sequence[Sequence[float | None]]) -> Array:
+    return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)

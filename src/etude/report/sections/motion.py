@@ -1,0 +1,113 @@
+"""The robot along its newest trajectory: a figure of sticks that moves; without a script, some poses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from etude.contracts import Array, Figure, Trajectory
+from etude.errors import EtudeError
+from etude.report.markup import Html, element, missing, paragraph, section, text
+from etude.report.record import Record
+from etude.report.scene import Camera, Room, camera_of, drawn_room, project
+from etude.report.svg import polyline
+
+FRAMES_PER_S = 10.0
+MOST_FRAMES = 900
+SIZE = (400, 430)
+GHOSTS = 6
+"""Poses that are drawn faintly, for who wants or gets no animation."""
+TITLE = "The robot along the motion"
+TEXT = (
+    "The joints and the links between them along the newest trajectory as it was planned, with the path of "
+    "{tips} and its shadow on the floor: sticks, not shapes, from the base, the ring. Faint are poses "
+    "on the way. "
+    "It moves at its own speed; where your system asks for less motion it stands until you start it."
+)
+
+
+def motion(record: Record) -> Html:
+    """One drawing; nothing for robots that cannot be drawn."""
+    numbers = [n for n, r in sorted(record.state.rounds.items()) if r.asked is not None]
+    trajectory = record.trajectory(numbers[-1]) if numbers else None
+    draw = getattr(record.campaign.kind, "figure", None) if record.campaign else None
+    if trajectory is None or draw is None or record.campaign is None:
+        return Html("")
+    t = frames(trajectory)
+    path = trajectory.motion(t, 1).orders[0]
+    if path.shape[1] != len(record.names):
+        return Html("")
+    try:
+        found: Figure | None = draw(record.campaign.spec, path)
+    except EtudeError as error:
+        return section("motion", TITLE, missing(f"The robot cannot be drawn: {error}"))
+    if found is None:
+        return Html("")
+    words = "its tip" if len(found.tips) == 1 else "its tips"
+    drawn = stage(f"Trajectory {numbers[-1]}", t, found)
+    return section("motion", TITLE, paragraph(TEXT.format(tips=words)), drawn)
+
+
+def frames(trajectory: Trajectory) -> Array:
+    """(T,) s: the times that are drawn."""
+    count = int(min(MOST_FRAMES, max(2, np.ceil(trajectory.duration * FRAMES_PER_S) + 1)))
+    return np.linspace(0.0, trajectory.duration, count)
+
+
+def stage(title: str, t: Array, figure: Figure) -> Html:
+    """The figure in the room that it takes, with buttons that the page's script shows."""
+    room = _room(figure)
+    camera, height = camera_of(room, SIZE)
+    ghosts = np.linspace(0, len(t) - 1, GHOSTS + 2).round().astype(int)[1:-1]
+    parts = [drawn_room(camera, room)]
+    parts += [_pose(camera, figure, k, "ghost") for k in ghosts.tolist()]
+    for tip in figure.tips:
+        way = figure.points[:, tip]
+        floor = np.column_stack([way[:, :2], np.full(len(way), room.lower[2])])
+        parts.append(f'<path class="shadow" d="{polyline(*camera(floor).T)}"/>')
+        parts.append(f'<path class="trail c2" d="{polyline(*camera(way).T)}"/>')
+    x, y = camera(np.zeros((1, 3)))[0]
+    parts.append(f'<circle class="start" cx="{x:.1f}" cy="{y:.1f}" r="5"><title>base</title></circle>')
+    parts.append(f'<g class="robot">{_pose(camera, figure, 0, "limb c1")}</g>')
+    name = f'<text class="title" x="12" y="18">{text(title)}</text>'
+    box = f'viewBox="0 0 {SIZE[0]} {height:.0f}" role="img" aria-label="{text(title)}, as a figure of sticks"'
+    svg = Html(f'<svg class="scene" {box}>{name}{"".join(parts)}</svg>')
+    buttons = element(
+        "div",
+        element("button", "Play", type="button", class_="play"),
+        Html(f'<input type="range" min="0" max="{t[-1]:.6g}" step="any" value="0" aria-label="time">'),
+        element("output", "0.0 s"),
+        class_="transport",
+        hidden="hidden",
+    )
+    return element("figure", svg, buttons, class_="stage", **{"data-motion": _data(camera, t, figure)})
+
+
+def _room(figure: Figure) -> Room:
+    """A box around all that is drawn; its floor is where the robot stands, or below its lowest point."""
+    low, high = figure.points.min(axis=(0, 1)), figure.points.max(axis=(0, 1))
+    spare = 0.05 * max(float((high - low).max()), 0.1)
+    low, high = low - spare, high + spare
+    if figure.points[..., 2].min() > -1e-3:
+        low[2] = 0.0
+    (x0, y0, z0), (x1, y1, z1) = low.tolist(), high.tolist()
+    return Room((x0, y0, z0), (x1, y1, z1))
+
+
+def _pose(camera: Camera, figure: Figure, k: int, style: str) -> str:
+    """Sticks and joints at one time."""
+    pixels = camera(figure.points[k])
+    line = "".join(
+        f"M{pixels[a][0]:.1f} {pixels[a][1]:.1f}L{pixels[b][0]:.1f} {pixels[b][1]:.1f}"
+        for a, b in figure.sticks.tolist()
+    )
+    return f'<path class="{style}" d="{line}"/>'
+
+
+def _data(camera: Camera, t: Array, figure: Figure) -> str:
+    """What the script needs: tenths of px of every point at every time, and which points are joined."""
+    flat = project(figure.points.reshape(-1, 3)) * camera.scale * [1.0, -1.0] + np.array(camera.place)
+    pixels = np.rint(10.0 * flat).astype(int).reshape(len(t), -1)
+    facts = {"step": float(t[1] - t[0]), "sticks": figure.sticks.ravel().tolist()}
+    return json.dumps({**facts, "pixels": pixels.ravel().tolist()}, separators=(",", ":"))

@@ -1,0 +1,1 @@
+"""A stand-in for any robot of joints, made from its own model file."""
