@@ -87,6 +87,6 @@ class Source:
             for place, p in zip(places, sample(rng, feasible, len(places)), strict=True):
                 kept = Kept.of(self.limits, family, p)
                 found[place] = Drawn(
-                    family, feasible, kept.drawn_home(family, feasible.centre, p, FEW_HALVINGS)
+                    family, feasible, kept.drawn_home(family, feasible.centre, p, FEW_HALVINGS, quickly=True)
                 )
         return [found[place] for place in range(count)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Family, Limit
+from etude.contracts import Array, Family, Limit, Trajectory
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import spare
@@ -73,13 +73,17 @@ class Kept:
         typical = float(np.mean(found)) if found else 0.0
         return HEAVY / typical if typical > 0.0 else HEAVY
 
-    def proved(self, family: Family, p: Array) -> bool:
-        """Whether all of them hold, proved, on the trajectory of p (P,)."""
-        pieces = family.trajectory(p).pieces()
-        rows = (row for _, _, piece in pieces for limit in self.limits for row in limit.prove(piece))
-        return all(spare(row) >= 0.0 for row in rows if row.status != "not looked at")
+    def proved(self, family: Family, p: Array, *, quickly: bool = False) -> bool:
+        """Whether all of them hold, proved, on the trajectory of p (P,).
 
-    def drawn_home(self, family: Family, home: Array, p: Array, halvings: int = HALVINGS) -> Array:
+        quickly: a limit that has `keeps(piece)` is asked that, which is wrong in rare cases: for searches.
+        """
+        pieces = [piece for _, _, piece in family.trajectory(p).pieces()]
+        return all(_holds(limit, piece, quickly) for piece in pieces for limit in self.limits)
+
+    def drawn_home(
+        self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
+    ) -> Array:
         """The parameters (P,), or the first on the way to `home` (P,) at which the limits are proved.
 
         Args:
@@ -87,13 +91,14 @@ class Kept:
             home: (P,) standing still.
             p: where to begin.
             halvings: of the way.
+            quickly: see `proved`.
 
         Raises:
             UnsafeTrajectoryError: they are not even at home.
         """
-        if not self.limits or self.proved(family, p):
+        if not self.limits or self.proved(family, p, quickly=quickly):
             return p
-        if not self.proved(family, home):
+        if not self.proved(family, home, quickly=quickly):
             names = ", ".join(limit.name for limit in self.limits)
             raise UnsafeTrajectoryError(
                 f"standing still at home does not keep the limits {names}",
@@ -103,7 +108,7 @@ class Kept:
         inside, outside = 0.0, 1.0
         for _ in range(halvings):
             middle = 0.5 * (inside + outside)
-            if self.proved(family, home + middle * (p - home)):
+            if self.proved(family, home + middle * (p - home), quickly=quickly):
                 inside = middle
             else:
                 outside = middle
@@ -137,10 +142,17 @@ class Kept:
                     trial[block.members] = block.centre + step * (p[block.members] - block.centre)
                     if step <= LEAST_GROWTH or (trial_value := worth(trial)) < value:
                         break
-                    if not self.proved(family, trial):
+                    if not self.proved(family, trial, quickly=True):
                         break
                     p, value = trial, trial_value
-        return p
+        return self.drawn_home(family, home, p)
+
+
+def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:
+    keeps = getattr(limit, "keeps", None) if quickly else None
+    if keeps is not None:
+        return bool(keeps(piece))
+    return all(spare(row) >= 0.0 for row in limit.prove(piece) if row.status != "not looked at")
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,7 +182,7 @@ def search(
 def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float] | None = None) -> Drawn:
     """Drawn home until its limits are proved, and grown where that is worth something."""
     home = drawn.feasible.centre
-    p = kept.drawn_home(drawn.family, home, drawn.p)
+    p = kept.drawn_home(drawn.family, home, drawn.p, quickly=True)
     return replace(drawn, p=p if worth is None else kept.grown(drawn.family, home, p, worth))
 
 

@@ -61,7 +61,7 @@ def test_a_pair_that_is_near_at_home_keeps_half_of_that() -> None:
 
 def test_tracking_takes_its_part_and_says_so() -> None:
     error = np.vstack([np.full(3, 0.02), np.full((2, 3), np.nan)])
-    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={})
+    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={})
     motion = swing(1.3)  # the hand comes down to about 0.5 m
     plain, kept = LIMIT.prove(motion), tracked.prove(motion)
     for one, other in zip(plain, kept, strict=True):
@@ -75,12 +75,12 @@ def test_tracking_takes_its_part_and_says_so() -> None:
     allowed = [size for size in np.arange(1.3, 1.9, 0.02) if min(map(spare, LIMIT.prove(swing(size)))) >= 0.0]
     assert min(refused) <= max(allowed), "tracking errors cost some room"
     assert min(refused) > max(allowed) - 0.06, "but not much more than themselves"
-    other_form = replace(tracked, margins={"moves": (error, 0.95)}, _proofs={})
+    other_form = replace(tracked, margins={"moves": (error, 0.95)}, _proofs={}, _words={})
     assert other_form.prove(motion) == plain
 
 
 def test_the_certificate_names_pair_and_time_and_says_what_is_left_out() -> None:
-    limit = replace(LIMIT, not_looked_at=("Cables.",), _proofs={})
+    limit = replace(LIMIT, not_looked_at=("Cables.",), _proofs={}, _words={})
     certificate = certify(swing(0.5), [limit])
     assert "Cables." in certificate.not_looked_at
     assert not any("Collisions" in sentence for sentence in certificate.not_looked_at)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -14,7 +14,7 @@ from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
-from etude.robots.arm.clearance.proof import nearest
+from etude.robots.arm.clearance.proof import Nearest, nearest
 from etude.robots.arm.clearance.tracked import lost
 from etude.robots.arm.clearance.way import Way, way_of
 
@@ -50,6 +50,7 @@ class Clearance:
     not_looked_at: tuple[str, ...] = ()
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+    _words: dict[str, bool] = field(default_factory=dict, repr=False)
 
     @cached_property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -88,47 +89,58 @@ class Clearance:
         if key not in self._proofs:
             if len(self._proofs) >= KEPT:
                 self._proofs.clear()
-            error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
-            self._proofs[key] = self._rows(way_of(piece), error, float(confidence.min()))
+            self._proofs[key] = self._rows(way_of(piece), *self._error(piece))
         return self._proofs[key]
 
-    def distances(self, poses: Array, error: Array) -> Array:
+    def keeps(self, piece: Trajectory) -> bool:
+        """The same in a word and faster, for searches: no distance is confirmed by slabs."""
+        key = piece.to_json()
+        if key not in self._words:
+            if len(self._words) >= KEPT:
+                self._words.clear()
+            found = self._nearest(way_of(piece), self._error(piece)[0])
+            self._words[key] = not found.touched and bool(np.all(found.proved >= self._wanted))
+        return self._words[key]
+
+    @cached_property
+    def _wanted(self) -> Array:
+        """(n,) m that each gap keeps."""
+        return np.asarray(self.kept[self.row_of])
+
+    def _error(self, piece: Trajectory) -> tuple[Array, float]:
+        """(k,) what the real joints may be off, and how sure that is."""
+        error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
+        return error, float(confidence.min())
+
+    def _nearest(self, way: Way, error: Array, excess: Callable[[Array], Array] | None = None) -> Nearest:
+        return nearest(
+            way, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
+        )
+
+    def _distances(self, poses: Array, error: Array) -> Array:
         """(T, n) m that no gap is less at poses (T, k), nor anywhere within the error (k,) of them."""
         found = self.gaps.of_poses(poses) - TOLERANCE
-        if not error.any():
+        if not error.any() or np.any(found < self._wanted):  # too near as it is
             return found
-        return found - lost(self.gaps, poses, found, error, self.kept[self.row_of])
+        return found - lost(self.gaps, poses, found, error, self._wanted)
 
     def _rows(self, way: Way, error: Array, confidence: float) -> tuple[Proof, ...]:
         """The certificate's rows; of a motion that is refused, what samples show."""
-        wanted = self.kept[self.row_of]
-        found = nearest(
-            way,
-            lambda poses: self.distances(poses, error),
-            self.gaps.reach,
-            wanted,
-            lambda poses: excess(self.gaps, poses),
-        )
+        found = self._nearest(way, error, lambda poses: excess(self.gaps, poses))
         status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
-        times, poses = way.time(found.x), way.at(found.x)[0]
+        own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
+        worst = np.array([gaps[np.argmin(found.seen[gaps])] for gaps in own])
+        x = found.x[worst]
+        planned = self.gaps.of_poses(way.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
+        taken = np.maximum(planned - found.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
         rows = []
-        for i, (row, least) in enumerate(zip(self.rows, self.kept.tolist(), strict=True)):
-            own = np.flatnonzero(self.row_of == i)
-            worst = own[np.argmin(found.seen[own])]
-            near = found.seen[worst] < CUTOFF - 2.0 * TOLERANCE
-            where = f"{self.gaps.list[worst].text} at {times[worst]:.3g} s" if near else ""
-            proved = float(found.proved[own].min())
-            taken = self._taken(poses[worst], worst, error)
-            limit = least, np.inf, proved, CUTOFF
-            rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, taken, confidence, where))
+        for i, (row, time) in enumerate(zip(self.rows, way.time(x), strict=True)):
+            near = found.seen[worst[i]] < CUTOFF - 2.0 * TOLERANCE
+            where = f"{self.gaps.list[worst[i]].text} at {time:.3g} s" if near else ""
+            limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
+            tracking = float(taken[i]), confidence
+            rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))
         return tuple(rows)
-
-    def _taken(self, pose: Array, gap: int, error: Array) -> float:
-        """m of a gap that tracking may take at a pose (k,)."""
-        if not error.any():
-            return 0.0
-        planned, kept = (self.distances(pose[None], e)[0, gap] for e in (0.0 * error, error))
-        return float(planned - kept)
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, r) m, the least distance of each row, at most `CUTOFF`."""
