@@ -26,6 +26,8 @@ GROWTH = (2.0, 1.4, 1.15, 1.05)
 """Factors by which each part of a motion is tried to be enlarged."""
 TRIES = 2
 """Of each factor in a row, while it succeeds."""
+SHRUNK, SHRINKINGS = 0.97, 4
+"""What was grown by a quick word and is not proved is nearly so."""
 LEAST_GROWTH = 1.01
 """Less is not worth a proof."""
 HEAVY = 10.0
@@ -145,6 +147,10 @@ class Kept:
                     if not self.proved(family, trial, quickly=True):
                         break
                     p, value = trial, trial_value
+        for _ in range(SHRINKINGS):
+            if self.proved(family, p):
+                return p
+            p = home + SHRUNK * (p - home)
         return self.drawn_home(family, home, p)
 
 

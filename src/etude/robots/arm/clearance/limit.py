@@ -15,10 +15,13 @@ from etude.limits.ranges import tracked
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude.robots.arm.clearance.proof import Nearest, nearest
+from etude.robots.arm.clearance.stance import ROOM
 from etude.robots.arm.clearance.tracked import lost
 from etude.robots.arm.clearance.way import Way, way_of
 
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
+LOOK = 2
+"""One of so many of a way's first samples is looked at in searches."""
 KEPT = 256
 """Proofs that are remembered: a certificate asks for each several times."""
 
@@ -93,13 +96,14 @@ class Clearance:
         return self._proofs[key]
 
     def keeps(self, piece: Trajectory) -> bool:
-        """The same in a word and faster, for searches: no distance is confirmed by slabs."""
+        """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
         key = piece.to_json()
         if key not in self._words:
             if len(self._words) >= KEPT:
                 self._words.clear()
-            found = self._nearest(way_of(piece), self._error(piece)[0])
-            self._words[key] = not found.touched and bool(np.all(found.proved >= self._wanted))
+            way = way_of(piece)
+            found = self._distances(way.at(way.knots[::LOOK])[0], self._error(piece)[0])
+            self._words[key] = bool(np.all(found >= self._wanted + np.minimum(ROOM, 0.5 * self._wanted)))
         return self._words[key]
 
     @cached_property
