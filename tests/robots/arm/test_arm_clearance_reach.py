@@ -9,11 +9,12 @@ from clearance_examples import random_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.surroundings import Column, Floor, Surroundings, Wall
-from etude.robots.arm.clearance.tracked import Scene, lost
+from etude.robots.arm.clearance.tracked import lost
 
 CHAINS = given(st.integers(0, 10**6), st.integers(2, 7))
 AROUND = Surroundings(
@@ -108,8 +109,16 @@ def test_no_distance_is_larger_than_the_gap_between_two_parallel_planes(seed: in
     gaps = chain(seed, joints, Surroundings(floor=Floor(-0.4)))
     poses = gaps.skeleton.random_poses(np.random.default_rng(seed), 25)
     distances = gaps.of_poses(poses)
-    apart = (distances > 1e-3) & (distances < CUTOFF)
-    scene = Scene.of(gaps, poses, apart)
-    for i in np.flatnonzero(apart.any(axis=0)):
-        at = np.flatnonzero(apart[:, i])
-        np.testing.assert_allclose(scene.least(int(i), at, np.zeros(joints)), distances[at, i], atol=2e-5)
+    apart = distances > 1e-3
+    assert (excess(gaps, poses)[apart] > 0.0).mean() < 0.02
+
+
+def test_what_a_solver_gets_wrong_is_not_confirmed() -> None:
+    """A capsule whose middle is inside a box, and that MuJoCo 4.0.0 gives 9 mm."""
+    gaps = chain(17081, 5, Surroundings(floor=Floor(-0.4)))
+    poses = gaps.skeleton.random_poses(np.random.default_rng(17081), 25)
+    found = excess(gaps, poses)
+    confirmed = np.minimum(gaps.of_poses(poses), CUTOFF) - found
+    one, other = gaps.skeleton.shapes[gaps.list[13].one], gaps.skeleton.shapes[gaps.list[13].other]
+    assert (one.name, other.name) == ("b1#0", "b5#1")
+    assert confirmed[2, 13] < 0.0

@@ -12,6 +12,7 @@ import numpy as np
 from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, Trajectory
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
+from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude.robots.arm.clearance.proof import nearest
 from etude.robots.arm.clearance.tracked import lost
@@ -101,7 +102,13 @@ class Clearance:
     def _rows(self, way: Way, error: Array, confidence: float) -> tuple[Proof, ...]:
         """The certificate's rows; of a motion that is refused, what samples show."""
         wanted = self.kept[self.row_of]
-        found = nearest(way, lambda poses: self.distances(poses, error), self.gaps.reach, wanted)
+        found = nearest(
+            way,
+            lambda poses: self.distances(poses, error),
+            self.gaps.reach,
+            wanted,
+            lambda poses: excess(self.gaps, poses),
+        )
         status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
         times, poses = way.time(found.x), way.at(found.x)[0]
         rows = []

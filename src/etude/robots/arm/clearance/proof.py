@@ -77,7 +77,13 @@ class Samples:
         )
 
 
-def nearest(way: Way, distances: Callable[[Array], Array], reach: Array, wanted: Array) -> Nearest:
+def nearest(
+    way: Way,
+    distances: Callable[[Array], Array],
+    reach: Array,
+    wanted: Array,
+    excess: Callable[[Array], Array] | None = None,
+) -> Nearest:
     """The least distances along a way, until all are proved to be `wanted` or one is found not to be.
 
     After `MOST` evaluations what is proved may be less than wanted: then nobody knows.
@@ -87,22 +93,27 @@ def nearest(way: Way, distances: Callable[[Array], Array], reach: Array, wanted:
         distances: poses (T, k) -> (T, n) m, lower bounds included.
         reach: (n, k) P: a distance changes by at most P |dq|.
         wanted: (n,) m.
+        excess: poses -> (T, n) m by which distances may be too large, asked of those that all rests on.
     """
     first = Samples.of(way, distances, way.knots[::QUICK])
     if np.any(first.found < wanted):
         return first.nearest(wanted, touched=True)
     samples = Samples.of(way, distances, way.knots)
     left, right = np.arange(len(way.knots) - 1), np.arange(1, len(way.knots))
-    proved = np.full(len(wanted), np.inf)
+    closed = []
     while len(left):
         bounds = samples.bounds(left, right, reach)
         open_ = np.any(bounds < wanted, axis=1)
-        proved = np.minimum(proved, bounds[~open_].min(axis=0, initial=np.inf))
+        closed.append((left[~open_], right[~open_]))
         touched = bool(np.any(samples.found < wanted))
         if touched or len(samples.x) + int(open_.sum()) > MOST:
-            return samples.nearest(np.minimum(proved, bounds.min(axis=0)), touched=touched)
+            return samples.nearest(bounds.min(axis=0), touched=touched)
         left, right = left[open_], right[open_]
         if len(left):
             middle = samples.add(0.5 * (samples.x[left] + samples.x[right]))
             left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
-    return samples.nearest(proved, touched=False)
+    if excess is not None:
+        samples.found = samples.found - excess(samples.poses)
+    left, right = (np.concatenate(ends) for ends in zip(*closed, strict=True))
+    proved = samples.bounds(left, right, reach).min(axis=0)
+    return samples.nearest(proved, touched=bool(np.any(samples.found < wanted)))

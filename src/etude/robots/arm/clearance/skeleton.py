@@ -19,8 +19,8 @@ BASE = "base"
 """Name of all that no joint moves."""
 BOX = "box: "
 """Starts the names of geoms that are boxes around the robot."""
-SIDES = 16
-"""Of the prism around a cylinder."""
+SIDES = 128
+"""Of the prism around a cylinder, which is thicker by 0.3 thousandths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,7 @@ class Shape:
         name: of its geom, "link#k" or the link's name.
         geom: number in the model. part: number of the rigid part that it belongs to.
         points: (V, 3) m in the geom's frame. radius: m.
+        smooth: whether the geom has no corners of its own, so that points only hold it loosely.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Shape:
     part: int
     points: Array
     radius: float
+    smooth: bool = False
 
     @property
     def link(self) -> str:
@@ -152,13 +154,17 @@ def skeleton_of(model: mujoco.MjModel, names: tuple[str, ...], lower: Array, upp
 
 
 def _shapes(model: mujoco.MjModel, place: dict[int, int]) -> list[Shape]:
+    import mujoco
+
     found = []
     for geom in range(model.ngeom):
         name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
         if model.geom_contype[geom] or model.geom_conaffinity[geom] or name.startswith(BOX):
             points, radius = _points(model, geom)
             if len(points):
-                found.append(Shape(name, geom, place[int(model.body_weldid[body])], points, radius))
+                part = place[int(model.body_weldid[body])]
+                smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+                found.append(Shape(name, geom, part, points, radius, smooth))
     return found
 
 

@@ -17,8 +17,12 @@ import numpy as np
 
 from etude.contracts import Array, Index, Mask
 from etude.robots.arm.clearance.gaps import Gaps, unit
+from etude.robots.arm.clearance.skeleton import Shape
 from etude.robots.arm.clearance.surroundings import Column
 
+FARTHEST = 10.0
+"""m: any two shapes of a robot are nearer, so that a direction is found."""
+TINY = 1e-12
 NEAR = 0.02
 """m beyond what is wanted within which the pose itself is looked at."""
 
@@ -78,8 +82,9 @@ class Scene:
             frames.append((data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy(), *joints))
             for i in np.flatnonzero(near[t, : len(gaps.sensed)]):
                 one, other = (skeleton.shapes[k].geom for k in (gaps.sensed[i].one, gaps.sensed[i].other))
-                distance = mujoco.mj_geomDistance(model, data, one, other, 1.0, ends)
-                normals[t, i] = (ends[3:] - ends[:3]) / distance
+                mujoco.mj_geomDistance(model, data, one, other, FARTHEST, ends)
+                normals[t, i] = ends[3:] - ends[:3]
+        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), TINY)
         places, turns, anchors, axes = (np.stack(part) for part in zip(*frames, strict=True))
         return cls(gaps, places, turns, anchors, axes, normals)
 
@@ -106,21 +111,24 @@ class Scene:
     def _lowest(self, number: int, normal: Array, at: Index, error: Array) -> Array:
         """(len(at),) least n.x of a shape under errors (k,), with a normal (len(at), 3) for each pose."""
         skeleton = self.gaps.skeleton
-        shape, order = skeleton.shapes[number], skeleton.chain(skeleton.shapes[number].part)
-        own = [j for j in order if error[j] > 0.0]
-        corners = (
-            shape.points @ self.turns[at, shape.geom].transpose(0, 2, 1) + self.places[at, None, shape.geom]
-        )
-        height = (corners @ normal[:, :, None])[:, :, 0]
+        shape = skeleton.shapes[number]
+        own = [j for j in skeleton.chain(shape.part) if error[j] > 0.0]
+        height = self._along(shape, normal, np.zeros(3), at)
         for j in own:
             axis = self.axes[at, j]
             if skeleton.slides[j]:
                 height = height - error[j] * np.abs((axis * normal).sum(axis=1))[:, None]
             else:
-                lever = (corners - self.anchors[at, None, j]) @ np.cross(normal, axis)[:, :, None]
-                height = height - error[j] * np.abs(lever[:, :, 0])
+                across = np.cross(normal, axis)
+                height = height - error[j] * np.abs(self._along(shape, across, self.anchors[at, j], at))
         L, before, slack = skeleton.reaches[number], 0.0, 0.0
         for j in own:
             slack += L[j] * error[j] * (0.5 * error[j] + before)
             before += error[j]
         return np.asarray(height.min(axis=1) - shape.radius - slack)
+
+    def _along(self, shape: Shape, direction: Array, origin: Array, at: Index) -> Array:
+        """(len(at), V) direction.(x - origin) of a shape's points x at those poses."""
+        local = (direction[:, None] @ self.turns[at, shape.geom])[:, 0]
+        start = (direction * (self.places[at, shape.geom] - origin)).sum(axis=1)
+        return np.asarray(local @ shape.points.T + start[:, None])
