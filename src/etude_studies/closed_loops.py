@@ -23,7 +23,7 @@ import numpy as np
 from etude.contracts import Array, Controller, Limit, Log, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
-from etude.limits.tracking import HELD, Ranges, TrackingConfig, margins_of, within_room
+from etude.limits.tracking import HELD, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
 from etude.robots.arm.controller import PerfectController
 from etude.robots.arm.spec import ArmSpec
@@ -66,12 +66,13 @@ def run_row(case: Case) -> list[dict[str, Any]]:
     robot, world = _robot(case.robot)
     spec: ArmSpec = world.spec
     known = world.kind.largest_error(spec)  # type: ignore[attr-defined]
+    tracking = world.config.tracking
     rng, errors, found = np.random.default_rng([case.seed, 15]), list[Array](), []
     ranges = Ranges.of((spec.lower, spec.upper), (-spec.velocity, spec.velocity), _home(spec), _units(spec))
     for run in range(RUNS):
         told = {case.form: errors} if errors else {}
-        wanted = margins_of(TrackingConfig(), ranges, told, FORMS, known)
-        margins = {f: within_room(t, np.asarray(c), ranges) for f, (t, c) in wanted.items()}
+        wanted = margins_of(tracking, ranges, told, FORMS, known)
+        margins = {f: within_room(t, np.asarray(c), ranges, tracking.most) for f, (t, c) in wanted.items()}
         kept = world.kind.limits(spec, world.config, None, margins if case.margin else {})
         motion = _motion(world, case.form, kept, margins if case.margin else {}, rng)
         exact = case.control == "feedforward" and run > 0
