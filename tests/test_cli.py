@@ -212,7 +212,7 @@ def test_an_unsafe_trajectory_is_4(
     def unsafe(*_: object) -> None:
         raise UnsafeTrajectoryError("position of joint 'waist' may reach 9")
 
-    monkeypatch.setattr("etude.campaign.ask.typical_motions", unsafe)
+    monkeypatch.setattr("etude.campaign.ask.proposed", unsafe)
     code, found = run_json(capsys, "ask", str(lab), "--new")
     assert (code, found["error"]["kind"]) == (4, "UnsafeTrajectoryError")
     assert [p.name for p in (lab / "proposals").iterdir()] == ["0001"]
@@ -268,7 +268,7 @@ def test_as_a_program(tmp_path: Path) -> None:
 def test_asking_loads_nothing_it_does_not_need(lab: Path) -> None:
     code = (
         "import sys; from etude import cli; assert cli.main(sys.argv[1:]) == 0\n"
-        "print(sorted({'mujoco', 'numba', 'plotly', 'polars'} & set(sys.modules)), file=sys.stderr)"
+        "print(sorted({'mujoco', 'plotly', 'polars'} & set(sys.modules)), file=sys.stderr)"
     )
     command = [sys.executable, "-c", code, "ask", str(lab), "--new"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -22,10 +22,10 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
     uniform = [e for e in campaign.state().evaluated if e["test"] == "uniform"]
     learned = next(e["tracking_error_m"][-1] for e in uniform if not e.get("baseline"))
     assert figures["rounds"] == [
-        {"robot_seconds": pytest.approx(29.9), "tracking_error_m": pytest.approx(learned)}
+        {"robot_seconds": pytest.approx(14.9), "tracking_error_m": pytest.approx(learned)}
     ]
     assert any(
-        line.split() == ["PID", "+", "Étude", "after", "1", "flight", "(30", "s)", f"{learned:.3f}", "m"]
+        line.split() == ["PID", "+", "Étude", "after", "1", "flight", "(15", "s)", f"{learned:.3f}", "m"]
         for line in text.splitlines()
     )
     for event in uniform:
@@ -39,7 +39,7 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
         "PID + analytic, exact linear drag",
         "PID + identified vehicle",
     ]
-    assert f"After 30 s of motion: {learned:.3f} m on the test motion." in said
+    assert f"After 15 s of motion: {learned:.3f} m on the test motion." in said
     assert Path(figures["report"]).is_file()
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from etude.contracts import Array, Controller, Limit, Log, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
-from etude.limits.tracking import HELD, Ranges, TrackingConfig, margins_of, within_room
+from etude.limits.tracking import HELD, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
 from etude.robots.arm.controller import PerfectController
 from etude.robots.arm.spec import ArmSpec
@@ -37,6 +37,8 @@ CONTROLS = ("feedback", "feedforward")
 RUNS = 8
 MOVES = 6
 ROWS = 140
+FIRST = 1000
+"""Seed of the first row; how rates are read was settled on rows of other seeds."""
 SLACK = 1e-9
 
 
@@ -54,7 +56,9 @@ class Case:
 def cases(rows: int) -> list[Case]:
     """Robots, forms and controls in turn; one row in eight is without margins."""
     kinds = [(r, f, c) for r in ROBOTS for c in CONTROLS for f in FORMS]
-    return [Case(*kinds[i % len(kinds)], margin=i // len(kinds) % 8 != 7, seed=i) for i in range(rows)]
+    return [
+        Case(*kinds[i % len(kinds)], margin=i // len(kinds) % 8 != 7, seed=FIRST + i) for i in range(rows)
+    ]
 
 
 def run_row(case: Case) -> list[dict[str, Any]]:
@@ -62,12 +66,13 @@ def run_row(case: Case) -> list[dict[str, Any]]:
     robot, world = _robot(case.robot)
     spec: ArmSpec = world.spec
     known = world.kind.largest_error(spec)  # type: ignore[attr-defined]
+    tracking = world.config.tracking
     rng, errors, found = np.random.default_rng([case.seed, 15]), list[Array](), []
     ranges = Ranges.of((spec.lower, spec.upper), (-spec.velocity, spec.velocity), _home(spec), _units(spec))
     for run in range(RUNS):
         told = {case.form: errors} if errors else {}
-        wanted = margins_of(TrackingConfig(), ranges, told, FORMS, known)
-        margins = {f: within_room(t, np.asarray(c), ranges) for f, (t, c) in wanted.items()}
+        wanted = margins_of(tracking, ranges, told, FORMS, known)
+        margins = {f: within_room(t, np.asarray(c), ranges, tracking.most) for f, (t, c) in wanted.items()}
         kept = world.kind.limits(spec, world.config, None, margins if case.margin else {})
         motion = _motion(world, case.form, kept, margins if case.margin else {}, rng)
         exact = case.control == "feedforward" and run > 0

@@ -165,7 +165,7 @@ def test_a_vehicle_has_one_engine(tmp_path):
 def test_a_flight_into_the_wall_is_refused_and_says_where(tmp_path):
     campaign = made(tmp_path / "lab")
     ask(campaign)
-    robot = campaign.kind.robot(campaign.spec, campaign.config).changed(wind=14.0)
+    robot = campaign.kind.robot(campaign.spec, campaign.config).changed(wind=18.0)
     flown = robot.run(stored_trajectory(campaign, 1), None, np.random.default_rng(0))
     write_log(tmp_path / "wall.parquet", flown)
     with pytest.raises(DataError, match="left the room after"):

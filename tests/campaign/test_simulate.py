@@ -39,8 +39,9 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
         facts = {"models": {}, "chosen": "gp", "rungs": ["gp"] * 4, "robot_seconds": 8.0 * number}
         return Learned([], facts)
 
-    def again(campaign: Campaign, _: Any, rng: np.random.Generator, *__: Any) -> Any:
-        return typical_motions(campaign, rng, 1)[0], {"status": "", "gain": None}
+    def again(campaign: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
+        *_, limits, _ = rest
+        return typical_motions(campaign, rng, 1, limits)[0], {"status": "", "gain": None}
 
     def silent(_: Any, spec: Any, config: Any, model: Model) -> Controller | None:
         return None

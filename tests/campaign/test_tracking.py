@@ -40,7 +40,7 @@ def rows(lab: Campaign, number: int, quantity: str) -> list[dict[str, float]]:
 def test_before_any_log_the_margin_is_assumed(lab: Campaign) -> None:
     found = ask(lab)
     assert [row["tracking_margin"] for row in rows(lab, 1, "position")] == pytest.approx([0.04, 0.04])
-    assert [row["tracking_margin"] for row in rows(lab, 1, "velocity")] == pytest.approx([0.05, 0.05])
+    assert [row["tracking_margin"] for row in rows(lab, 1, "velocity")] == pytest.approx([0.25, 0.25])
     assert all(row["confidence"] == 0.0 for row in rows(lab, 1, "position"))
     assert [row["upper"] for row in rows(lab, 1, "position")] == pytest.approx([0.96, 0.46])
     assert any("assumed" in sentence for sentence in found.certificate.not_looked_at)
@@ -77,7 +77,7 @@ def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path)
     assert [row.margin for row in again.certificate.rows if row.quantity == "position"] == [0.04, 0.04]
     assert (lab.proposal(second) / "certificate.json").read_bytes() == text
     for pair in before:
-        np.testing.assert_allclose(pair[0], [[0.04, 0.04], [0.05, 0.05]])
+        np.testing.assert_allclose(pair[0], [[0.04, 0.04], [0.25, 0.25]])
 
 
 def test_a_slower_run_says_nothing_of_the_full_one(lab: Campaign, tmp_path: Path) -> None:
@@ -90,11 +90,11 @@ def test_a_large_error_is_cut_to_the_room_and_said(lab: Campaign) -> None:
     large = lab.kind.expected(lab.spec).limits["q"]
     state = lab.state()
     assert large[1][0] == 1.0
-    kept = kept_now(_with_gains(lab, (40.0, 5.0)), state)
-    np.testing.assert_allclose(kept.margins["fourier"][0][0], [0.5, 0.5])
+    kept = kept_now(_with_gains(lab, (400.0, 5.0)), state)
+    np.testing.assert_allclose(kept.margins["fourier"][0][0], [0.05, 0.1])
     np.testing.assert_array_equal(kept.margins["fourier"][1][0], [1.0, 0.0])
     (sentence,) = kept.by_form["fourier"] if kept.by_form else ("",)
-    assert sentence.startswith("Tracking: position of knee may be left by 2 rad, of which 0.5 is kept")
+    assert sentence.startswith("Tracking: position of knee may be left by 2 rad, of which 0.1 is kept")
 
 
 def _with_gains(lab: Campaign, kp: tuple[float, float]) -> Campaign:

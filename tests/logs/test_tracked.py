@@ -34,10 +34,21 @@ def test_a_slow_wave_is_measured_in_every_order() -> None:
 
 
 def test_vibration_above_the_cutoff_is_no_velocity_error() -> None:
-    log = log_of(FORTH, lambda t: 0.001 * np.sin(2.0 * np.pi * 25.0 * t)[:, None] * np.ones(2))
+    log = log_of(FORTH, lambda t: 0.001 * np.sin(2.0 * np.pi * 40.0 * t)[:, None] * np.ones(2))
     found = largest_errors(log, FORTH, "q")["moves"]
-    assert found[0].max() == pytest.approx(0.001, rel=0.05)
-    assert found[1].max() < 0.02 * 0.001 * 2.0 * np.pi * 25.0
+    assert found[0].max() == pytest.approx(0.001, rel=0.06)
+    assert found[1].max() < 0.02 * 0.001 * 2.0 * np.pi * 40.0
+
+
+def test_noise_is_told_from_a_fast_error() -> None:
+    """White noise of an encoder smooths as before; a clean log of an error at 8 Hz is read whole."""
+    long = PointToPoint(np.array([[0.0, 0.0], [1.0, -1.0]]), 0.1, 0.0)
+    w, rng = 2.0 * np.pi * 8.0, np.random.default_rng(0)
+    clean = log_of(long, lambda t: 0.001 * np.sin(w * t)[:, None] * np.ones(2))
+    assert largest_errors(clean, long, "q")["moves"][1].min() > 0.8 * 0.001 * w
+    noisy = log_of(long, lambda t: 1e-3 * rng.standard_normal((len(t), 2)))
+    deviation = 2.0 * np.pi * 1e-3 * np.sqrt(2.0 * 0.2777 * 5.0**3 / 100.0)
+    assert 3.0 < largest_errors(noisy, long, "q")["moves"][1].max() / deviation < 5.5
 
 
 def test_the_pieces_of_a_chain_count_as_their_own_forms() -> None:

@@ -26,10 +26,8 @@ def typical_motions(
 
     Args:
         campaign: whose. rng: source. count: of them.
-        grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
-
-    Args:
         limits: None: the robot's own, without margins.
+        grown: enlarge each part again after what is not convex has taken its share: for motions to be run.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.

@@ -64,7 +64,7 @@ def kept_now(campaign: Campaign, state: State) -> Kept:
     wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
     margins, by_form = {}, {}
     for form, (table, confidence) in wanted.items():
-        kept = within_room(table, np.asarray(confidence), ranges)
+        kept = within_room(table, np.asarray(confidence), ranges, campaign.config.tracking.most)
         margins[form] = kept
         by_form[form] = (*_short(campaign, table, kept[0]), *_accelerations(campaign, errors.get(form, ())))
     return Kept(margins, by_form=by_form)

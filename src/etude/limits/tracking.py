@@ -42,21 +42,25 @@ class TrackingConfig:
         position: assumed, part of each coordinate's range, where the gains are not known; of a joint that
             turns further than half a turn, of half a turn.
         velocity: assumed, part of each velocity limit.
+        most: part of the way from home to the nearer position limit that a margin may take at most. An error
+            is mostly a lag, which leaves the path's own range by far less: feedback that lagged by 7 degrees
+            left it by 1.
 
     Raises:
-        UsageError: another word, or parts outside of 0..MOST/2 and 0..MOST.
+        UsageError: another word, or parts outside of 0..most/2, 0..MOST and 0..MOST.
     """
 
     margin: Literal["learned", "assumed", "none"] = "learned"
     position: float = 0.02
     velocity: float = 0.05
+    most: float = MOST
 
     def __post_init__(self) -> None:
         if self.margin not in ("learned", "assumed", "none"):
             raise UsageError(
                 f"margin must be 'learned', 'assumed' or 'none', not {self.margin!r}", where="tracking.margin"
             )
-        for name, most in (("position", 0.5 * MOST), ("velocity", MOST)):
+        for name, most in (("most", MOST), ("position", 0.5 * self.most), ("velocity", MOST)):
             if not 0.0 <= getattr(self, name) <= most:
                 raise UsageError(
                     f"{name} must be a part from 0 to {most:g}, not {getattr(self, name)}",
@@ -129,9 +133,11 @@ def learned_table(errors: Sequence[Array]) -> tuple[Array, Array]:
     return table, np.full_like(table, CONFIDENCE)
 
 
-def within_room(table: Array, confidence: Array, ranges: Ranges) -> tuple[Array, Array]:
-    """The margins, none above `MOST` of the room: one that was cut to it is no more than assumed."""
-    most = MOST * ranges.room
+def within_room(
+    table: Array, confidence: Array, ranges: Ranges, most_of: float = MOST
+) -> tuple[Array, Array]:
+    """The margins, none above that part of the room, `MOST` of rates: what was cut is only assumed."""
+    most = np.array([[most_of], [MOST]]) * ranges.room
     cut = table > most
     return np.where(cut, most, table), np.where(cut, ASSUMED, confidence)
 

@@ -50,7 +50,7 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     found = [f"How far the robot leaves the plan in {' and '.join(without)}."] if without else []
     if assumed:
         found.append(
-            f"Tracking: margins of {' and '.join(assumed)} are assumed, no log has shown that they are held."
+            f"Tracking: margins of {' and '.join(assumed)} are assumed: no log shows that they are enough."
         )
     return tuple(found)
 

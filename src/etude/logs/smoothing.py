@@ -142,6 +142,12 @@ def _spectrum(t: Array, q: Array) -> _Spectrum:
     return _Spectrum(frequency, signal, np.asarray(noise, dtype=np.float64))
 
 
+def noise_deviation(t: Array, q: Array) -> Array:
+    """(dof,) standard deviation of the white noise on q (T, dof), on a uniform grid, from its upper band."""
+    window = np.hanning(len(t))
+    return np.sqrt(_spectrum(t, q).noise / float(window @ window))
+
+
 def motion_bands(t: Array, q: Array) -> Array:
     """(dof,) Hz: the frequency below which BAND_ENERGY of each joint's velocity energy lies; 0 at rest."""
     return _bands(_spectrum(t, q))

@@ -29,7 +29,7 @@ def test_recorded_logs_give_the_samples_they_always_gave(
     expected = KIND.expected(spec)
     path = EXAMPLES / name / f"{name}_exciting.csv"
     log = read_log(path, KIND.channels(spec), rate=expected.rate, limits=expected.limits)
-    samples = samples_of(spec, ArmData(), [log], [np.zeros(len(log), dtype=np.int64)])
+    samples = samples_of(spec, ArmData(least_samples=150), [log], [np.zeros(len(log), dtype=np.int64)])
     assert len(samples) == count
     assert samples.moving.sum() == moving
     assert np.sum(samples.log["qdd"] ** 2) == pytest.approx(bend, rel=1e-9)
