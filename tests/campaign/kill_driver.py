@@ -39,8 +39,9 @@ def make_cheap(campaign: Campaign) -> None:
         log = Log(t, {}, {}, source=path.name)
         return log.put(c.channel("q"), q).put(c.command, qdd)
 
-    def random_again(c: Campaign, _: Any, rng: np.random.Generator, *__: Any) -> Any:
-        return typical_motions(c, rng, 1)[0], {"status": "random", "gain": None}
+    def random_again(c: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
+        *_, limits, _ = rest
+        return typical_motions(c, rng, 1, limits)[0], {"status": "random", "gain": None}
 
     telling.read = log_from_name
     telling.repeated = lambda *_: None
