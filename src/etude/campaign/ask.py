@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude import plugins
-from etude.campaign.export import Exported, export
+from etude.campaign.export import GROUP, Exported, export
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
@@ -95,7 +95,7 @@ def ask(
     """
     motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
     for name in formats:
-        plugins.load("etude.exporters", name)  # a name that is wrong is said before anything is asked
+        plugins.load(GROUP, name)  # a name that is wrong is said before anything is asked
     with campaign.writing():
         learn_pending(campaign, learner, say)
         state = campaign.state()

@@ -5,22 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from loading_examples import bullet_robot, example_robot, write
+from loading_examples import write
+from robots_of_others import FILES, file_of
 
 import etude
 from etude.campaign.create import Part, create_campaign
 from etude.cli import main
 from etude.errors import UsageError
 
-SEVEN = {
-    "panda": ("panda_description/urdf/panda.urdf", ()),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", ()),
-    "iiwa": ("kuka_iiwa/model.urdf", ()),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
-    "so100": ("so_arm_description/urdf/so100.urdf", ()),
-    "z1": ("z1_description/urdf/z1.urdf", ()),
-    "tiago": ("tiago_description/robots/tiago_no_hand.urdf", ("arm_*_joint",)),
-}
+SEVEN = ("panda", "ur5", "iiwa", "xarm7", "so100", "z1", "tiago")
 
 
 def test_joints_and_positions_come_from_the_command_line(
@@ -74,8 +67,7 @@ def test_what_cannot_be_chosen_is_said(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SEVEN)
 def test_from_a_file_of_a_package_to_a_certified_motion(name: str, tmp_path: Path) -> None:
-    file, joints = SEVEN[name]
-    path = bullet_robot(file) if name == "iiwa" else example_robot(file)
+    joints, path = FILES[name][1], file_of(name)
     campaign, confirm = create_campaign(tmp_path / "lab", str(path), part=Part(joints))
     assert sum("Acceleration limits are assumed" in sentence for sentence in confirm) == 1
     assert etude.ask(campaign).number == 1

@@ -48,7 +48,7 @@ class Poly4d:
                 f"{PIECES} pieces, all that a Crazyflie holds, miss the motion by {error.max():.3g} m",
                 next_step="Ask for a shorter flight: duration in [trajectory] of campaign.toml.",
             )
-        return {FILE: _text(times, _coefficients(np.diff(times), points)).encode()}
+        return {FILE: _text(times, _coefficients(times, points)).encode()}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
         """What the firmware flies: the polynomials in single precision.
@@ -88,17 +88,12 @@ def _edges(motion: Trajectory) -> Array:
     return np.asarray(np.minimum(times, motion.duration))
 
 
-def _coefficients(length: Array, points: Array) -> Array:
-    """(P, k, 8) of 1, t, ..., t^7 on each piece, from position to jerk at both its ends."""
-    powers = np.arange(COEFFICIENTS)
-    out = np.zeros((len(length), points.shape[2], COEFFICIENTS))
-    for piece, seconds in enumerate(length):
-        low = np.stack([points[order, piece] / math.factorial(order) for order in range(ORDERS)], axis=1)
-        rows = np.stack([_row(order, powers, seconds) for order in range(ORDERS)])
-        known = low @ rows[:, :ORDERS].T
-        high = np.linalg.solve(rows[:, ORDERS:], (points[:, piece + 1].T - known).T).T
-        out[piece] = np.concatenate([low, high], axis=1)
-    return out
+def _coefficients(times: Array, points: Array) -> Array:
+    """(P, k, 8) of 1, t, ..., t^7 on each piece, from position to jerk (4, K, k) at both its ends."""
+    from scipy.interpolate import BPoly, PPoly
+
+    curve = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.moveaxis(points, 0, 1)))
+    return np.moveaxis(curve.c[::-1], 0, -1)
 
 
 def _row(order: int, powers: Index, t: float) -> Array:
