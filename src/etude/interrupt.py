@@ -29,7 +29,7 @@ def end_on_interrupt(words: str, line: str = "") -> None:
         return
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return
-    owner = os.getpid()
+    owner, screen = os.getpid(), _screen()
 
     def end(_: int, __: FrameType | None) -> None:
         try:  # noqa: SIM105 - suppress() would be a call outside of it
@@ -41,7 +41,7 @@ def end_on_interrupt(words: str, line: str = "") -> None:
         try:
             if os.getpid() == owner:  # a forked child ends silently
                 _end_children()
-                _say(words, line)
+                _say(screen, words, line)
         finally:
             os._exit(INTERRUPTED)
 
@@ -54,12 +54,20 @@ def ignore_from_now() -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _say(words: str, line: str) -> None:
+def _screen() -> int:
+    """Standard error as it is now: who reads a damaged file sends the one in place nowhere for a moment."""
+    try:
+        return os.dup(2)
+    except OSError:  # there is none
+        return 2
+
+
+def _say(screen: int, words: str, line: str) -> None:
     # not by print: the signal may have come in the middle of one, and then it refuses to be entered again
     with contextlib.suppress(Exception):
         sys.stdout.flush()
     with contextlib.suppress(OSError):
-        os.write(2, f"{words}\n".encode())
+        os.write(screen, f"{words}\n".encode())
         if line:
             os.write(1, f"{line}\n".encode())
 

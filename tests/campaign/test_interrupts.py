@@ -88,6 +88,21 @@ def test_c_code_that_lets_it_in_with_an_error_pending() -> None:
     assert (done.returncode, done.stderr) == (130, "Over.\n")
 
 
+SILENT = """
+import os, signal
+from etude.interrupt import end_on_interrupt
+from etude.logs.frames import without_panics_on_screen
+end_on_interrupt("Over.")
+with without_panics_on_screen():
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def test_its_words_are_seen_while_a_file_is_read() -> None:
+    done = subprocess.run([sys.executable, "-c", SILENT], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "Over.\n")
+
+
 WORKERS = """
 import os, signal, sys, time
 from concurrent.futures import ProcessPoolExecutor

@@ -77,14 +77,14 @@ def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
     def checked() -> T:
         data = path.read_bytes()
         check_shape(data)
-        with _without_panics_on_screen():
+        with without_panics_on_screen():
             return read(io.BytesIO(data))
 
     return guarded(checked, path, "Parquet")
 
 
 @contextlib.contextmanager
-def _without_panics_on_screen() -> Iterator[None]:
+def without_panics_on_screen() -> Iterator[None]:
     """Sends what compiled code writes to standard error nowhere: a panic there is told as an error here."""
     try:
         kept = os.dup(2)
