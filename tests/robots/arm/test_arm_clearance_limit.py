@@ -16,6 +16,8 @@ from etude.design.candidates import Source
 from etude.design.kept import Kept
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify, require_certified, spare, use
+from etude.limits.unseen import in_words
+from etude.robots.arm.clearance.gaps import TOLERANCE
 from etude.robots.arm.clearance.of_robot import clearance_of, search_of
 from etude.robots.arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
 from etude.robots.arm.description import describe
@@ -59,6 +61,18 @@ def test_a_pair_that_is_near_at_home_keeps_half_of_that() -> None:
     assert rows["hand and floor"].lower == 0.01
 
 
+def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> None:
+    near = clearance(planar(Surroundings(floor=Floor(0.25))))  # 10 mm below the upper arm
+    error = np.vstack([np.full(3, 0.25), np.full((2, 3), np.nan)])  # would take more than that at home
+    tracked = replace(near, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
+    still = {row.axis: row for row in tracked.prove(swing(0.0))}
+    assert all(spare(row) > 0.0 for row in still.values()), "home is kept, whatever the margin"
+    narrow, wide = still["upper and floor"], still["hand and upper"]
+    assert narrow.confidence == 0.0 and "no room for more" in narrow.where
+    assert narrow.margin == pytest.approx(0.75 * (0.005 - TOLERANCE), rel=1e-6)
+    assert wide.confidence == 0.95 and "no room" not in wide.where
+
+
 def test_tracking_takes_its_part_and_says_so() -> None:
     error = np.vstack([np.full(3, 0.02), np.full((2, 3), np.nan)])
     tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={})
@@ -69,6 +83,8 @@ def test_tracking_takes_its_part_and_says_so() -> None:
         assert one.margin == 0.0
         assert 0.0 < other.margin < 0.08
         assert other.proved_lower <= one.proved_lower
+        assert in_words(other).endswith("limit 0.01")
+        assert float(in_words(other).split()[1].strip(",")) >= 0.01 + other.margin - 1e-4
     refused = [
         size for size in np.arange(1.3, 1.9, 0.02) if min(map(spare, tracked.prove(swing(size)))) < 0.0
     ]

@@ -12,6 +12,7 @@ import numpy as np
 from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, Trajectory
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
+from etude.limits.tracking import ASSUMED
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude.robots.arm.clearance.proof import Nearest, nearest
@@ -22,6 +23,8 @@ from etude.robots.arm.clearance.way import Way, way_of
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
 """One of so many of a way's first samples is looked at in searches."""
+TAKEN = 0.75
+"""Of the room that a gap has at home, the part that tracking may take."""
 KEPT = 256
 """Proofs that are remembered: a certificate asks for each several times."""
 
@@ -54,6 +57,7 @@ class Clearance:
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
     _words: dict[str, bool] = field(default_factory=dict, repr=False)
+    _shares: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @cached_property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -126,7 +130,21 @@ class Clearance:
         found = self.gaps.of_poses(poses) - TOLERANCE
         if not error.any() or np.any(found < self._wanted):  # too near as it is
             return found
-        return found - lost(self.gaps, poses, found, error, self._wanted)
+        return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
+
+    def _share(self, error: Array) -> Array:
+        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` of the room.
+
+        Neighbours of some robots pass each other with a few millimetres in every pose, so a margin that was
+        learned from poor tracking would forbid all motion, also the home that margins before it allowed.
+        """
+        key = error.tobytes()
+        if key not in self._shares:
+            at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
+            taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
+            room = TAKEN * np.maximum(at_home[0] - self._wanted, 0.0)
+            self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
+        return self._shares[key]
 
     def _rows(self, way: Way, error: Array, confidence: float) -> tuple[Proof, ...]:
         """The certificate's rows; of a motion that is refused, what samples show."""
@@ -137,12 +155,18 @@ class Clearance:
         x = found.x[worst]
         planned = self.gaps.of_poses(way.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
         taken = np.maximum(planned - found.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
+        share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, way.time(x), strict=True)):
             near = found.seen[worst[i]] < CUTOFF - 2.0 * TOLERANCE
             where = f"{self.gaps.list[worst[i]].text} at {time:.3g} s" if near else ""
-            limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
-            tracking = float(taken[i]), confidence
+            counted = float(share[own[i]].min())
+            if counted < 1.0:
+                where += f"{'; ' if where else ''}tracking errors counted at {counted:.0%}: no room for more"
+            # as other rows have it: what is asked, and the limit with the margin on top of it
+            asked = float(found.proved[own[i]].min() + taken[i])
+            limit = float(self.kept[i] + taken[i]), np.inf, asked, CUTOFF
+            tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
             rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))
         return tuple(rows)
 
