@@ -68,9 +68,11 @@ def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> N
     still = {row.axis: row for row in tracked.prove(swing(0.0))}
     assert all(spare(row) > 0.0 for row in still.values()), "home is kept, whatever the margin"
     narrow, wide = still["upper and floor"], still["hand and upper"]
-    assert narrow.confidence == 0.0 and "no room for more" in narrow.where
+    assert narrow.confidence == 0.0
+    assert "no room for more" in narrow.where
     assert narrow.margin == pytest.approx(0.75 * (0.005 - TOLERANCE), rel=1e-6)
-    assert wide.confidence == 0.95 and "no room" not in wide.where
+    assert wide.confidence == 0.95
+    assert "no room" not in wide.where
 
 
 def test_tracking_takes_its_part_and_says_so() -> None:
