@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from etude.contracts import Limit, Proof, Trajectory
@@ -56,7 +57,14 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
 
 
 def in_words(row: Proof) -> str:
-    """A row as a sentence: what is asked, how far tracking may leave it, and the limit of both together."""
+    """A row as a sentence: what is asked, how far tracking may leave it, and the limit of both together.
+
+    Of a distance tracking has been taken off already: what is said is what it leaves.
+    """
+    if row.upper == math.inf:
+        taken = tracked_in_words(row)
+        after = f" after tracking has taken {taken}" if taken else ""
+        return f"{row.proved_lower:.4g} is kept{after}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
     beyond = row.margin if above else -row.margin

@@ -163,9 +163,7 @@ class Clearance:
             counted = float(share[own[i]].min())
             if counted < 1.0:
                 where += f"{'; ' if where else ''}tracking errors counted at {counted:.0%}: no room for more"
-            # as other rows have it: what is asked, and the limit with the margin on top of it
-            asked = float(found.proved[own[i]].min() + taken[i])
-            limit = float(self.kept[i] + taken[i]), np.inf, asked, CUTOFF
+            limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
             tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
             rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))
         return tuple(rows)
