@@ -23,7 +23,7 @@ _PLACES = {
     "load_model": "etude.campaign.learn",
     "certify": "etude.limits.certificate",
 }
-PUBLIC = ("contracts", "errors", "plugins", "storage", "testing", "threads")
+PUBLIC = ("contracts", "errors", "plugins", "progress", "storage", "testing", "threads")
 """Modules that may be used from outside; every room says of its own."""
 _MODULES = ("contracts", "errors", "testing")
 __all__ = [

@@ -66,10 +66,13 @@ def _run(given: list[str]) -> int:
         return 0
     from etude.commands import parse
     from etude.commands.outcome import to_json
+    from etude.commands.progress_bar import progress_shown
+    from etude.commands.terminal import fitted
 
     command = parse.command(given)
-    outcome = command.run(_say)
-    line = outcome.text
+    with progress_shown(silent=command.json):
+        outcome = command.run(_say)
+    line = fitted(outcome.text, sys.stdout)
     if command.json:
         line = to_json(outcome.data) if outcome.data else ""
     if line:
@@ -78,7 +81,9 @@ def _run(given: list[str]) -> int:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    from etude.commands.terminal import fitted
+
+    print(fitted(text, sys.stderr), file=sys.stderr, flush=True)
 
 
 def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exit_code: int) -> int:

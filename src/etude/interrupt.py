@@ -17,6 +17,8 @@ from types import FrameType
 
 INTERRUPTED = 130
 """The exit code, as a shell gives it."""
+CURSOR = b"\r\x1b[K\x1b[?25h"
+"""Clears the line of a progress bar, which is never finished now, and shows the cursor that it hid."""
 
 
 def end_on_interrupt(words: str, line: str = "") -> None:
@@ -67,6 +69,8 @@ def _say(screen: int, words: str, line: str) -> None:
     with contextlib.suppress(Exception):
         sys.stdout.flush()
     with contextlib.suppress(OSError):
+        if os.isatty(screen):
+            os.write(screen, CURSOR)
         os.write(screen, f"{words}\n".encode())
         if line:
             os.write(1, f"{line}\n".encode())

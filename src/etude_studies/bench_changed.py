@@ -16,6 +16,7 @@ import numpy as np
 from etude.contracts import Index, Samples, joined_samples
 from etude.models.held_out import near
 from etude.models.judged import Judged, judged
+from etude.progress import counted
 from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.crazyflie_flights import crazyflie, crazyflie_flights
 from etude_studies.real_logs import REAL_LOGS, arm_log
@@ -30,7 +31,7 @@ FLIGHT_GAP_S = 0.1
 
 def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[Row]:
     """Judges all recordings and prints the rows; `logs` is a folder with those not in the project."""
-    rows = [row for world, name, splits in cases(logs) for row in rows_of(world, name, splits, seed)]
+    rows = [row for world, name, splits in counted(cases(logs)) for row in rows_of(world, name, splits, seed)]
     if json:
         command = "etude bench changed" + " --logs FOLDER" * (logs is not None) + " --json"
         print(rows_json(rows, command))  # noqa: T201

@@ -28,6 +28,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import initial_gp
+from etude.progress import counted
 from etude.threads import threads_for
 from etude_studies import bench_peers
 from etude_studies.peers.catalogue import EXACT, SPECTRUM
@@ -50,7 +51,8 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False, pythons: Sequ
     """
     rng = np.random.default_rng(seed)
     with threads_for(0):
-        rows = [likelihood_row(n, repeats, rng) for n, repeats in LIKELIHOOD_REPEATS.items()]
+        sizes = counted(LIKELIHOOD_REPEATS.items(), whole=0.5)
+        rows = [likelihood_row(n, repeats, rng) for n, repeats in sizes]
         rows += [mean_variance_row(rng), ivr_row(rng)]
     rows += beside_others(seed, quick, pythons)
     if json:

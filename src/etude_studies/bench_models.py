@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from scipy.linalg.blas import dsymv, dsyr2
 
 from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.dictionary_stream import DictionaryStream
+from etude.progress import counted
 from etude.threads import threads_for
 from etude_studies.arm_accuracy import member_rows
 from etude_studies.crazyflie_accuracy import crazyflie_accuracy_rows
@@ -51,15 +53,16 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False, logs: Path | 
 def measured(seed: int, quick: bool, logs: Path | None) -> list[Row]:
     """The rows, in the order in which they are measured; each measure draws from a generator of its own."""
     rng = partial(np.random.default_rng, seed)
-    return [
-        *dictionary_points_per_s(rng()),
-        *dictionary_drift_10k(rng()),
-        *latency_rows(rng()),
-        *real_rows(rng(), logs=logs),
-        *crazyflie_accuracy_rows(rng()),
-        *member_rows(rng(), quick=quick),
-        *online_rows(rng(), quick),
-    ]
+    measures: tuple[Callable[[np.random.Generator], list[Row]], ...] = (
+        dictionary_points_per_s,
+        dictionary_drift_10k,
+        latency_rows,
+        partial(real_rows, logs=logs),
+        crazyflie_accuracy_rows,
+        partial(member_rows, quick=quick),
+        partial(online_rows, quick=quick),
+    )
+    return [row for measure in counted(measures) for row in measure(rng())]
 
 
 def dictionary_points_per_s(rng: np.random.Generator) -> list[Row]:

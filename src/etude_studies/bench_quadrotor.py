@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from etude.progress import counted
 from etude.robots.quadrotor.controller import flight_plan
 from etude.threads import threads_for
 from etude_studies.crazyflie import crazyflie_rows
@@ -111,7 +112,8 @@ def _cells(rng: np.random.Generator, effort: Effort, seeds: int, sources: int) -
     extremes = {
         criterion: [np.array(flight) for own in found for flight in own[criterion]] for criterion in EXTREME
     }
-    return [cell_measures(PRESET, own, extremes, effort) for own in range(first, first + seeds)]
+    own_seeds = counted(range(first, first + seeds), whole=0.5)
+    return [cell_measures(PRESET, own, extremes, effort) for own in own_seeds]
 
 
 def tracking_rows(
@@ -126,7 +128,7 @@ def tracking_rows(
         LoopCell("quadrotor", "moving", 2, own)
         for own in range(first, first + (seeds or (3 if quick else 6)))
     ]
-    errors = [seed_errors(cell, tests or (4 if quick else 8), (4,)) for cell in cells]
+    errors = [seed_errors(cell, tests or (4 if quick else 8), (4,)) for cell in counted(cells, whole=0.5)]
     pid, exact, learned = ([own[f"{name}/calm"] for own in errors] for name in ("pid", "exact_drag", LEARNED))
     rows = mean_rows("pid_error_m", pid, "m", "exact drag known", exact)
     rows += mean_rows("feedforward_error_m", learned, "m", "required at most", [0.06])

@@ -19,6 +19,7 @@ import numpy as np
 from etude.contracts import Array, Log, Trajectory
 from etude.models.changed import first_alarm
 from etude.models.judged import Judged, judged
+from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.changed_rows import rows_of
 from etude_studies.rows import rows_json, table
@@ -35,7 +36,9 @@ OTHERS = (5.0, 7.0, 15.0, 20.0, 30.0)
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, and prints the rows."""
-    cells = {robot: [cell(robot, s, folder) for s in range(seed, seed + seeds)] for robot in ROBOTS}
+    cells: dict[str, list[dict[str, Any]]] = {robot: [] for robot in ROBOTS}
+    for robot, own in counted([(robot, s) for robot in ROBOTS for s in range(seed, seed + seeds)]):
+        cells[robot].append(cell(robot, own, folder))
     cells["all"] = [c for own in cells.values() for c in own]
     rows = [row for robot, own in cells.items() for row in rows_of(robot, own)]
     if json:

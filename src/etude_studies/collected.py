@@ -145,6 +145,12 @@ class Results:
             self._parts[run] = self.tables[run].partition_by(keys, as_dict=True)
         return self._parts.get(run, {})
 
+    def replaced_by(self, other: Results) -> Results:
+        """These, and in the place of a run that `other` has too, that one's."""
+        tables = {**self.tables, **other.tables}
+        told = {**self.descriptions, **other.descriptions}
+        return Results(dict(sorted(tables.items())), dict(sorted(told.items())))
+
     def made(self, run: str) -> Mapping[str, Any]:
         """Where a run's results come from.
 

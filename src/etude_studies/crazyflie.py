@@ -8,6 +8,7 @@ import numpy as np
 
 from etude.contracts import Array, Log, Mask
 from etude.models.score import NORMAL_95
+from etude.progress import counted
 from etude.threads import threads_for
 from etude_studies.crazyflie_flights import (
     Outcome,
@@ -53,7 +54,7 @@ def crazyflie_rows(rng: np.random.Generator, quick: bool = False) -> list[Row]:
     if not flights:
         say("crazyflie_nmse left out: examples/crazyflie is incomplete; install etude again.")
         return []
-    blocks = [by_block(flights, own) for own in rng.spawn(1 if quick else SEEDS)]
+    blocks = [by_block(flights, own) for own in counted(rng.spawn(1 if quick else SEEDS))]
     block, unseen = blocks[0], by_manoeuvre(flights, rng)
     every, missing = np.ones(len(block.group), dtype=np.bool_), in_flight(unseen)
     errors = [nmse(found.command, found.mean) for found in blocks]

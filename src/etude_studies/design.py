@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
+from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.design_parts import LENGTHS, LONGEST, PARTS, Cell
 from etude_studies.rows import Row, mean_rows, rows_json, table
@@ -24,9 +25,9 @@ GOALS = (0.5, 0.3, 0.2)
 
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Runs every cell that is no file in `folder` yet, seed by seed, and prints the rows of all."""
-    for own in range(seed, seed + seeds):
-        for part, (_, arms) in PARTS.items():
-            for arm in arms:
+    for own in counted(range(seed, seed + seeds)):
+        for part, (_, arms) in counted(PARTS.items()):
+            for arm in counted(arms):
                 cell(part, arm, own, folder)
     rows = rows_of(folder, range(seed, seed + seeds))
     if json:

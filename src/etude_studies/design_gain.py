@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.design.solve import Design, design
+from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude_studies.world import World
@@ -22,8 +23,8 @@ MOST_LOGS = 4
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Designs once for every robot and seed, and prints the rows; finished ones are files in `folder`."""
     rows = []
-    for robot in ROBOTS:
-        cells = [cell(robot, s, folder) for s in range(seed, seed + seeds)]
+    for robot in counted(ROBOTS):
+        cells = [cell(robot, s, folder) for s in counted(range(seed, seed + seeds))]
         rows += gain_rows(robot, cells)
     command = f"etude study design_gain --seed {seed} --seeds {seeds}"
     if json:

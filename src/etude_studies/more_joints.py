@@ -15,6 +15,7 @@ import numpy as np
 
 from etude.design.solve import Design, design
 from etude.models.ladder import Ladder
+from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude_studies.two_arms import two_arms
@@ -38,8 +39,8 @@ FIGURES = {
 def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     """Measures every number of joints and seed, and prints the rows; finished ones are files in `folder`."""
     rows: list[Row] = []
-    for joints in JOINTS:
-        cells = [cell(joints, s, folder) for s in range(seed, seed + seeds)]
+    for joints in counted(JOINTS):
+        cells = [cell(joints, s, folder) for s in counted(range(seed, seed + seeds))]
         for name, unit in FIGURES.items():
             rows += mean_rows(f"{name}_{joints}", [c[name] for c in cells], unit, "", [])
     command = f"etude study more_joints --seed {seed} --seeds {seeds}"

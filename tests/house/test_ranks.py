@@ -21,6 +21,7 @@ RANKS = {
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,
+    "progress": 0,
     "shown": 0,
     "trajectories": 1,
     "limits": 2,

@@ -24,6 +24,7 @@ from etude.models.model import LearnedModel
 from etude.models.score import Score, score
 from etude.models.store import load_model as read_model
 from etude.models.store import save_model
+from etude.progress import part
 
 MODEL = "model.npz"
 TRAIN_STREAM = 2
@@ -115,7 +116,9 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     before = _comparable(campaign, trained, inputs)
     rng = np.random.default_rng([state.seed, number, TRAIN_STREAM])
     physics, limit = kind.physics(spec, config), kind.limit(spec)
-    ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
+    foreign = bool((state.rounds[number].told or {}).get("foreign"))
+    with part(0.5 if foreign else 1.0):  # of a foreign log blocks are held out, and learned from the others
+        ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
     path = campaign.model_folder(number) / MODEL
     save_model(path, ladder.model)
     told = [r.told for r in state.told if r.told and r.number in logs]
@@ -133,8 +136,9 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         "warnings": [*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings],
         **forecast(ladder.model, before, campaign, state),
     }
-    if (state.rounds[number].told or {}).get("foreign"):
-        facts["held_out"] = _held_out(campaign, told_samples(campaign, [number]), rng)
+    if foreign:
+        with part(0.5):
+            facts["held_out"] = _held_out(campaign, told_samples(campaign, [number]), rng)
     return Learned([path], facts)
 
 

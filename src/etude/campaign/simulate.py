@@ -24,6 +24,7 @@ from etude.campaign.tell import tell
 from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
+from etude.progress import counted, part
 
 RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""
@@ -32,6 +33,8 @@ MOST_TRIES = 4
 CERTAIN = ("sign",)
 """Questions whose answer is known of a simulated robot. Joints that drag each other along exchange power, so
 that one of many may take more out of the motion than its friction puts in."""
+BASELINES, ASKING = 0.15, 0.3
+"""About the parts that feedback alone takes of all, and a design of its round; the rest is learning."""
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
 """The rung that a careful user has today, and what it is called as a baseline."""
 
@@ -67,8 +70,9 @@ def simulate(
     loop = _Loop.of(campaign, engine, change or {})
     for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
         say(sentence)
-    for name, controller in loop.baselines.items():
-        loop.evaluate(0, controller, name)
+    with part(BASELINES):
+        for name, controller in counted(loop.baselines.items()):
+            loop.evaluate(0, controller, name)
     left = interrupted_round(campaign, say)
     if left is not None:  # or its tests would be missing from the curve
         loop.evaluate_round(left)
@@ -76,7 +80,8 @@ def simulate(
     for _ in range(MOST_TRIES * rounds):
         if done == rounds:
             return
-        number = loop.learned_one(say)
+        with part((1.0 - BASELINES) / rounds):
+            number = loop.learned_one(say)
         if campaign.state().held:
             return
         if number is not None:
@@ -138,14 +143,16 @@ class _Loop:
     def learned_one(self, say: Say) -> int | None:
         """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
         campaign = self.campaign
-        number = ask(campaign, go_on=True, say=say).number
+        with part(ASKING):
+            number = ask(campaign, go_on=True, say=say).number
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = self.robot.run(stored_trajectory(campaign, number), self._collecting(), rng)
         path = campaign.path / "simulated" / f"{number:04d}.parquet"
         write_log(path, log)
         try:
-            told = tell(campaign, path, number=number, changed=self.answer, accept=CERTAIN, say=say)
+            with part(1.0 - ASKING):
+                told = tell(campaign, path, number=number, changed=self.answer, accept=CERTAIN, say=say)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)

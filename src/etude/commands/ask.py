@@ -67,7 +67,7 @@ class Ask(Common):
         ]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
-            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf]),
+            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             f"Proved for all times; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
@@ -116,9 +116,9 @@ def _row(row: Proof) -> list[str]:
     from etude.limits.certificate import use
     from etude.limits.unseen import tracked_in_words
 
-    asked = f"{row.proved_lower:.4g} .. {row.proved_upper:.4g}"
-    limit = f"{row.lower - row.margin:.4g} .. {row.upper + row.margin:.4g}"
-    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.1f} %"]
+    asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
+    limit = f"{row.lower - row.margin:.3g}..{row.upper + row.margin:.3g}"
+    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.0f} %"]
 
 
 def _spared(rows: Sequence[Proof]) -> dict[str, float]:

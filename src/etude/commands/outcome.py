@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from etude.commands.terminal import width
+
 Say = Callable[[str], None]
 
 
@@ -56,11 +58,33 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def table(header: list[str], rows: list[list[str]]) -> str:
-    """Columns of text, the first aligned left and the others right."""
+def table(header: list[str], rows: list[list[str]], keys: int = 1) -> str:
+    """Columns of text, the first aligned left and the others right.
+
+    What is wider than the terminal is continued below: the first `keys` columns again, then more columns.
+    """
     widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
-    lines = []
-    for line in [header, *rows]:
-        cells = [line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    parts = [_aligned([header, *rows], widths, columns) for columns in _pages(widths, keys)]
+    return "\n".join(parts)
+
+
+def _pages(widths: list[int], keys: int) -> list[list[int]]:
+    """Which columns stand beside each other."""
+    first = list(range(keys))
+    pages, used = [[*first]], sum(widths[:keys]) + 2 * (keys - 1)
+    room = used
+    for i in range(keys, len(widths)):
+        if room + 2 + widths[i] > width() and len(pages[-1]) > keys:
+            pages.append([*first])
+            room = used
+        pages[-1].append(i)
+        room += 2 + widths[i]
+    return pages
+
+
+def _aligned(lines: list[list[str]], widths: list[int], columns: list[int]) -> str:
+    told = []
+    for line in lines:
+        cells = [line[i].rjust(widths[i]) if i else line[i].ljust(widths[i]) for i in columns]
+        told.append("  ".join(cells).rstrip())
+    return "\n".join(told)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from typing import Annotated, cast
+from contextlib import redirect_stdout
+from typing import Annotated, cast, get_args
 
 import tyro
 
@@ -11,6 +13,8 @@ from etude.commands.abandon import Abandon
 from etude.commands.ask import Ask
 from etude.commands.bench import Bench
 from etude.commands.demo import Demo
+from etude.commands.doctor import Doctor
+from etude.commands.help_texts import Page, in_words
 from etude.commands.init import Init
 from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
@@ -42,16 +46,24 @@ AnyCommand = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Study, tyro.conf.subcommand("study")]
     | Annotated[Plugins, tyro.conf.subcommand("plugins")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 
 
 def command(arguments: Sequence[str]) -> Command:
     """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does."""
-    found = tyro.cli(
-        AnyCommand,
-        prog="etude",
-        description=DESCRIPTION,
-        args=list(arguments),
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
+    for own in get_args(AnyCommand):
+        in_words(get_args(own)[0])
+    page = Page(sys.stdout)
+    try:
+        with redirect_stdout(page):
+            found = tyro.cli(
+                AnyCommand,
+                prog="etude",
+                description=DESCRIPTION,
+                args=list(arguments),
+                config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
+            )
+    finally:
+        page.printed()
     return cast(Command, found)

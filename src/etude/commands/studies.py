@@ -6,10 +6,13 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from etude import plugins
 from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    from etude.report.live import Pages
 
 GROUP, BENCH = "etude.studies", "bench_"
 FLAGS = {"pythons": "--python", "logs": "--logs"}
@@ -42,6 +45,7 @@ class Room(Protocol):
     ) -> tuple[str, dict[str, Any]]: ...
     def show(self, id: str) -> tuple[str, dict[str, Any]]: ...
     def report(self, folder: Path, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]: ...
+    def live(self, options: Mapping[str, Any]) -> Pages: ...
 
 
 def run_study(

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from etude.commands.common import Common
+from etude.commands.live import served
 from etude.commands.outcome import Outcome, Say
 from etude.commands.studies import functions, no_study, room_of, rooms, run_study
 from etude.errors import UsageError
@@ -74,13 +75,20 @@ class Study(Common):
     update: bool = False
     """With report, for maintainers: commit the results of the folder to the sources first."""
 
+    serve: bool = False
+    """With report: show the pages in a browser of this machine instead, with the results that the folder has
+    so far, until Ctrl-C; nothing is written."""
+
+    port: int | None = None
+    """Of --serve; a free one if not given."""
+
     def run(self, say: Say) -> Outcome:
         if self.action not in ACTIONS:  # the short form of the studies that have one id each
             return self._one(self.action)
         if self.action == "list":
             return _listed()
         if self.action == "report":
-            return self._report()
+            return self._served(say) if self.serve else self._report()
         if not self.id:
             raise UsageError(f"{self.action} what?", where="ID", next_step="etude study list shows all ids.")
         room = room_of(self.id)
@@ -103,6 +111,12 @@ class Study(Common):
         if not found:
             raise UsageError("no study writes pages")
         return Outcome("\n".join(text for text, _ in found), {"pages": [data for _, data in found]})
+
+    def _served(self, say: Say) -> Outcome:
+        found = [room.live(self._options) for room in rooms() if hasattr(room, "live")]
+        if not found:
+            raise UsageError("no study writes pages")
+        return served(found[0], self.port, self.json, say)
 
     @property
     def _options(self) -> dict[str, object]:

@@ -15,6 +15,7 @@ from etude.design.reference import MOTIONS
 from etude.design.solve import Design, design, variance_removed
 from etude.design.view import Latent
 from etude.limits.certificate import certify
+from etude.progress import counted
 from etude.trajectories.chain import chained
 
 Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
@@ -78,7 +79,7 @@ def design_chain(
         source = Source(family, tuple(limits), home, config.sampler)
         standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
     found: list[Design] = []
-    for _ in range(count):
+    for _ in counted(range(count)):
         before = [*given, *(own.trajectory for own in found)]
         found.append(
             design(

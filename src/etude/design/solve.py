@@ -19,7 +19,11 @@ from etude.design.reference import MOTIONS
 from etude.design.refine import refine
 from etude.design.view import Latent
 from etude.errors import UsageError
+from etude.progress import counted, part
 from etude.threads import threads_for
+
+DRAWN = 0.2
+"""About the part of a search that candidates take; the rest refines the best of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,12 +166,13 @@ def search(
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
-    starts = [_at_home(kept, drawn) for drawn in candidates]
+    with part(DRAWN):
+        starts = [_at_home(kept, drawn) for drawn in counted(candidates)]
     aims = [replace(aim, family=drawn.family) for drawn in starts]
     values = [one.value(drawn.p) for one, drawn in zip(aims, starts, strict=True)]
     order = np.argsort(values)[::-1]
     best, value, evaluations = starts[order[0]], values[order[0]], len(values)
-    for place in order[: config.refine]:
+    for place in counted(order[: config.refine], whole=1.0 - DRAWN):
         start, own = starts[place], aims[place]
         searched = Penalised(own, kept, weight * abs(values[place])) if kept.limits else own
         end = refine(searched, start.feasible, start.p, config.steps)

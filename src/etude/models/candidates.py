@@ -20,6 +20,7 @@ from etude.models.model import LearnedModel
 from etude.models.rows import apart
 from etude.models.rungs import Learned, earlier_of, with_process
 from etude.models.score import while_any_moves
+from etude.progress import counted
 
 FEW = 200
 """Samples for the default's hyperparameters below which a prior of mechanics has something to add: logs of a
@@ -93,6 +94,8 @@ CANDIDATES: dict[str, Recipe] = {
     ),
 }
 """Beside "default", by the name that `model.candidates` gives."""
+COSTS = {"default": 0.1, "all_lin": 10.0}
+"""About how long one takes; others 1."""
 
 
 def work_sign(folds: Folds) -> Array:
@@ -117,14 +120,14 @@ def beside_default(
     found: list[Learned] = []
     if not folds.config.averages or len(folds.numbers) < 2:
         return found
-    for name in folds.config.candidates:
+    for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
         recipe = CANDIDATES.get(name)
-        for rung in () if recipe is None else recipe.rungs:
+        for rung in counted(() if recipe is None else recipe.rungs):
             own = [group[rung] for group in groups if rung in group]
             if recipe is None or not own or not recipe.offered(folds, [learned.rows for learned in own]):
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
-            for commands in [every] if recipe.together else [(j,) for j in every]:
+            for commands in counted([every] if recipe.together else [(j,) for j in every]):
                 learned = _learned(
                     folds, commands, name, rung, bases.get(rung.removesuffix("+gp")), rng, previous
                 )

@@ -30,12 +30,15 @@ from etude.models.rungs import Learned, alone, base_of, earlier_of, rows_only, w
 from etude.models.score import Score, figures, score, trivial_prediction
 from etude.models.short import least_variance, notes
 from etude.models.student_t import StudentT, fit_student
+from etude.progress import counted, part
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
 LEAST_CALIBRATED = 4
 """Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
 uncalibrated."""
+RUNGS = 0.2
+"""About the part of the time that the rungs take; the rest is that of the candidates beside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +93,12 @@ def train_ladder(
     bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
     baseline = bases["linear"].held_out(folds)
     groups = []
-    for group in folds.groups:
-        rows = rows_of(folds, group, rng)
-        groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
-    more = beside_default(folds, groups, bases, rng, previous)
+    with part(RUNGS):
+        for group in counted(folds.groups):
+            rows = rows_of(folds, group, rng)
+            groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
+    with part(1.0 - RUNGS):
+        more = beside_default(folds, groups, bases, rng, previous)
     return _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
 
 

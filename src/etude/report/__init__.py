@@ -1,4 +1,4 @@
 """What a campaign came to, as one page."""
 
-PUBLIC = ("markup", "scales", "svg")
+PUBLIC = ("live", "markup", "scales", "svg")
 """Modules that may be used from outside."""

@@ -5,6 +5,10 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from etude.campaign.config_file import CONFIG
+from etude.campaign.folder import ROBOT
+from etude.campaign.journal import JOURNAL
+from etude.report.live import INDEX, Pages, digest_of
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.calibration import calibration
@@ -68,6 +72,13 @@ def build_report(folder: Path) -> Path:
     path = folder / "report.html"
     write_atomic(path, render(read_record(folder)).encode("utf-8"))
     return path
+
+
+def live_report(folder: Path) -> Pages:
+    """The same page to be served: made anew when the journal, the robot or the configuration changed."""
+    folder = Path(folder)
+    watched = [folder / name for name in (JOURNAL, ROBOT, CONFIG)]
+    return Pages(lambda: {INDEX: render(read_record(folder))}, lambda: digest_of(watched))
 
 
 def render(record: Record) -> Html:

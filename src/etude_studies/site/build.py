@@ -48,7 +48,7 @@ def build_site(
     """
     if not {claim.id for claim in ledger.claims} <= {*verdicts}:
         verdicts = {**judge(ledger, results), **verdicts}
-    told = _sentences() if what is None else what
+    told = sentences() if what is None else what
     study = Study(ledger, verdicts, Numbers(results), sensitivity or (), told)
     folder = Path(folder)
     for name, text in pages(study):
@@ -56,7 +56,8 @@ def build_site(
     return folder / INDEX
 
 
-def _sentences() -> dict[str, str]:
+def sentences() -> dict[str, str]:
+    """What each run of the catalogue is."""
     from etude_studies.thesis.catalogue import catalogue
 
     return {name: run.what for name, run in catalogue().items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import polars as pl
 
@@ -77,6 +78,14 @@ def renew(runs: Sequence[Run], store: Path, folder: Path = FOLDER) -> dict[str, 
     found = Results.load(folder)
     (folder / VERDICTS).write_text(to_json(verdicts_of(found)), encoding="utf-8")
     return {name: len(specs) for name, specs in present.items()}
+
+
+def so_far(runs: Sequence[Run], store: Path) -> Results:
+    """The committed results; of runs that the store has seeds of, those instead."""
+    present = {run.name: _there(run, store) for run in runs}
+    with TemporaryDirectory() as folder:
+        collect(store, {name: specs for name, specs in present.items() if specs}, Path(folder))
+        return kept_results().replaced_by(Results.load(Path(folder)))
 
 
 def _there(run: Run, store: Path) -> list[Spec]:

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
+from etude.report.live import Pages, digest_of
 from etude_studies.collected import Results, collect
 from etude_studies.engines.schedule import Report
 from etude_studies.thesis.catalogue import Run, run_named
 from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
 from etude_studies.thesis.computing import Chosen, Say
-from etude_studies.thesis.kept import kept_results, kept_verdicts, planned_seeds, renew, unpack, verdicts_of
+from etude_studies.thesis.kept import (
+    kept_results,
+    kept_verdicts,
+    planned_seeds,
+    renew,
+    so_far,
+    unpack,
+    verdicts_of,
+)
 from etude_studies.thesis.ledger import Entry, Row
 from etude_studies.thesis.method import with_method
 from etude_studies.thesis.part_verdicts import UNTESTED
@@ -125,6 +134,20 @@ class ThesisStudy:
         figures = paper_figures(ledger(), results, options["paper"]) if options["paper"] else ()
         told = [str(page), *([f"{len(figures)} figures in {options['paper']}"] if figures else [])]
         return "\n".join(told), {"page": str(page), "figures": [str(path) for path in figures]}
+
+    def live(self, options: Mapping[str, Any]) -> Pages:
+        """The same pages to be served, of the committed results and what `folder` has of them so far."""
+        store = Path(options["folder"]) / "thesis"
+
+        def made() -> dict[str, str]:
+            from etude_studies.site.build import pages, sentences
+            from etude_studies.site.context import Study
+            from etude_studies.site.numbers import Numbers
+
+            results = so_far([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
+            return dict(pages(Study(ledger(), verdicts_of(results), Numbers(results), (), sentences())))
+
+        return Pages(made, lambda: digest_of([store]))
 
 
 STUDY = ThesisStudy()

@@ -1,0 +1,173 @@
+"""Pages served while something happens: to this machine alone, never written to, renewed when it changed.
+
+The standard library's server is enough: one reader, a few pages that are made in memory from files. Nothing
+is looked up in a folder by what a request names, so there is no path to leave it by.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Lock
+from urllib.parse import urlsplit
+
+from etude.errors import EtudeError, UsageError
+from etude.report.markup import text
+
+HOST, PORT, PORTS = "127.0.0.1", 8716, 20
+"""Where a page is served if nobody says otherwise, and how many ports are tried from there."""
+DIGEST = "/digest"
+INDEX = "index.html"
+TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "json": "application/json"}
+POLICY = "default-src 'self' 'unsafe-inline' data:; form-action 'none'; frame-ancestors 'none'"
+"""What a page may load: nothing from elsewhere, even if it asked."""
+SCRIPT = """<script>
+(() => {
+  let shown = "";
+  const look = async () => {
+    try {
+      const now = await (await fetch("/digest", { cache: "no-store" })).text();
+      if (shown && now !== shown) location.reload();
+      shown = now;
+    } catch { shown = shown; }
+  };
+  look();
+  setInterval(look, 1000);
+})();
+</script>
+"""
+"""Asks every second whether something happened; a server that went away is asked again."""
+
+
+@dataclass
+class Pages:
+    """What is served: made when first asked for, and again when `digest` says that something happened.
+
+    Attributes:
+        made: every page by its name, "index.html" among them.
+        digest: a word that changes with what the pages are made of; cheap.
+    """
+
+    made: Callable[[], Mapping[str, str]]
+    digest: Callable[[], str]
+    _kept: tuple[str, Mapping[str, str]] | None = None
+    _lock: Lock = field(default_factory=Lock)
+
+    def page(self, path: str) -> bytes | None:
+        """The page of a request's path, or None. EtudeError: it cannot be made now."""
+        with self._lock:
+            now = self.digest()
+            if self._kept is None or self._kept[0] != now:
+                self._kept = now, self.made()
+            found = self._kept[1].get(path.removeprefix("/") or INDEX)
+        if found is None:
+            return None
+        return found.replace("</body>", f"{SCRIPT}</body>").encode()
+
+
+def digest_of(paths: Iterable[Path]) -> str:
+    """Sizes and times of files, those below folders included; a file that is not there is no error."""
+    found = []
+    for path in paths:
+        for own in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            with suppress(OSError):
+                told = own.stat()
+                found.append(f"{told.st_size}.{told.st_mtime_ns}")
+    return f"{len(found)}-{hash(tuple(found)) & 0xFFFFFFFFFFFFFFFF:x}"
+
+
+def server(pages: Pages, port: int | None) -> ThreadingHTTPServer:
+    """A server of these pages on a port of this machine, not running yet.
+
+    Args:
+        port: None: the first that is free from `PORT` on; 0: any.
+
+    Raises:
+        UsageError: the port is in use, not allowed, or none.
+    """
+
+    class Handler(_Handler):
+        served = pages
+
+    wanted = range(PORT, PORT + PORTS) if port is None else [port]
+    problem: Exception | None = None
+    for own in wanted:
+        try:
+            return _Server((HOST, own), Handler)
+        except (OSError, OverflowError) as error:
+            problem = error
+    raise _refused(wanted[0], problem)
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = False
+
+
+def _refused(port: int, problem: Exception | None) -> UsageError:
+    used = isinstance(problem, OSError) and problem.errno == errno.EADDRINUSE
+    fact = f"port {port} is in use" if used else f"port {port} cannot be opened: {problem}"
+    with socket.create_server((HOST, 0)) as free:
+        offered = free.getsockname()[1]
+    return UsageError(fact, where="--port", next_step=f"Free now: --port {offered}; or leave --port out.")
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers GET and HEAD; of anything else the library says that it is not supported."""
+
+    served: Pages
+    server_version, sys_version = "etude", ""
+
+    def do_GET(self) -> None:
+        """One page, or the digest."""
+        self._answer(body=True)
+
+    def do_HEAD(self) -> None:
+        """As GET, without the page."""
+        self._answer(body=False)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Nothing: a page asks every second."""
+
+    def _answer(self, body: bool) -> None:
+        status, kind, content = self._found()
+        with suppress(ConnectionError):  # the reader went on
+            self.send_response(status)
+            for name, value in _headers(kind, len(content)).items():
+                self.send_header(name, value)
+            self.end_headers()
+            if body:
+                self.wfile.write(content)
+
+    def _found(self) -> tuple[HTTPStatus, str, bytes]:
+        port = self.server.server_address[1]
+        if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
+            # a page of somebody else's that had its name point here
+            return HTTPStatus.FORBIDDEN, "html", b"This is served to its own machine only."
+        path = urlsplit(self.path).path
+        if path == DIGEST:
+            return HTTPStatus.OK, "txt", self.served.digest().encode()
+        try:
+            found = self.served.page(path)
+        except EtudeError as error:
+            words = f"<title>Étude</title><p>{text(error)}</p>{SCRIPT}"
+            return HTTPStatus.SERVICE_UNAVAILABLE, "html", words.encode()
+        if found is None:
+            return HTTPStatus.NOT_FOUND, "html", "<title>Étude</title>There is no such page.".encode()
+        return HTTPStatus.OK, (path.rpartition(".")[2] if "." in path else "html"), found
+
+
+def _headers(kind: str, length: int) -> dict[str, str]:
+    return {
+        "Content-Type": f"{TYPES.get(kind, 'text/plain')}; charset=utf-8",
+        "Content-Length": str(length),
+        "Content-Security-Policy": POLICY,
+        "Cache-Control": "no-store",
+        "X-Content-Type-Options": "nosniff",
+    }

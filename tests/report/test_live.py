@@ -1,0 +1,189 @@
+"""Pages that are served: to this machine alone, by GET alone, renewed when something happened."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from synthetic_campaign import write_campaign
+
+from chromium import chromium, complaints
+from etude import cli
+from etude.errors import UsageError
+from etude.report.build import live_report
+from etude.report.live import HOST, PORT, Pages, digest_of, server
+
+
+@contextmanager
+def running(pages: Pages) -> Iterator[int]:
+    """Served on a free port while the block runs."""
+    with server(pages, 0) as found:
+        thread = threading.Thread(target=found.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield int(found.server_address[1])
+        finally:
+            found.shutdown()
+            thread.join()
+
+
+def asked(port: int, path: str, method: str = "GET", **headers: str) -> tuple[int, str]:
+    connection = http.client.HTTPConnection(HOST, port, timeout=30)
+    connection.putrequest(method, path, skip_host="Host" in headers)  # the path as it is, dots and all
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    try:
+        return answer.status, answer.read().decode()
+    finally:
+        connection.close()
+
+
+def plain(words: dict[str, str]) -> Pages:
+    return Pages(lambda: {"index.html": f"<body>{words['now']}</body>"}, lambda: words["now"])
+
+
+def test_a_page_is_made_once_for_all_who_ask_and_again_when_something_happened() -> None:
+    words, made = {"now": "one"}, []
+    pages = plain(words)
+    own = pages.made
+
+    def counting() -> Any:
+        made.append(1)
+        return own()
+
+    pages.made = counting
+    with running(pages) as port:
+        assert [asked(port, "/")[1][:9], asked(port, "/index.html?x=1")[1][:9]] == ["<body>one"] * 2
+        assert len(made) == 1
+        words["now"] = "two"
+        assert asked(port, "/digest") == (200, "two")
+        assert asked(port, "/")[1].startswith("<body>two<script>")
+        assert len(made) == 2
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/../../etc/passwd", "/..%2f..%2fetc/passwd", "//etc/passwd", "/journal.jsonl", "/%00", "/\\..\\x"],
+)
+def test_nothing_but_the_pages_is_found(path: str) -> None:
+    with running(plain({"now": "one"})) as port:
+        assert asked(port, path)[0] == 404
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_nothing_can_be_written(method: str) -> None:
+    with running(plain({"now": "one"})) as port:
+        assert asked(port, "/", method)[0] == 501
+        assert asked(port, "/", "HEAD") == (200, "")
+
+
+def test_only_this_machine_is_answered() -> None:
+    with running(plain({"now": "one"})) as port:
+        assert asked(port, "/", Host="elsewhere.example")[0] == 403
+        assert asked(port, "/digest", Host=f"elsewhere.example:{port}")[0] == 403
+        assert asked(port, "/", Host=f"localhost:{port}")[0] == 200
+        others = {own[4][0] for own in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+        for address in others - {HOST}:
+            if not address.startswith("127."):
+                with pytest.raises(OSError):  # noqa: PT011 - refused, or no way there
+                    socket.create_connection((address, port), timeout=5)
+
+
+def test_a_port_in_use_is_said_with_one_that_is_free(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_campaign(tmp_path)
+    with socket.create_server((HOST, 0)) as other:
+        port = str(other.getsockname()[1])
+        assert cli.main(["report", str(tmp_path), "--serve", "--port", port]) == 2
+        said = capsys.readouterr().err
+        assert f"Port {port} is in use" in said
+        free = int(said.partition("Free now: --port ")[2].partition(";")[0])
+        with server(plain({"now": "one"}), free) as found:
+            assert found.server_address[1] == free
+    with pytest.raises(UsageError, match="cannot be opened"):
+        server(plain({"now": "one"}), 70_000)
+    assert cli.main(["report", str(tmp_path), "--serve", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["where"] == "--json"
+
+
+def test_without_a_port_the_next_free_one_is_taken() -> None:
+    pages = plain({"now": "one"})
+    with server(pages, None) as first, server(pages, None) as second:
+        ports = [first.server_address[1], second.server_address[1]]
+        assert PORT <= ports[0] < ports[1]
+
+
+def test_the_digest_sees_files_and_folders(tmp_path: Path) -> None:
+    seen = [digest_of([tmp_path / "a", tmp_path / "b"])]
+    (tmp_path / "a").write_text("1")
+    seen.append(digest_of([tmp_path / "a", tmp_path / "b"]))
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "c").write_text("1")
+    seen.append(digest_of([tmp_path / "a", tmp_path / "b"]))
+    (tmp_path / "b" / "c").write_text("12")
+    seen.append(digest_of([tmp_path / "a", tmp_path / "b"]))
+    assert len(set(seen)) == 4
+    assert seen[-1] == digest_of([tmp_path / "a", tmp_path / "b"])
+
+
+def test_an_edited_journal_is_said_on_the_page(tmp_path: Path) -> None:
+    write_campaign(tmp_path)
+    pages = live_report(tmp_path)
+    with running(pages) as port:
+        path = tmp_path / "journal.jsonl"
+        path.write_text(path.read_text().replace('"asked"', '"asket"', 1))
+        status, words = asked(port, "/")
+        assert status == 503
+        assert "journal" in words
+
+
+def test_ctrl_c_ends_it_with_130_and_no_traceback(tmp_path: Path) -> None:
+    write_campaign(tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    command = [sys.executable, "-m", "etude", "report", str(tmp_path), "--serve"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as started:
+        assert started.stderr is not None
+        line = started.stderr.readline()
+        port = int(line.partition(f"http://{HOST}:")[2].partition("/")[0])
+        assert "Étude report" in asked(port, "/")[1]
+        os.kill(started.pid, signal.SIGINT)
+        out, err = started.communicate(timeout=60)
+    assert started.returncode == 130
+    assert (out, "Traceback" in err) == ("", False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == before, "nothing is written"
+
+
+@pytest.mark.browser
+def test_a_new_event_renews_the_page_by_itself(tmp_path: Path) -> None:
+    write_campaign(tmp_path)
+    with chromium() as browser, running(live_report(tmp_path)) as port:
+        browser.execute_cdp_cmd("Network.enable", {})
+        browser.get(f"http://{HOST}:{port}/")
+        assert "Étude report" in browser.title
+        browser.execute_script("window.before = true;")
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        def renewed(wanted: bool) -> Any:
+            return lambda b: b.execute_script("return !window.before") is wanted
+
+        path = tmp_path / "robot.toml"
+        path.write_text(path.read_text().replace("synthetic <arm>", "renamed <arm>"))
+        WebDriverWait(browser, 60).until(renewed(True))
+        assert browser.title == "Étude report: renamed <arm>"
+        assert complaints(browser) == []
+        loaded = browser.execute_script("return performance.getEntriesByType('resource').map((e) => e.name)")
+        assert {own.split("/")[2] for own in loaded if own.startswith("http")} <= {f"{HOST}:{port}"}
