@@ -52,10 +52,10 @@ def asked(port: int, path: str, method: str = "GET", **headers: str) -> tuple[in
 
 
 def plain(words: dict[str, str]) -> Pages:
-    return Pages(lambda: {"index.html": f"<body>{words['now']}</body>"}, lambda: words["now"])
+    return Pages(lambda: {"index.html": lambda: f"<body>{words['now']}</body>"}, lambda: words["now"])
 
 
-def test_a_page_is_made_once_for_all_who_ask_and_again_when_something_happened() -> None:
+def test_files_are_read_once_for_all_who_ask_and_again_when_something_happened() -> None:
     words, made = {"now": "one"}, []
     pages = plain(words)
     own = pages.made

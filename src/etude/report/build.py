@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def live_report(folder: Path) -> Pages:
     """The same page to be served: made anew when the journal, the robot or the configuration changed."""
     folder = Path(folder)
     watched = [folder / name for name in (JOURNAL, ROBOT, CONFIG)]
-    return Pages(lambda: {INDEX: render(read_record(folder))}, lambda: digest_of(watched))
+    return Pages(lambda: {INDEX: cache(lambda: render(read_record(folder)))}, lambda: digest_of(watched))
 
 
 def render(record: Record) -> Html:

@@ -29,15 +29,13 @@ POLICY = "default-src 'self' 'unsafe-inline' data:; form-action 'none'; frame-an
 """What a page may load: nothing from elsewhere, even if it asked."""
 SCRIPT = """<script>
 (() => {
-  let shown = "";
+  const shown = "DIGEST";
   const look = async () => {
     try {
       const now = await (await fetch("/digest", { cache: "no-store" })).text();
-      if (shown && now !== shown) location.reload();
-      shown = now;
-    } catch { shown = shown; }
+      if (now !== shown) location.reload();
+    } catch (away) { return; }
   };
-  look();
   setInterval(look, 1000);
 })();
 </script>
@@ -47,16 +45,16 @@ SCRIPT = """<script>
 
 @dataclass
 class Pages:
-    """What is served: made when first asked for, and again when `digest` says that something happened.
+    """What is served: made when it is asked for, from what was read when `digest` last changed.
 
     Attributes:
-        made: every page by its name, "index.html" among them.
+        made: what makes each page, by its name, "index.html" among them.
         digest: a word that changes with what the pages are made of; cheap.
     """
 
-    made: Callable[[], Mapping[str, str]]
+    made: Callable[[], Mapping[str, Callable[[], str]]]
     digest: Callable[[], str]
-    _kept: tuple[str, Mapping[str, str]] | None = None
+    _kept: tuple[str, Mapping[str, Callable[[], str]]] | None = None
     _lock: Lock = field(default_factory=Lock)
 
     def page(self, path: str) -> bytes | None:
@@ -66,9 +64,14 @@ class Pages:
             if self._kept is None or self._kept[0] != now:
                 self._kept = now, self.made()
             found = self._kept[1].get(path.removeprefix("/") or INDEX)
-        if found is None:
-            return None
-        return found.replace("</body>", f"{SCRIPT}</body>").encode()
+            if found is None:
+                return None
+            return found().replace("</body>", f"{_script(now)}</body>").encode()
+
+
+def _script(digest: str) -> str:
+    """For a page that was made of what `digest` says."""
+    return SCRIPT.replace("DIGEST", digest)
 
 
 def digest_of(paths: Iterable[Path]) -> str:
@@ -156,7 +159,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             found = self.served.page(path)
         except EtudeError as error:
-            words = f"<title>Étude</title><p>{text(error)}</p>{SCRIPT}"
+            words = f"<title>Étude</title><p>{text(error)}</p>{_script(self.served.digest())}"
             return HTTPStatus.SERVICE_UNAVAILABLE, "html", words.encode()
         if found is None:
             return HTTPStatus.NOT_FOUND, "html", "<title>Étude</title>There is no such page.".encode()

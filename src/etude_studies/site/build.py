@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from etude.errors import EtudeError
@@ -75,18 +76,26 @@ def _write(path: Path, text: str) -> None:
 
 def pages(study: Study) -> Iterator[tuple[str, str]]:
     """Every file by its name in the folder."""
-    yield "style.css", style_sheet()
-    yield "site.js", script()
-    yield INDEX, overview(study)
-    yield PROTOCOLS, protocols_page(study)
-    yield ABOUT, about_page(study)
+    return ((name, made()) for name, made in recipes(study).items())
+
+
+def recipes(study: Study) -> dict[str, Callable[[], str]]:
+    """What makes each of them, by its name."""
+    found: dict[str, Callable[[], str]] = {
+        "style.css": style_sheet,
+        "site.js": script,
+        INDEX: partial(overview, study),
+        PROTOCOLS: partial(protocols_page, study),
+        ABOUT: partial(about_page, study),
+    }
     for entry in study.ledger.entries:
-        yield file_of(entry.id), entry_page(study, entry)
-        yield f"{downloads.FOLDER}/{entry.id}.csv", downloads.entry_csv(study, entry)
-        yield f"{downloads.FOLDER}/{entry.id}.json", downloads.entry_json(study, entry)
+        found[file_of(entry.id)] = partial(entry_page, study, entry)
+        found[f"{downloads.FOLDER}/{entry.id}.csv"] = partial(downloads.entry_csv, study, entry)
+        found[f"{downloads.FOLDER}/{entry.id}.json"] = partial(downloads.entry_json, study, entry)
     for claim in study.ledger.claims:
-        yield file_of(claim.id), claim_page(study, claim)
-        yield f"{downloads.FOLDER}/{claim.id}.csv", downloads.claim_csv(study, claim)
-        yield f"{downloads.FOLDER}/{claim.id}.json", downloads.claim_json(study, claim)
+        found[file_of(claim.id)] = partial(claim_page, study, claim)
+        found[f"{downloads.FOLDER}/{claim.id}.csv"] = partial(downloads.claim_csv, study, claim)
+        found[f"{downloads.FOLDER}/{claim.id}.json"] = partial(downloads.claim_json, study, claim)
     for run in study.runs:
-        yield file_of(f"run-{run}"), run_page(study, run)
+        found[file_of(f"run-{run}")] = partial(run_page, study, run)
+    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,13 +139,14 @@ class ThesisStudy:
         """The same pages to be served, of the committed results and what `folder` has of them so far."""
         store = Path(options["folder"]) / "thesis"
 
-        def made() -> dict[str, str]:
-            from etude_studies.site.build import pages, sentences
+        def made() -> dict[str, Callable[[], str]]:
+            from etude_studies.site.build import recipes, sentences
             from etude_studies.site.context import Study
             from etude_studies.site.numbers import Numbers
 
             results = so_far([run_named(name) for name in (*runs_of("all"), *runs_of("miniature"))], store)
-            return dict(pages(Study(ledger(), verdicts_of(results), Numbers(results), (), sentences())))
+            verdicts = verdicts_of(results) if store.exists() else kept_verdicts()
+            return recipes(Study(ledger(), verdicts, Numbers(results), (), sentences()))
 
         return Pages(made, lambda: digest_of([store]))
 

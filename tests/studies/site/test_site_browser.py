@@ -151,3 +151,23 @@ def test_a_click_unfolds_the_seeds(browser: Any, site: Path) -> None:
     titles = "[...document.querySelectorAll('summary')]"
     browser.execute_script(f"{titles}.find((s) => s.textContent.startsWith('Every seed')).click()")
     assert browser.execute_script(seen) is True
+
+
+def test_a_result_that_comes_in_renews_the_served_pages(browser: Any, tmp_path: Path) -> None:
+    from threading import Thread
+
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    from etude.report.live import HOST, server
+    from etude_studies.thesis.study import STUDY
+
+    with server(STUDY.live({"folder": tmp_path}), 0) as served:
+        Thread(target=served.serve_forever, daemon=True).start()
+        browser.get(f"http://{HOST}:{served.server_address[1]}/")
+        assert browser.execute_script("return document.querySelectorAll('ul.claims > li').length") > 100
+        browser.execute_script("window.before = true;")
+        (tmp_path / "thesis").mkdir()
+        (tmp_path / "thesis" / "new").touch()
+        WebDriverWait(browser, 60).until(lambda b: b.execute_script("return !window.before"))
+        assert complaints(browser) == []
+        served.shutdown()
