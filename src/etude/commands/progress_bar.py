@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 2.0
 """Commands that end before are not interrupted by any word of it."""
 BETWEEN_S = 0.1
-LEAST = 0.02
+LEAST = 0.1
 """Fraction that must be done before its time says anything about the rest."""
 
 

@@ -37,7 +37,7 @@ OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp"
 LEAST_CALIBRATED = 4
 """Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
 uncalibrated."""
-RUNGS = 0.2
+RUNGS = 0.3
 """About the part of the time that the rungs take; the rest is that of the candidates beside them."""
 
 
