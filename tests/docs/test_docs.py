@@ -21,7 +21,8 @@ def blocks(page: Path, language: str) -> list[str]:
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 def test_python_blocks_run(page: Path, tmp_path: Path) -> None:
-    """All Python blocks of a page run as one program, in an empty folder, without a warning."""
+    """All Python blocks of a page run as one program, beside the examples alone, without a warning."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     code = "\n".join(blocks(page, "python"))
     command = [sys.executable, "-W", "error", "-c", code]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -1,0 +1,180 @@
+"""The site: built from every page, without a link that leads nowhere, asking nobody for anything."""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+from test_docs import ROOT
+
+import etude
+from chromium import chromium, complaints, open_page, overhang
+
+DOCS = ROOT / "docs"
+LOOKED_AT = (
+    "index.html",
+    "start/arm_ros2.html",
+    "cheat_sheet.html",
+    "reference/contracts.html",
+    "models.html",
+)
+
+
+def navigation() -> list[str]:
+    """Every page that the configuration names."""
+    found: list[str] = []
+
+    def walk(entries: list[dict[str, Any]]) -> None:
+        for entry in entries:
+            for value in entry.values():
+                found.append(value) if isinstance(value, str) else walk(value)
+
+    walk(tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"])
+    return found
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    listed = navigation()
+    assert len(set(listed)) == len(listed)
+    own = [path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")]
+    pages = [name for name in own if not re.fullmatch(r"decisions/\d{4}-.*", name)]
+    assert sorted(set(pages) - set(listed)) == [], "give them a place in zensical.toml"
+    assert sorted(set(listed) - set(pages)) == []
+
+
+def test_every_decision_is_in_their_list() -> None:
+    text = (DOCS / "decisions" / "README.md").read_text(encoding="utf-8")
+    assert [p.name for p in (DOCS / "decisions").glob("0*.md") if f"({p.name})" not in text] == []
+
+
+def test_the_reference_has_every_public_name() -> None:
+    pages = {page.stem: page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")}
+    for module, names in (("etude", etude.__all__), ("testing", etude.testing.__all__)):
+        told = re.findall(r"^::: (\S+)\.(\w+)$", pages[module], re.MULTILINE)
+        for place, name in told:
+            assert getattr(importlib.import_module(place), name)
+        assert {name for _, name in told} == {n for n in names if n not in ("contracts", "errors", "testing")}
+    assert {"contracts", "errors", "testing"} < set(pages)
+
+
+def test_pictures_of_the_gallery_are_those_that_its_command_makes() -> None:
+    shown = set(re.findall(r"images/gallery/([\w.]+)", (DOCS / "gallery.md").read_text(encoding="utf-8")))
+    made = set(re.findall(r'"(\w+\.(?:svg|png))"', (DOCS / "gallery.py").read_text(encoding="utf-8")))
+    assert shown == {path.name for path in (DOCS / "images" / "gallery").iterdir()} == made
+
+
+class Links(HTMLParser):
+    """Targets, anchors and loaded things of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loaded: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        own = {name: value or "" for name, value in attrs}
+        self.anchors |= {own[name] for name in ("id", "name") if name in own}
+        if tag == "a" and "href" in own:
+            self.links.append(own["href"])
+        elif tag in ("script", "img", "iframe") and "src" in own:
+            self.loaded.append(own["src"])
+        elif tag == "link" and own.get("rel") in ("stylesheet", "icon", "preconnect", "preload"):
+            self.loaded.append(own["href"])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy, as the page says."""
+    pytest.importorskip("zensical", reason="pip install '.[docs]'")
+    pytest.importorskip("mkdocstrings", reason="pip install '.[docs]'")
+    place = tmp_path_factory.mktemp("built")
+    shutil.copy(ROOT / "zensical.toml", place)
+    shutil.copytree(DOCS, place / "docs")
+    shutil.copytree(
+        ROOT / "src" / "etude", place / "src" / "etude", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
+    environment = {**os.environ, "NO_COLOR": "1"}
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return place / "site"
+
+
+def test_no_link_leads_nowhere(site: Path) -> None:
+    pages = {path: Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
+    assert len(pages) > 70
+    broken = []
+    for page, found in pages.items():
+        if page.name == "404.html":  # shown in the place of any other
+            continue
+        for link in found.links:
+            if "://" in link or link.startswith(("mailto:", "javascript:")):
+                continue
+            name, _, anchor = unquote(link).partition("#")
+            target = (page.parent / name).resolve() if name else page
+            target = target / "index.html" if target.is_dir() else target
+            if not target.exists() or (anchor and target in pages and anchor not in pages[target].anchors):
+                broken.append(f"{page.relative_to(site)}: {link}")
+    assert broken == []
+
+
+def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
+    for path in site.rglob("*.html"):
+        loaded = Links(path.read_text(encoding="utf-8")).loaded
+        assert [own for own in loaded if "//" in own] == [], path.name
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("name", LOOKED_AT)
+def test_pages_are_silent_and_no_wider_than_the_window(browser: Any, site: Path, name: str) -> None:
+    for width in (400, 1280):
+        open_page(browser, site / name, width)
+        assert overhang(browser) == 0
+        assert complaints(browser) == []
+        loaded = browser.execute_script("return performance.getEntriesByType('resource').map((e) => e.name)")
+        assert [own for own in loaded if own.startswith(("http:", "https:"))] == []
+
+
+@pytest.mark.browser
+def test_search_works_from_the_file_system(browser: Any, site: Path) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    open_page(browser, site / "index.html")
+    wait = WebDriverWait(browser, 60)
+    wait.until(lambda b: b.execute_script("return document.querySelector('.md-search__button') !== null"))
+    browser.execute_script("document.querySelector('.md-search__button').click()")
+    words = "return document.querySelector('.md-search').innerText"
+    wait.until(
+        lambda b: "results" in b.execute_script(words) or b.switch_to.active_element.tag_name == "input"
+    )
+    browser.switch_to.active_element.send_keys("certificate")
+    wait.until(lambda b: "ertificate" in b.execute_script(words))
+    assert complaints(browser) == []
+
+
+@pytest.mark.browser
+def test_the_cheat_sheet_prints_on_two_pages(browser: Any, site: Path) -> None:
+    open_page(browser, site / "cheat_sheet.html")
+    a4 = {"paperWidth": 8.27, "paperHeight": 11.69, "preferCSSPageSize": True}
+    printed = base64.b64decode(browser.execute_cdp_cmd("Page.printToPDF", a4)["data"])
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) == 2
