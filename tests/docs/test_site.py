@@ -96,6 +96,9 @@ class Links(HTMLParser):
             self.loaded.append(own["href"])
 
 
+# what follows builds the site, and is run by .ci/run
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built from a copy, as the page says."""
@@ -114,6 +117,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "site"
 
 
+@pytest.mark.slow
 def test_no_link_leads_nowhere(site: Path) -> None:
     pages = {path: Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
     assert len(pages) > 70
@@ -132,6 +136,7 @@ def test_no_link_leads_nowhere(site: Path) -> None:
     assert broken == []
 
 
+@pytest.mark.slow
 def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
     for path in site.rglob("*.html"):
         loaded = Links(path.read_text(encoding="utf-8")).loaded
@@ -144,6 +149,7 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.parametrize("name", LOOKED_AT)
 def test_pages_are_silent_and_no_wider_than_the_window(browser: Any, site: Path, name: str) -> None:
@@ -155,6 +161,7 @@ def test_pages_are_silent_and_no_wider_than_the_window(browser: Any, site: Path,
         assert [own for own in loaded if own.startswith(("http:", "https:"))] == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_search_works_from_the_file_system(browser: Any, site: Path) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
@@ -172,6 +179,7 @@ def test_search_works_from_the_file_system(browser: Any, site: Path) -> None:
     assert complaints(browser) == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_cheat_sheet_prints_on_two_pages(browser: Any, site: Path) -> None:
     open_page(browser, site / "cheat_sheet.html")
