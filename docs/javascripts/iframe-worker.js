@@ -10,7 +10,7 @@
       this.frame.hidden = true;
       document.body.append(this.frame);
       const inside = this.frame.contentWindow;
-      inside.postMessage = (data) => setTimeout(() => this.tell("message", { data }));
+      inside.postMessage = (data) => this.later(data, (own) => this.tell("message", { data: own }));
       const script = inside.document.createElement("script");
       script.src = url;
       script.onerror = () => this.tell("error", {});
@@ -30,7 +30,13 @@
 
     postMessage(data) {
       if (this.waiting) this.waiting.push(data);
-      else this.frame.contentWindow?.dispatchEvent(new MessageEvent("message", { data }));
+      else this.later(data, (own) => this.frame.contentWindow?.dispatchEvent(new MessageEvent("message", { data: own })));
+    }
+
+    // as between threads: a copy, and never in the middle of what is being done
+    later(data, tell) {
+      const own = structuredClone(data);
+      setTimeout(() => tell(own));
     }
 
     terminate() {

@@ -166,16 +166,16 @@ def test_pages_are_silent_and_no_wider_than_the_window(browser: Any, site: Path,
 def test_search_works_from_the_file_system(browser: Any, site: Path) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
 
-    open_page(browser, site / "index.html")
+    open_page(browser, site / "start" / "px4.html")
     wait = WebDriverWait(browser, 60)
     wait.until(lambda b: b.execute_script("return document.querySelector('.md-search__button') !== null"))
     browser.execute_script("document.querySelector('.md-search__button').click()")
-    words = "return document.querySelector('.md-search').innerText"
-    wait.until(
-        lambda b: "results" in b.execute_script(words) or b.switch_to.active_element.tag_name == "input"
-    )
-    browser.switch_to.active_element.send_keys("certificate")
-    wait.until(lambda b: "ertificate" in b.execute_script(words))
+    field = wait.until(lambda b: b.execute_script("return document.activeElement.shadowRoot?.activeElement"))
+    browser.execute_script("window.host = document.activeElement;")
+    field.send_keys("poly4d")
+    found = "return [...window.host.shadowRoot.querySelectorAll('a')].map((a) => a.href)"
+    wait.until(lambda b: any("crazyflie.html" in link for link in b.execute_script(found)))
+    assert all(link.startswith("file:") for link in browser.execute_script(found))
     assert complaints(browser) == []
 
 
