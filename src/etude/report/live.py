@@ -149,7 +149,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(content)
 
     def _found(self) -> tuple[HTTPStatus, str, bytes]:
-        port = self.server.server_address[1]
+        port = self.connection.getsockname()[1]
         if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
             # a page of somebody else's that had its name point here
             return HTTPStatus.FORBIDDEN, "html", b"This is served to its own machine only."
