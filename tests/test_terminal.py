@@ -19,7 +19,7 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 import etude
-from etude import cli
+from etude import cli, interrupt
 from etude.commands import help_texts, machine, progress_bar
 from etude.commands.outcome import table
 from etude.commands.parse import AnyCommand
@@ -224,6 +224,14 @@ def test_a_bar_with_the_time_left_on_a_terminal(clock: list[float], monkeypatch:
     assert "about 6 min left" in said
     assert "about 40 s left" in said
     assert screen.getvalue().endswith("\x1b[2K"), "the line is cleared at the end"
+
+
+def test_ctrl_c_clears_the_bar_and_shows_the_cursor_again() -> None:
+    master, screen = pty.openpty()
+    interrupt._say(screen, "Interrupted.", "")
+    assert os.read(master, 1000).startswith(b"\r\x1b[K\x1b[?25hInterrupted.")
+    os.close(master)
+    os.close(screen)
 
 
 @pytest.mark.parametrize(

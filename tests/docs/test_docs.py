@@ -37,7 +37,7 @@ def shell_commands() -> list[tuple[str, str]]:
             for line in block.replace("\\\n", " ").splitlines():
                 for part in line.split("&&"):
                     words = part.split("#")[0].strip()
-                    if words.startswith("etude "):
+                    if words.startswith("etude ") and not words.startswith("etude --"):
                         found.append((page.name, words))
     return found
 

@@ -20,6 +20,8 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
 from etude import cli
+from etude.campaign.abandon import abandon
+from etude.campaign.folder import open_campaign
 from etude.errors import UsageError
 from etude.report.build import live_report
 from etude.report.live import HOST, PORT, Pages, digest_of, server
@@ -180,10 +182,11 @@ def test_a_new_event_renews_the_page_by_itself(tmp_path: Path) -> None:
         def renewed(wanted: bool) -> Any:
             return lambda b: b.execute_script("return !window.before") is wanted
 
-        path = tmp_path / "robot.toml"
-        path.write_text(path.read_text().replace("synthetic <arm>", "renamed <arm>"))
+        waiting = "return document.body.textContent.includes('abandoned')"
+        assert not browser.execute_script(waiting)
+        abandon(open_campaign(tmp_path), 6)
         WebDriverWait(browser, 60).until(renewed(True))
-        assert browser.title == "Étude report: renamed <arm>"
+        assert browser.execute_script(waiting)
         assert complaints(browser) == []
         loaded = browser.execute_script("return performance.getEntriesByType('resource').map((e) => e.name)")
         assert {own.split("/")[2] for own in loaded if own.startswith("http")} <= {f"{HOST}:{port}"}

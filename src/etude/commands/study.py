@@ -12,6 +12,7 @@ from etude.commands.common import Common
 from etude.commands.live import served
 from etude.commands.outcome import Outcome, Say
 from etude.commands.studies import functions, no_study, room_of, rooms, run_study
+from etude.commands.terminal import width
 from etude.errors import UsageError
 
 ACTIONS = ("list", "run", "show", "report")
@@ -21,6 +22,8 @@ OPTIONS = (
 )
 """Of a study of many ids."""
 LINE = "{:15} {:>5}  {:21}  {}"
+LEAST = 24
+"""Characters of what an id is about, however narrow the terminal."""
 LISTED = ("what", "seeds", "verdict", "command")
 SEEDS = 4
 """Of a study that does not plan its own."""
@@ -136,5 +139,7 @@ def _listed() -> Outcome:
     return Outcome("\n".join(lines), {"rows": data})
 
 
-def _short(text: str, width: int = 90) -> str:
-    return text if len(text) <= width else f"{text[: width - 3]}..."
+def _short(text: str) -> str:
+    """As much of it as the terminal has room for."""
+    room = max(LEAST, width() - len(LINE.format("", "", "", "")))
+    return text if len(text) <= room else f"{text[: room - 3]}..."
