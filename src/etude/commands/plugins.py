@@ -30,13 +30,15 @@ class Plugins(Common):
 
 
 def _row(plugin: Plugin) -> tuple[str, str, str]:
-    return f"{plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, f"({plugin.source})"
+    """Name, what it names, and the package that brings it where that is another one."""
+    source = "" if plugin.source == "etude" else f"({plugin.source})"
+    return f"{plugin.name}{' (!)' if plugin.problem else ''}", plugin.target, source
 
 
 def _columns(rows: Sequence[tuple[str, str, str]]) -> list[str]:
     """The rows with their columns under each other."""
     first, second = (max((len(row[i]) for row in rows), default=0) for i in (0, 1))
-    return [f"  {name:<{first}}  {target:<{second}}  {source}" for name, target, source in rows]
+    return [f"  {name:<{first}}  {target:<{second}}  {source}".rstrip() for name, target, source in rows]
 
 
 def _problems(found: Sequence[Plugin]) -> list[str]:

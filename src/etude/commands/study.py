@@ -135,11 +135,12 @@ def _listed() -> Outcome:
     lines = [LINE.format("id", "seeds", "verdict", "what")]
     for own in data:
         seeds, verdict = own["seeds"] or "-", own["verdict"] or "-"
-        lines.append(LINE.format(own["metric"], seeds, verdict, _short(str(own["what"]))))
+        head = LINE.format(own["metric"], seeds, verdict, "")
+        lines.append(head + _short(str(own["what"]), width() - len(head)))
     return Outcome("\n".join(lines), {"rows": data})
 
 
-def _short(text: str) -> str:
-    """As much of it as the terminal has room for."""
-    room = max(LEAST, width() - len(LINE.format("", "", "", "")))
+def _short(text: str, room: int) -> str:
+    """As much of it as there is room for."""
+    room = max(LEAST, room)
     return text if len(text) <= room else f"{text[: room - 3]}..."

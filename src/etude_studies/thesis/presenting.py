@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from etude_studies.thesis.ledger import Claim, Entry, Row
@@ -63,29 +64,35 @@ def cell(results: Values, entry: Entry, source: str, column: str, k: int) -> Cel
     return Cell.of(results.values(source, measure, k, entry.test, part))
 
 
-def entry_table(entry: Entry, results: Values, more: Sequence[Row] = ()) -> Table:
+def entry_table(entry: Entry, results: Values, more: Sequence[Row] = (), narrow: bool = False) -> Table:
     """Rows and lines of an entry after its last k; the thesis's own numbers in brackets.
 
     Args:
         more: rows of methods that are not the thesis's.
+        narrow: without frames, the parts of a cell below each other.
     """
-    shown = Table(title=f"{entry.id}: {entry.title} ({entry.unit})", title_justify="left")
+    style: dict[str, Any] = (
+        {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "show_edge": False} if narrow else {}
+    )
+    shown = Table(title=f"{entry.id}: {entry.title} ({entry.unit})", title_justify="left", **style)
     for heading in ("", "after", *entry.columns, "seeds"):
         shown.add_column(heading, justify="left" if not heading else "right", overflow="fold")
     rows = [*entry.rows, *more, *(Row(label=line, run=line) for line in entry.lines)]
     for row in rows:
         for k in (row.at or entry.at)[-1:] if entry.kind == "table" else entry.at:
-            _add(shown, entry, row, results, k)
+            _add(shown, entry, row, results, k, narrow)
     return shown
 
 
-def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int) -> None:
+def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int, narrow: bool) -> None:
     found = [cell(results, entry, row.run, column, k) for column in entry.columns]
     if not any(own.seeds for own in found):
         return
     printed = [rf" \[{value:g}]" for value in row.printed] if entry.kind == "table" else []
     printed += [""] * (len(found) - len(printed))
     texts = [own.text + text for own, text in zip(found, printed, strict=True)]
+    if narrow:
+        texts = [text.replace(" ± ", "\n± ").replace(r" \[", "\n" + r"\[") for text in texts]
     shown.add_row(row.label, str(k), *texts, str(max(own.seeds for own in found)))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import Any
 
 from etude.errors import UsageError
@@ -30,6 +31,8 @@ from etude_studies.thesis.presenting import entry_table, numbers, run_line, verd
 from etude_studies.thesis.verdict_file import Verdict, shown
 
 COLLECTED = "collected"
+LEAST, WIDE = 80, 110
+"""Columns below which a table is not broken further, and below which its cells are."""
 
 
 @dataclass(frozen=True)
@@ -199,9 +202,9 @@ def _tables(entries: Sequence[Entry], results: Results, added: Sequence[Run]) ->
     from rich.console import Console
 
     out = StringIO()
-    console = Console(file=out, width=110)
+    console = Console(file=out, width=max(LEAST, get_terminal_size((LEAST, 24)).columns))
     for entry in entries:
-        table = entry_table(entry, results, _more(entry, added))
+        table = entry_table(entry, results, _more(entry, added), narrow=console.width < WIDE)
         if table.row_count:
             console.print(table)
     return out.getvalue().rstrip()

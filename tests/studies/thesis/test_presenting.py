@@ -100,3 +100,12 @@ def test_seconds_of_every_method_come_from_its_own_table() -> None:
     found = {(row.model, row.part): row.value for row in run(spec.settings, 3, needs)}
     assert [found[name, "0.5"] for name in METHODS] == [60.0 * (i + 1) for i in range(len(METHODS))]
     assert all(math.isnan(found[name, "0.3"]) for name in METHODS)
+
+
+def test_on_a_narrow_terminal_the_parts_of_a_cell_stand_below_each_other() -> None:
+    out = StringIO()
+    Console(file=out, width=80).print(entry_table(ledger().entry("table-6.9"), MadeUp(), narrow=True))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "Dictionary" in out.getvalue(), "names are broken between words"
+    assert not any(line.rstrip().endswith("±") for line in lines)
