@@ -80,6 +80,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "design_gain": "etude_studies.design_gain:run",
         "more_joints": "etude_studies.more_joints:run",
         "online": "etude_studies.online:run",
+        "online_faults": "etude_studies.online_faults:run",
         "quadrotor": "etude_studies.flight_orders:run",
         "quadrotor_loop": "etude_studies.flight_loop:run",
         "thesis": "etude_studies.thesis.study:STUDY",

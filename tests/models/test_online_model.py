@@ -97,7 +97,7 @@ def test_what_is_judged_shares_no_measurement_with_what_was_learned(model, monke
     newest, gaps, now = [-np.inf, -np.inf], [], [0.0]
     for j, own in enumerate(online.commands):
         monkeypatch.setattr(own.learner, "observe", lambda x, y, t, j=j: newest.__setitem__(j, t))
-        monkeypatch.setattr(own.guard, "judge", lambda f, u, j=j: gaps.append(now[0] - 0.5 - newest[j]))
+        monkeypatch.setattr(own.evidence, "judge", lambda f, u, j=j: gaps.append(now[0] - 0.5 - newest[j]))
     for t, row in ticks(5.0):
         now[0] = t
         online.observe(t, row)

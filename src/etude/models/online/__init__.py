@@ -1,4 +1,4 @@
-"""Learning while the robot runs: a learner and a guard for each command, a controller of all."""
+"""Learning while the robot runs: a learner for each command, a guard, a controller of all."""
 
-PUBLIC = ("learner", "model")
+PUBLIC = ("guard_effort", "learner", "model")
 """Modules that may be used from outside."""

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from etude.contracts import Array, Candidate, Log
-from etude.errors import EtudeError, UsageError
+from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
-from etude.models.online.guard import Guard
+from etude.models.online.checkpoints import Checkpoints
+from etude.models.online.evidence import Evidence
 from etude.models.online.learner import OnlineConfig, OnlineOutput
 from etude.models.online.methods import begin
+
+FAILURES = (ArithmeticError, NumericalError, np.linalg.LinAlgError, ValueError, IndexError)
+"""What arithmetic on numbers that make no sense may end in."""
+FIRST_S, STAGGER_S = 5.0, 0.2
+"""When a learner's first checkpoint is kept, and how much later that of the next command."""
 
 
 @dataclass(eq=False)
@@ -27,9 +35,11 @@ class Command:
         place: of the command in the model. candidate: the rung whose process goes on learning.
         offset, factor: from the process's units to the command's.
         frozen: (D,) -> what the model as it was trained says, in the process's units and beside `base`.
-        learner, guard: of the command.
+        learner, evidence: of the command. checkpoints: of the learner.
         waiting: samples that were judged and not learned yet: time, input, output.
     """
+
+    MOVES: ClassVar[tuple[str, ...]] = ("learner", "evidence", "checkpoints", "waiting")
 
     place: int
     candidate: Candidate
@@ -37,7 +47,8 @@ class Command:
     factor: float
     frozen: Callable[[Array], float]
     learner: OnlineOutput
-    guard: Guard
+    evidence: Evidence
+    checkpoints: Checkpoints
     waiting: deque[tuple[float, Array, float]] = field(default_factory=deque)
 
     def base(self, states: Log) -> Array:
@@ -49,21 +60,42 @@ class Command:
     def judge(self, t: float, x: Array, command: float, base: float) -> None:
         """Compares both models on a sample that neither has learned, and keeps it for later."""
         y = (command - base) / self.factor
-        self.guard.judge(y - self.frozen(x), y - self.learner.mean(x))
+        self.evidence.judge(y - self.frozen(x), y - self.mean(x))
         self.waiting.append((t, x, y))
+
+    def mean(self, x: Array) -> float:
+        """What the learner says in the process's units; NaN where it has lost its numbers."""
+        try:
+            return self.learner.mean(x)
+        except FAILURES:
+            return math.nan
+
+    def drop(self, since: float) -> None:
+        """Forgets what waits from that time on."""
+        while self.waiting and self.waiting[-1][0] > since:
+            self.waiting.pop()
+
+    def set_back(self, now: float) -> bool:
+        """The learner as it was some seconds ago, without evidence for it; whether it begins anew."""
+        self.waiting.clear()
+        self.evidence.forget()
+        return self.checkpoints.back(now)
 
     def learned(self, due: float) -> bool | None:
         """Learns the oldest sample that waits, if its time is not after `due`.
 
         Returns:
             whether the learner took it; None if there was none.
+
+        Raises:
+            one of FAILURES: the learner may be anything now.
         """
         if not self.waiting or self.waiting[0][0] > due:
             return None
         t, x, y = self.waiting.popleft()
         try:
             self.learner.observe(x, y, t)
-        except EtudeError:  # the learner is as it was
+        except (DataError, UsageError):  # the learner is as it was
             return False
         return True
 
@@ -82,8 +114,10 @@ def learning_command(model: LearnedModel, j: int, config: OnlineConfig, rng: np.
             continue
         offset, factor = (float(unit) for unit in candidate.units[:, candidate.commands.index(j)])
         frozen = _point(candidate, posterior, j) if rung == chosen else _constant(-offset / factor)
-        guard = Guard(config.memory_s * config.rate_hz, posterior.noise_variance)
-        return Command(j, candidate, offset, factor, frozen, begin(posterior, config, rng), guard)
+        evidence = Evidence(config.memory_s * config.rate_hz, posterior.noise_variance)
+        learner = begin(posterior, config, rng)
+        kept = Checkpoints(learner, FIRST_S + STAGGER_S * j)
+        return Command(j, candidate, offset, factor, frozen, learner, evidence, kept)
     raise UsageError(
         f"{model.commands[j]} comes from the rung {chosen!r} by a process that cannot go on learning",
         next_step="Train rung = 'gp' or 'identified+gp' with process = 'exact' or a dictionary.",

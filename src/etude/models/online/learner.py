@@ -13,6 +13,9 @@ from etude.errors import DataError, UsageError
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e50
+"""Beyond it an output, or an input, is no number to learn from: its square is none."""
+
 
 @dataclass(frozen=True)
 class OnlineConfig:
@@ -80,7 +83,12 @@ class Learner(Protocol):
 
 
 class Method(Protocol):
-    """What the methods behind it owe; given finite values of the right shape, and later times only."""
+    """What the methods behind it owe; given finite values of the right shape, and later times only.
+
+    MOVES names what `state.taken` copies.
+    """
+
+    MOVES: tuple[str, ...]
 
     def learn(self, x: Array, y: float, t: float) -> None: ...
     def mean(self, x: Array) -> float: ...
@@ -88,6 +96,8 @@ class Method(Protocol):
 
 class OnlineOutput:
     """A method behind the checks that all of them owe (implements `Learner`)."""
+
+    MOVES = ("_method", "_last", "samples")
 
     def __init__(self, method: Method, inputs: int) -> None:
         self._method, self._inputs = method, inputs
@@ -97,8 +107,10 @@ class OnlineOutput:
     def observe(self, x: Array, y: float, t: float) -> None:
         """As `Learner.observe`."""
         self._check(x)
-        if not (math.isfinite(y) and math.isfinite(t) and np.isfinite(x).all()):
-            raise DataError("a sample contains NaN or infinite values", next_step="Skip it.")
+        if not (abs(y) < LARGEST and math.isfinite(t) and (np.abs(x) < LARGEST).all()):
+            raise DataError(
+                "a sample contains NaN or infinite values, or some beyond arithmetic", next_step="Skip it."
+            )
         if not t > self._last:
             raise DataError(
                 f"time stands still or runs backwards: {t} s after {self._last} s",

@@ -51,6 +51,11 @@ def dictionary(rule: Literal["variance", "error"], guard: float | None = 3.0) ->
 class _Dictionary:
     """Times count from the first sample, so that what the dictionary started from has no age by then."""
 
+    MOVES: tuple[str, ...] = (
+        "_first",
+        *(f"_stream.{n}" for n in ("diagonal", "signal_variance", "offered", "refreshes", "_members")),
+    )
+
     def __init__(self, stream: DictionaryStream) -> None:
         self._stream, self._first = stream, np.nan
 
@@ -75,6 +80,11 @@ def sogp(start: ExactPosterior, config: OnlineConfig, _: np.random.Generator) ->
 
 
 class _Sogp:
+    MOVES: tuple[str, ...] = (
+        *(f"_process.{n}" for n in ("samples", "log_density", "_diagonal_sum", "basis")),
+        *(f"_process.{n}" for n in ("_L", "_S", "_m", "_weights")),
+    )
+
     def __init__(self, process: OnlineProcess) -> None:
         self._process = process
 
@@ -104,6 +114,10 @@ def random_spectrum(start: ExactPosterior, config: OnlineConfig, rng: np.random.
 
 
 class _Spectrum:
+    MOVES: tuple[str, ...] = tuple(
+        f"_model.{n}" for n in ("A", "R", "b", "prior", "count", "_weights", "_next")
+    )
+
     def __init__(self, before: PointMean, model: IncrementalSpectrum) -> None:
         self._before, self._model = before, model
 

@@ -2,55 +2,66 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Array, Channel, Controller, Log, Motion, Row
-from etude.errors import UsageError
+from etude.contracts import Array, Channel, Controller, Motion, Row
+from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
-from etude.models.online.command import Command, learning_command
+from etude.models.online.command import FAILURES, Command, learning_command
+from etude.models.online.guard import Guard
+from etude.models.online.guard_effort import Feedback
+from etude.models.online.guard_gate import Ranges
 from etude.models.online.learner import OnlineConfig
-from etude.models.online.window import CentredWindow, sources
+from etude.models.online.measured import COMMAND, Measured
+from etude.models.online.planned import Planned
+from etude.models.online.state import put_back, state_bytes, state_of, taken
 
-COMMAND = "command"
+REPORTS = 200
+"""Sentences that are kept."""
+CLEAN_S, YOUNG_S = 0.1, 0.2
+"""After a suspicion: what the window has to hold beyond its length, and how much older a sample must be."""
 
 
 @dataclass
 class Counts:
-    """What became of the measurements: per command (J,), but for `ignored`.
+    """What became of the measurements: per command (J,), but for the last three.
 
     Attributes:
         learned: samples. still: samples of a joint that stood still. refused: samples that the learner
-            raised an error on. ignored: measurements not finite, or not later than the last.
+            raised an error on. set_back: times that a learner went back.
+        ignored: measurements that cannot be true. rebased: times that the clock jumped or stood still.
+        suspected: decisions that contradicted, after which nothing is learned for a window's length.
     """
+
+    MOVES: ClassVar[tuple[str, ...]] = (
+        *("learned", "still", "refused", "set_back"),
+        *("ignored", "rebased", "suspected"),
+    )
 
     learned: NDArray[np.int64]
     still: NDArray[np.int64]
     refused: NDArray[np.int64]
+    set_back: NDArray[np.int64]
     ignored: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Ahead:
-    """A plan asked for ahead of the run: times (T,), inputs (T, D), mean function, frozen command (T, J)."""
-
-    t: Array
-    X: Array
-    base: Array
-    frozen: Array
+    rebased: int = 0
+    suspected: int = 0
 
 
 class OnlineModel:
-    """One learner and one guard for each command of a model (implements `contracts.Controller`).
+    """One learner for each command of a model, behind a guard (implements `contracts.Controller`).
 
     Mutable; for one thread. `observe` takes rows of measured channels, tick by tick; `command` mixes the
     updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window,
     skipped where a joint stands still, judged, and learned `hold_s` later; the commands learn in turn, in
-    different ticks, so that no tick pays for all of them.
+    different ticks, so that no tick pays for all of them. Whatever is measured, nothing but UsageError
+    leaves either.
 
     Args:
         model: its commands come from exact processes or dictionaries, or have such a rung beside physics.
@@ -61,10 +72,17 @@ class OnlineModel:
         config: how to go on.
         rate: of the control ticks, Hz.
         rng: of what the learners draw.
+        feedback: what the robot's feedback adds, which the guard judges by (`guard_effort.feedback_of`); None
+            where nothing is driven: then past samples alone say how much of a learner is believed.
+
+    Attributes:
+        counts: of measurements. reports: (s of its own clock, sentence) of each reaction, the newest last.
 
     Raises:
         UsageError: a command has no such process, or limits of another robot.
     """
+
+    MOVES = ("commands", "counts", "guard", "_plan", "_measured", "_held", "_ticks", "_suspected")
 
     def __init__(
         self,
@@ -75,116 +93,180 @@ class OnlineModel:
         config: OnlineConfig,
         rate: float,
         rng: np.random.Generator,
+        feedback: Feedback | None = None,
     ) -> None:
         count = len(model.commands)
         if any(np.shape(limit) != (count,) for limit in limits):
             raise UsageError(f"the model has {count} commands, the limits are {limits}")
-        self.model, self.config, self._frozen, self._limits = model, config, frozen, limits
-        self._channels = {channel.name: channel for channel in channels}
+        self.model, self.config, self._limits = model, config, limits
         self.commands = [learning_command(model, j, config, rng) for j in range(count)]
-        learned, still, refused = np.zeros((3, count), dtype=np.int64)
-        self.counts = Counts(learned, still, refused)
-        self._rate = rate
-        self._window: CentredWindow | None = None
+        self.counts = Counts(*np.zeros((4, count), dtype=np.int64))
+        self.reports: deque[tuple[float, str]] = deque(maxlen=REPORTS)
+        known = {channel.name: channel for channel in channels}
+        self._plan = Planned(model, known, frozen, self.commands, rate)
+        self._noise = np.array([abs(own.factor) * own.evidence.noise for own in self.commands])
+        self.guard = self._guarded(feedback, rate)
+        self._measured = self._measuring(known, feedback, rate)
+        self._held = np.zeros(count)
         self._stride = max(1, round(rate / config.rate_hz))
         self._turn = [j * self._stride // count for j in range(count)]
-        self._ticks = 0
-        self._path = _path(model, self._channels)
-        self._ahead: Ahead | None = None
-        self._memory: Array | None = None
+        self._ticks, self._suspected = 0, -math.inf
 
     def planned(self, motion: Motion) -> Array | None:
         """None: what is measured counts. What the frozen model says of the plan is asked once, here."""
-        states = self.model.inputs.states(motion)
-        frozen = self.model.mean(states) if self._frozen is None else self._frozen.planned(motion)
-        self._ahead = None
-        if frozen is not None:
-            base = np.column_stack([command.base(states) for command in self.commands])
-            self._ahead = Ahead(motion.t, self.model.inputs.of_log(states), base, frozen)
+        self._plan.take(motion)
         return None
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
-        """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,)."""
-        x, base, frozen = self._instant(t, row)
-        out = frozen.copy()
-        for own, weight in zip(self.commands, self.weights(), strict=True):
-            if weight > 0.0:
-                updated = base[own.place] + own.factor * own.learner.mean(x)
-                if np.isfinite(updated):  # a learner that has lost its numbers never drives
-                    out[own.place] += weight * (updated - frozen[own.place])
-        noise = np.array([own.factor * own.guard.noise for own in self.commands])
-        return np.clip(out, *self._limits), noise
+        """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,).
+
+        For a plan that is not finite the last command is held; its deviation is infinite.
+        """
+        with np.errstate(all="ignore"):
+            found = self._finite_instant(t, row)
+            if found is None:
+                return self._held.copy(), np.full(len(self._held), np.inf)
+            x, base, frozen = found
+            share = self._share()
+            raw = self._raw(x, base, frozen, share)
+            if self.guard is None:
+                out = np.clip(frozen + np.where(np.isfinite(raw), share * raw, 0.0), *self._limits)
+            else:
+                out = self.guard.play(frozen, raw, share)
+        self._held = out
+        return out.copy(), self._noise.copy()
 
     def observe(self, t: float, row: Row) -> None:
         """One control tick's measurement: time in s, and the measured channels with the applied command."""
-        if self._window is None:
-            self._window = self._begin(row)
-        self._window.push(t, row)
-        self.counts.ignored = self._window.ignored
-        place = self._ticks % self._stride
-        self._ticks += 1
-        if place == 0:
-            sample = self._window.middle()
-            if sample is not None:
-                self._judge(*sample)
-        for own, turn in zip(self.commands, self._turn, strict=True):
-            if turn == place:
-                self._teach(own, t)
+        if self.guard is not None and self._ticks == 0:
+            self.guard.begin(row)
+        with np.errstate(all="ignore"):
+            believed = self._measured.take(t, row)
+            self.counts.ignored, self.counts.rebased = self._measured.counts
+            if self.guard is not None:
+                self._guard_tick(self.guard, row if believed else None)
+            place = self._ticks % self._stride
+            self._ticks += 1
+            now = self._measured.now
+            if place == 0 and now >= self._suspected:
+                self._judge_middle()
+            for own, turn in zip(self.commands, self._turn, strict=True):
+                if turn == place:
+                    self._teach(own, now)
 
     def weights(self) -> list[float]:
         """What part of each command comes from its learner."""
-        return [own.guard.weight if self.config.guarded else 1.0 for own in self.commands]
+        weight = 1.0 if self.guard is None else self.guard.weight
+        return list((weight * self._share()).tolist())
 
-    def _instant(self, t: float, row: Row) -> tuple[Array, Array, Array]:
-        """Inputs (D,), mean function and frozen command (J,) of a planned instant."""
-        ahead = self._ahead
-        if ahead is not None:
-            # before the plan begins its first row holds, as in every run
-            k = int(np.clip(np.searchsorted(ahead.t, t - 0.5 / self._rate), 0, len(ahead.t) - 1))
-            return ahead.X[k], ahead.base[k], ahead.frozen[k]
-        x, self._memory = self.model.inputs.step(row, self._memory)
-        states = self._states(t, row)
-        base = np.array([own.base(states)[0] for own in self.commands])
-        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, row)[0]
-        return x, base, frozen
+    def state(self) -> bytes:
+        """All that it has learned and remembers, as numbers; `restore` makes an equal model this one."""
+        return state_bytes([[list(item) for item in self._measured.sizes.items()], taken(self)])
 
-    def _begin(self, row: Row) -> CentredWindow:
-        measured = [name for name in row if name in self._channels]
+    def restore(self, state: bytes) -> None:
+        """Goes on from `state`, as if it had never stopped. DataError: a damaged one, or of another model."""
+        found = state_of(state)
+        try:
+            sizes, numbers = found
+            if sizes:
+                self._measured.begin(dict(sizes))
+            put_back(self, numbers)
+            self._measured.reopened()
+        except (ValueError, TypeError, AttributeError, KeyError, UsageError) as error:
+            raise DataError(
+                f"the saved state is of another model ({error})", next_step="Open without it."
+            ) from error
+
+    def _guarded(self, feedback: Feedback | None, rate: float) -> Guard | None:
+        if feedback is None or not self.config.guarded:
+            return None
+        return Guard(feedback, self._limits, self._noise, self.model.commands, rate, self._say)
+
+    def _measuring(self, known: Mapping[str, Channel], feedback: Feedback | None, rate: float) -> Measured:
+        first = self._plan.path[0] if self._plan.path else ""
+        sigma = None if feedback is None else feedback.sigma
+        ranges = Ranges(known, self._limits, sigma, getattr(feedback, "path", first), 1.0 / rate)
         inputs = [channel for channel, *_ in self.model.inputs.columns]
-        more = [name for name in measured if self._channels[name].role == "state"]  # physics may look at them
-        found = sources(list(dict.fromkeys([*inputs, COMMAND, *more])), measured, self._channels)
-        sizes = {name: len(np.atleast_1d(row[name])) for name in measured}
-        return CentredWindow(found, sizes, self._rate, self.config.window_s)
+        also = () if self.guard is None or feedback is None else feedback.channels
+        return Measured(inputs, known, ranges, also, rate, self.config.window_s, self._say)
 
-    def _judge(self, t: float, row: Mapping[str, Array]) -> None:
-        x, _ = self.model.inputs.step(row, None)
-        states, moving = self._states(t, row), self._moving(t, row)
+    def _share(self) -> Array:
+        """(J,) how much of each learner its past samples support."""
+        if not self.config.guarded:
+            return np.ones(len(self.commands))
+        return np.array([own.evidence.weight for own in self.commands])
+
+    def _raw(self, x: Array, base: Array, frozen: Array, share: Array) -> Array:
+        """(J,) what the learners would add to the frozen command; zero where nobody needs to know."""
+        raw = np.zeros(len(frozen))
+        if self.guard is not None and not self.guard.asks:
+            return raw
+        for own in self.commands:
+            if share[own.place] > 0.0 or self.guard is not None:
+                raw[own.place] = base[own.place] + own.factor * own.mean(x) - frozen[own.place]
+        return raw
+
+    def _finite_instant(self, t: float, row: Row) -> tuple[Array, Array, Array] | None:
+        try:
+            found = self._plan.instant(t, row)
+            if np.isfinite(found[2]).all():
+                return found
+        except (DataError, *FAILURES):
+            pass
+        self._measured.odd("The planned row or its command is not finite: the last command is held")
+        return None
+
+    def _say(self, sentence: str) -> None:
+        self.reports.append((self._measured.now, sentence))
+
+    def _guard_tick(self, guard: Guard, row: Row | None) -> None:
+        if self._measured.paused:
+            guard.skip()
+        guard.collect(row)
+        if not guard.due:
+            return
+        believed, back = guard.decide()
+        now = self._measured.now
+        if not believed:
+            self.counts.suspected += 1
+            self._suspected = now + self.config.window_s + CLEAN_S
+        for own in self.commands:
+            if not believed:
+                own.drop(now - 0.5 * self.config.window_s - YOUNG_S)
+            elif now >= self._suspected:
+                own.checkpoints.keep(now)
+            if back[own.place]:
+                self._set_back(own, now, "is wrong by far")
+
+    def _set_back(self, own: Command, now: float, why: str) -> None:
+        self.counts.set_back[own.place] += 1
+        anew = own.set_back(now)
+        name = self.model.commands[own.place]
+        self._say(f"What {name} had learned {why}: it {'begins anew' if anew else 'goes back some seconds'}.")
+
+    def _judge_middle(self) -> None:
+        sample = self._measured.middle()
+        if sample is None:
+            return
+        t, row = sample
+        try:
+            x, _ = self.model.inputs.step(row, None)
+            states, moving = self._plan.states(t, row), self._plan.moving(t, row)
+            base = [own.base(states)[0] for own in self.commands]
+        except (DataError, *FAILURES):  # numbers in their ranges that make no sense together
+            self.counts.refused += 1
+            return
         self.counts.still += ~moving
         for j in np.flatnonzero(moving).tolist():
-            own = self.commands[j]
-            own.judge(t, x, float(row[COMMAND][j]), float(own.base(states)[0]))
-
-    def _moving(self, t: float, row: Mapping[str, Array]) -> NDArray[np.bool_]:
-        """(J,) whether a sample says something of each command; half the weight of a planned one tells."""
-        if not self._path:
-            return np.ones(len(self.commands), dtype=np.bool_)
-        motion = Motion(np.array([t]), np.stack([row[name][None] for name in self._path]))
-        return np.asarray(self.model.inputs.plan(motion).gains[0] ** 2 >= 0.5)
-
-    def _states(self, t: float, row: Mapping[str, Array]) -> Log:
-        known = {name: np.atleast_2d(values) for name, values in row.items() if name in self._channels}
-        return Log(np.array([t]), {name: self._channels[name] for name in known}, known)
+            self.commands[j].judge(t, x, float(row[COMMAND][j]), float(base[j]))
 
     def _teach(self, own: Command, now: float) -> None:
         """The command learns its oldest waiting sample, if that has waited long enough."""
-        taken = own.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
-        if taken is not None:
-            counts = self.counts.learned if taken else self.counts.refused
+        try:
+            taken_in = own.learned(now - self.config.hold_s - 0.5 * self.config.window_s)
+        except FAILURES:
+            self._set_back(own, now, "is lost in arithmetic")
+            return
+        if taken_in is not None:
+            counts = self.counts.learned if taken_in else self.counts.refused
             counts[own.place] += 1
-
-
-def _path(model: LearnedModel, channels: Mapping[str, Channel]) -> list[str]:
-    """The inputs that are the path and its rates, as many as plans have; none if it looks elsewhere."""
-    names = list(dict.fromkeys(channel for channel, *_ in model.inputs.columns))[: model.inputs.orders]
-    follows = [channels[rate].derivative_of == name for name, rate in pairwise(names)]
-    return names if len(names) == model.inputs.orders and all(follows) else []

@@ -77,6 +77,8 @@ class CentredWindow:
         ignored: measurements that were not taken.
     """
 
+    MOVES = ("_rows", "_filled", "_next", "_last", "ignored")
+
     def __init__(
         self, wanted: Sequence[Source], sizes: Mapping[str, int], rate: float, seconds: float
     ) -> None:
@@ -92,6 +94,15 @@ class CentredWindow:
         self._period = 1.0 / rate
         self._filled, self._next, self._last = 0, 0, -np.inf
         self.ignored = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channels that it takes of a row."""
+        return tuple(self._places)
+
+    def miss(self) -> None:
+        """A measurement that is not believed: the window fills anew."""
+        self.ignored, self._filled = self.ignored + 1, 0
 
     def push(self, t: float, row: Row) -> None:
         """One measurement: time in s and the channels of one instant."""

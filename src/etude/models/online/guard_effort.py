@@ -1,0 +1,160 @@
+"""What the feedback added, by a law that logs told or as the controller says it: who judges the learners.
+
+The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Channel, Log
+from etude.errors import DataError, UsageError
+
+Array = NDArray[np.float64]
+
+COMMAND, FED_FORWARD, FED_BACK, PLANNED = "command", "command_ff", "command_fb", "_des"
+DECISION_S, FEWEST = 0.1, 5
+"""Length of a decision, which averages rounding and noise; in ticks, at least."""
+EXPLAINED = 0.9
+"""Least part of the command's variation that a law must explain."""
+FLOOR = 1e-3
+"""Least deviation of a law, a part of the command's limit."""
+TAIL, TAIL_PART = 5.0, 99.5
+"""Deviation from the tail: that percentile of what is left, over so many."""
+
+
+def decision_ticks(rate: float) -> int:
+    """Control ticks of one decision."""
+    return max(FEWEST, round(DECISION_S * rate))
+
+
+class Feedback(Protocol):
+    """Where the feedback's command comes from. sigma (J,): deviation of command - sent - feedback's."""
+
+    @property
+    def sigma(self) -> Array: ...
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array: ...  # (n, J) of n ticks, in a row
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackLaw:
+    """kp e + kd de/dt, each command by its own coordinate of the path.
+
+    Attributes:
+        kp, kd: (J,) command unit per rad (m), and s of it. sigma: (J,) command unit.
+        path: the channel of the path; its plan is that name with _des.
+    """
+
+    kp: Array
+    kd: Array
+    sigma: Array
+    path: str
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (self.path, self.path + PLANNED)
+
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array:
+        """The slope of the error is that over all the ticks."""
+        error = rows[self.path + PLANNED] - rows[self.path]
+        slope = (error[-1] - error[0]) / (period * max(len(error) - 1, 1))
+        return np.asarray(self.kp * error + self.kd * slope)
+
+
+@dataclass(frozen=True, eq=False)
+class ToldFeedback:
+    """A controller that says what it adds: the channel `command_fb` of every measured row."""
+
+    sigma: Array
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (FED_BACK,)
+
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array:  # noqa: ARG002
+        return rows[FED_BACK]
+
+
+def feedback_of(
+    logs: Sequence[Log], channels: Sequence[Channel], path: str, limits: tuple[Array, Array], rate: float
+) -> Feedback:
+    """The feedback of a robot, from logs of its own runs.
+
+    A command that acts on a coordinate of the path has a law, by least squares over decisions; what was fed
+    forward is taken off. Of other robots the controller has to say it, in rows with `command_fb`.
+
+    Args:
+        logs: of runs under the feedback that there will be, at the rate of control.
+        limits: lower and upper (J,) of the commands.
+        rate: Hz of the logs.
+
+    Raises:
+        DataError: the logs hold no plan, or the command does not follow from the error along the path: the
+            sensor's sign is wrong, or the controller is another (an integral, gravity in the drive).
+    """
+    command = next(c for c in channels if c.role == "command")
+    least = FLOOR * np.maximum(*np.abs(limits))
+    if command.acts_on != path:
+        return ToldFeedback(least)
+    parts = [part for log in logs for part in _decisions(log, path, limits, rate)]
+    if not parts:
+        raise DataError(
+            f"no log holds {path}{PLANNED}, so the robot's feedback is not known",
+            next_step="Log the desired positions; without them nothing judges what is learned.",
+        )
+    error, slope, u = (np.stack(rows) for rows in zip(*parts, strict=True))
+    laws = [_law(error[:, j], slope[:, j], u[:, j], name) for j, name in enumerate(command.parts)]
+    kp, kd, sigma = np.array(laws).T
+    return FeedbackLaw(kp, kd, np.maximum(sigma, least), path)
+
+
+def _decisions(
+    log: Log, path: str, limits: tuple[Array, Array], rate: float
+) -> list[tuple[Array, Array, Array]]:
+    """Mean error, its slope and mean of what was fed back, of stretches as long as a decision."""
+    wanted, n = log.get(path + PLANNED), decision_ticks(rate)
+    if wanted is None:
+        return []
+    error, sent = wanted - log[path], log.get(FED_FORWARD)
+    u = log[COMMAND] - (0.0 if sent is None else sent)
+    free = ((log[COMMAND] > 0.99 * limits[0]) & (log[COMMAND] < 0.99 * limits[1])).all(axis=1)
+    good = free & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1)
+    spans = [slice(k, k + n) for k in range(0, len(log) - n + 1, n) if good[k : k + n].all()]
+    return [
+        (error[s].mean(axis=0), (error[s][-1] - error[s][0]) * rate / (n - 1), u[s].mean(axis=0))
+        for s in spans
+    ]
+
+
+def _law(error: Array, slope: Array, u: Array, name: str) -> tuple[float, float, float]:
+    """kp, kd, sigma of one command."""
+    A = np.column_stack([error, slope])
+    (kp, kd), *_ = np.linalg.lstsq(A, u, rcond=None)
+    left = u - A @ (kp, kd)
+    told = 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny)
+    if not (told >= EXPLAINED and kp > 0.0):
+        raise DataError(
+            f"the command of {name} does not follow from its tracking error ({100 * max(told, 0.0):.0f} % of it "
+            f"explained, gain {kp:.3g})",
+            where=name,
+            next_step="Look at the sign and scale of the logged command; nothing is learned on line without.",
+        )
+    spread = 1.4826 * float(np.median(np.abs(left)))
+    return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)
+
+
+def require_rows(feedback: Feedback, row: Mapping[str, Array]) -> None:
+    """UsageError: the first measured row lacks what the guard judges by."""
+    missing = [name for name in (*feedback.channels, COMMAND) if name not in row]
+    if missing:
+        raise UsageError(
+            f"the measured row lacks {', '.join(missing)}",
+            next_step="The guard of learning on line judges by it: put it into every row.",
+        )

@@ -1,0 +1,105 @@
+"""What moves in objects that learn, as numbers: to go back to, and to be saved without running any code.
+
+A class names what moves in it in `MOVES`, dotted where it lies deeper. The objects themselves are made again from
+what they began with; only their numbers are put back.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from etude.errors import DataError
+
+WORDS = "words"
+
+
+def taken(owner: Any) -> Any:
+    """A copy of what moves in `owner`: its own place for each name."""
+    return [_copy(_at(owner, name)) for name in owner.MOVES]
+
+
+def put_back(owner: Any, state: Any) -> None:
+    """Makes `owner` what it was when `state` was taken, which it shares nothing with. The state can serve again."""
+    for name, value in zip(owner.MOVES, state, strict=True):
+        *way, last = name.split(".")
+        parent = owner
+        for step in way:
+            parent = getattr(parent, step)
+        now = getattr(parent, last)
+        if hasattr(now, "MOVES"):
+            put_back(now, value)
+        elif isinstance(now, list) and now and hasattr(now[0], "MOVES"):
+            for own, part in zip(now, value, strict=True):
+                put_back(own, part)
+        else:
+            setattr(parent, last, _restored(value, now))
+
+
+def state_bytes(state: Any) -> bytes:
+    """The file of a state: arrays, and JSON that says where each belongs."""
+    arrays: list[np.ndarray[Any, Any]] = []
+    words = json.dumps(_words(state, arrays))
+    buffer = io.BytesIO()
+    text = np.frombuffer(words.encode(), dtype=np.uint8)
+    np.savez(buffer, allow_pickle=False, **{WORDS: text}, **{f"a{i}": a for i, a in enumerate(arrays)})
+    return buffer.getvalue()
+
+
+def state_of(data: bytes) -> Any:
+    """The state of a file's bytes. DataError if they are damaged."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            stored = dict(file)
+        return _value(json.loads(bytes(stored[WORDS])), stored)
+    except Exception as error:
+        raise DataError(
+            f"this is no saved state ({error})", next_step="Open the folder without it: it starts anew."
+        ) from error
+
+
+def _at(owner: Any, name: str) -> Any:
+    for step in name.split("."):
+        owner = getattr(owner, step)
+    return owner
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.copy(order="K")
+    if hasattr(value, "MOVES"):
+        return taken(value)
+    if isinstance(value, (list, tuple, deque)):
+        return [_copy(part) for part in value]
+    return value
+
+
+def _restored(value: Any, now: Any) -> Any:
+    """A copy of a stored value, in the kind of sequence that stands there now."""
+    if isinstance(value, np.ndarray):
+        return value.copy(order="K")
+    if not isinstance(value, list):
+        return value
+    parts = [_restored(part, None) for part in value]
+    if isinstance(now, tuple):
+        return type(now)(*parts) if hasattr(now, "_fields") else tuple(parts)
+    return deque(map(tuple, parts)) if isinstance(now, deque) else parts
+
+
+def _words(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, list):
+        return [_words(part, arrays) for part in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _value(words: Any, stored: dict[str, np.ndarray[Any, Any]]) -> Any:
+    if isinstance(words, dict):
+        return stored[f"a{words['array']}"]
+    return [_value(part, stored) for part in words] if isinstance(words, list) else words
