@@ -1,4 +1,4 @@
-"""What may happen to a robot that learns while it runs: faults on the learner's wire, and of the robot itself."""
+"""What may happen to a robot that learns while it runs: faults of the learner's wire, and of the robot."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ def drawn(kind: str, parts: int, rng: np.random.Generator) -> Fault:
     """A fault of that kind: when, how long, of which part and how large."""
     onset = float(rng.uniform(FIRST_S, LAST_S))
     length = NEVER if rng.random() < PERMANENT else float(rng.uniform(SHORTEST_S, LONGEST_S))
-    return Fault(kind, onset, onset + length, int(rng.integers(parts)), float(rng.random()), int(rng.integers(2**31)))
+    return Fault(
+        kind, onset, onset + length, int(rng.integers(parts)), float(rng.random()), int(rng.integers(2**31))
+    )
 
 
 @dataclass(eq=False)
@@ -75,7 +77,11 @@ class FaultyWire:
 
     def planned(self, motion: Motion) -> Array | None:
         ahead = self.own.planned(motion)
-        return None if ahead is None else np.array([self._driven(t, u) for t, u in zip(motion.t, ahead, strict=True)])
+        return (
+            None
+            if ahead is None
+            else np.array([self._driven(t, u) for t, u in zip(motion.t, ahead, strict=True)])
+        )
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         command, deviation = self.own.command(t, row)
@@ -102,7 +108,7 @@ def _with(row: Row, name: str, part: int, value: float) -> Row:
     return {**row, name: values}
 
 
-def _sign(wire: FaultyWire, t: float, row: Row) -> tuple[float, Row]:
+def _sign(wire: FaultyWire, t: float, row: Row) -> tuple[float, Row]:  # noqa: ARG001
     """Of all commands."""
     return t, {**row, "command": -row["command"]}
 
@@ -162,7 +168,7 @@ def _clock_forward(wire: FaultyWire, t: float, row: Row) -> tuple[float, Row]:
     return t + 10.0 ** (4.0 * wire.fault.size), row
 
 
-def _clock_stuck(wire: FaultyWire, t: float, row: Row) -> tuple[float, Row]:
+def _clock_stuck(wire: FaultyWire, t: float, row: Row) -> tuple[float, Row]:  # noqa: ARG001
     return wire.fault.onset, row
 
 

@@ -63,7 +63,7 @@ class Found(msgspec.Struct, frozen=True):
 
     Attributes:
         fault: as drawn. frozen, learned: mean tracking error from the onset to the end, the robot's unit.
-        window: worst ratio of 5 s windows. recovered: ratio in the last 10 s; None if the fault lasts too long.
+        window: worst ratio of 5 s windows. recovered: ratio in the last 10 s; None if the fault lasts longer.
         largest: largest error, frozen and learned. reports: sentences.
     """
 
@@ -100,7 +100,7 @@ class Stage:
     motion: Trajectory
     frozen: Controller
     online: OnlineModel
-    warm: bytes
+    warm: Any
     seed: int
 
     def run(self, fault: Fault, *, learning: bool) -> Log:
@@ -118,12 +118,13 @@ class Stage:
             changes |= {fault.end: robot} if fault.end < LENGTH_S else {}
         noise = np.random.default_rng([self.seed, 3])
         with threads_for(0):
-            return robot.run(Shortened(self.motion, LENGTH_S), wire, noise, changes=changes)  # type: ignore[no-any-return]
+            found: Log = robot.run(Shortened(self.motion, LENGTH_S), wire, noise, changes=changes)
+        return found
 
 
 @cache
 def world_of(name: str) -> World:
-    """A built-in robot, or the arm of seven joints in closed loop under drives that its model file gives it."""
+    """A built-in robot, or an arm of seven joints under drives that its model file gives it."""
     if name == "seven":
         from etude_studies.seven_joints import PANDA_LIKE, described
 
@@ -137,7 +138,7 @@ def stage(place: Place, seed: int) -> Stage:
     rng = np.random.default_rng([seed, 17])
     motions = [world.motion(rng, **one_period(PASS_S)) for _ in range(TRAINING)]
     logs = [world.robot.run(motion, None, rng) for motion in motions]
-    config = replace(world.alone, rung=place.rung)
+    config = replace(world.alone, rung=place.rung)  # type: ignore[arg-type]
     model = world.learned(world.samples(*logs), config, rng).model
     frozen = world.kind.controller(world.spec, world.config, model)
     online = OnlineModel(
@@ -192,7 +193,7 @@ def compared(fault: Fault, frozen: Log, learned: Log, reports: list[str]) -> Fou
 
 
 def faults_of(place: Place, seed: int, kinds: Sequence[str] = KINDS) -> Iterator[tuple[str, Fault]]:
-    """Every fault of a cell by name, the clean run first. A fault does not depend on which others there are."""
+    """Every fault of a cell by name, the clean run first; none depends on which others there are."""
     parts = len(world_of(place.name).command_limits[0])
     yield CLEAN, Fault(CLEAN, 2.0, NEVER, 0, 0.0, 0)
     for number, kind in enumerate(KINDS):

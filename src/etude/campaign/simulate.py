@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import ROBOT, Campaign, Say
 from etude.campaign.learn import newest_model, only_rung
+from etude.campaign.online import learning
 from etude.campaign.rounds import (
     ERROR,
     SimulatedRound,
@@ -24,6 +25,7 @@ from etude.campaign.tell import tell
 from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
+from etude.models.online.learner import OnlineConfig
 from etude.progress import counted, part
 
 RUN_STREAM, TEST_STREAM = 3, 4
@@ -38,6 +40,9 @@ BASELINES, ASKING = 0.15, 0.3
 IDENTIFIED, RIGID_BODY = "identified", "rigid_body"
 """The rung that a careful user has today, and what it is called as a baseline."""
 
+ONLINE = "online"
+"""The learned model that goes on learning in the test, as a baseline."""
+
 
 def simulate(
     campaign: Campaign,
@@ -45,6 +50,7 @@ def simulate(
     engine: str = "",
     say: Say = lambda _: None,
     change: Mapping[str, float] | None = None,
+    online: OnlineConfig | None = None,
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
@@ -61,18 +67,20 @@ def simulate(
         engine: of the simulation, where the robot has several; "": its own.
         say: receives one sentence per step.
         change: as for `Robot.changed`; None: the robot is what it was.
+        online: how the model of each round goes on learning in the same tests; None: it is tested as it is.
 
     Raises:
-        UsageError: the robot has no simulated plant, no such engine or change, or a log waits for an answer.
-        DataError: too many logs were refused.
+        UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, or
+            nothing can be learned while the robot runs.
+        DataError: too many logs were refused, or they do not tell what the feedback adds.
     """
     _check_answered(campaign)
-    loop = _Loop.of(campaign, engine, change or {})
+    loop = _Loop.of(campaign, engine, change or {}, online)
     for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
         say(sentence)
     with part(BASELINES):
         for name, controller in counted(loop.baselines.items()):
-            loop.evaluate(0, controller, name)
+            loop.evaluate(0, _same(controller), name)
     left = interrupted_round(campaign, say)
     if left is not None:  # or its tests would be missing from the curve
         loop.evaluate_round(left)
@@ -124,9 +132,12 @@ class _Loop:
     answer: str
     tests: Mapping[str, Trajectory]
     baselines: Mapping[str, Controller | None]
+    online: OnlineConfig | None
 
     @classmethod
-    def of(cls, campaign: Campaign, engine: str, change: Mapping[str, float]) -> _Loop:
+    def of(
+        cls, campaign: Campaign, engine: str, change: Mapping[str, float], online: OnlineConfig | None
+    ) -> _Loop:
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         robot = kind.robot(spec, config)
         if robot is None:
@@ -138,7 +149,8 @@ class _Loop:
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
         robot, answer = (robot.changed(**change), "") if change else (robot, "same")
-        return cls(campaign, robot, answer, test_motions(campaign), kind.baselines(spec, config))
+        baselines = kind.baselines(spec, config)
+        return cls(campaign, robot, answer, test_motions(campaign), baselines, online)
 
     def learned_one(self, say: Say) -> int | None:
         """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
@@ -176,22 +188,27 @@ class _Loop:
         campaign = self.campaign
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         model = newest_model(campaign, campaign.state())
-        errors, unit = self.evaluate(number, kind.controller(spec, config, model))
+        errors, unit = self.evaluate(number, _same(kind.controller(spec, config, model)))
         identified = only_rung(model, IDENTIFIED)
         if identified is not None:
-            self.evaluate(number, kind.controller(spec, config, identified), RIGID_BODY)
+            self.evaluate(number, _same(kind.controller(spec, config, identified)), RIGID_BODY)
+        if self.online is not None:
+            self.evaluate(number, learning(campaign, self.robot, self.online), ONLINE)
         return SimulatedRound(number, robot_seconds(campaign), errors, unit, len(campaign.axes))
 
     def evaluate(
-        self, number: int, controller: Controller | None, baseline: str | None = None
+        self, number: int, made: Callable[[], Controller | None], baseline: str | None = None
     ) -> tuple[dict[str, list[float]], str]:
-        """Runs each test once, unless it was run before; commits and returns the errors and their unit."""
+        """Runs each test once, unless it was run before; commits and returns the errors and their unit.
+
+        `made` gives each test a controller, which may learn in it.
+        """
         errors, unit = {}, ""
         for index, (name, motion) in enumerate(self.tests.items()):
             facts = known_evaluation(self.campaign, name, number, baseline)
             if facts is None:
                 rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-                facts = self._commit(number, baseline, name, self._tried(motion, controller, rng))
+                facts = self._commit(number, baseline, name, self._tried(motion, made(), rng))
             errors[name], unit = measured(facts)
         return errors, unit
 
@@ -217,6 +234,10 @@ class _Loop:
         path = self.campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.{test}.parquet"
         write_log(path, log)
         return [path]
+
+
+def _same(controller: Controller | None) -> Callable[[], Controller | None]:
+    return lambda: controller
 
 
 def _with_engine(robot: Robot, engine: str, name: str) -> Robot:

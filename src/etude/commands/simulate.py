@@ -13,6 +13,7 @@ from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
     from etude.campaign.rounds import SimulatedRound
+    from etude.models.online.learner import OnlineConfig
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 """What the errors along the axes are called, by their unit."""
@@ -33,6 +34,11 @@ class Simulate(Common):
     that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
     answer. May be given again."""
 
+    online: bool = False
+    """Test each model also while it goes on learning, behind its guard."""
+    method: str = "variance"
+    """With --online: variance, error, ssgp or sogp."""
+
     def run(self, say: Say) -> Outcome:
         from etude.campaign.simulate import simulate
         from etude.errors import UsageError
@@ -41,7 +47,8 @@ class Simulate(Common):
             raise UsageError(f"the number of rounds must be 0 or more, not {self.rounds}")
         rounds: list[SimulatedRound] = []
         campaign = opened(self.folder, say)
-        for done in simulate(campaign, self.rounds, self.engine, say, _changes(self.change)):
+        learning = _learning(self.method) if self.online else None
+        for done in simulate(campaign, self.rounds, self.engine, say, _changes(self.change), learning):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
@@ -55,6 +62,14 @@ class Simulate(Common):
             "waiting": [r.number for r in state.held],
         }
         return Outcome(_table(baselines, rounds, unit), data)
+
+
+def _learning(method: str) -> OnlineConfig:
+    """UsageError: there is no such method."""
+    from etude.models.online.learner import OnlineConfig
+    from etude.models.online.methods import known
+
+    return OnlineConfig(known(method))
 
 
 def _changes(words: Sequence[str]) -> dict[str, float]:

@@ -31,6 +31,12 @@ BASELINES = {
         "with identified physics",
         "With identified physics alone it is {error} ({relation}).",
     ),
+    "online": Baseline(
+        "learning on line",
+        "c4",
+        "while it goes on learning",
+        "While the model goes on learning in the test it is {error} ({relation}).",
+    ),
     "perfect": Baseline(
         "perfect model",
         "c3",

@@ -74,8 +74,7 @@ class VesselInputs:
         return [*plain, *(("velocity", a, "m^2/s^2", "square") for a in AXES)]
 
     def states(self, motion: Motion) -> Log:
-        named = dict(zip(STATES, motion.orders, strict=False))
-        named["position_des"] = motion.orders[0]
+        named = dict(zip((*STATES, "position_des"), motion.orders[[0, 1, 2, 0]], strict=True))
         return Log(motion.t, {name: CHANNELS[name] for name in named}, named)
 
     def of_log(self, log: Log) -> Array:
@@ -160,8 +159,7 @@ class Feedforward:
     thrust: Array
 
     def planned(self, motion: Motion) -> Array:
-        mean, _ = self.model.predict(self.model.inputs.states(motion))
-        return np.clip(mean, -self.thrust, self.thrust)
+        return np.clip(self.model.predict(self.model.inputs.states(motion))[0], -self.thrust, self.thrust)
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         mean, variance = self.model.predict(_row(t, row))
@@ -180,6 +178,7 @@ class SimulatedVessel:
     mass: tuple[float, float] = (46.0, 62.0)
     drag: tuple[float, float] = (9.0, 16.0)
     square: tuple[float, float] = (14.0, 30.0)
+    asks_each_tick = True  # a controller that plans nothing
 
     def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
         dt, fine, rows = 1.0 / self.spec.rate, 10, []
@@ -189,9 +188,12 @@ class SimulatedVessel:
         p, v, limit = motion.orders[0, 0].copy(), motion.orders[1, 0].copy(), np.array(self.spec.thrust)
         mass = np.array(self.mass) + self.payload
         for i in range(len(t)):
-            error, rate = motion.orders[0, i] - p, motion.orders[1, i] - v
-            u = np.clip(30.0 * error + 40.0 * rate + (0.0 if ahead is None else ahead[i]), -limit, limit)
+            plan = dict(zip((*STATES, "position_des"), motion.orders[[0, 1, 2, 0], i], strict=True))
+            ff = ahead[i] if ahead is not None else controller.command(t[i], plan)[0] if controller else 0.0
+            u = np.clip(30.0 * (plan["position"] - p) + 40.0 * (plan["velocity"] - v) + ff, -limit, limit)
             rows.append((p + 0.002 * rng.standard_normal(2), u))
+            if controller:
+                controller.observe(t[i], plan | {"position": rows[-1][0], "command": u})
             for _ in range(fine):
                 a = (u - self.resistance(p, v)) / mass
                 p, v = p + dt / fine * v, v + dt / fine * a
@@ -205,8 +207,7 @@ class SimulatedVessel:
         return np.asarray(np.array(self.drag) * through + np.array(self.square) * through * np.abs(through))
 
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
-        off = np.abs(log["position_des"] - log["position"])[log.t >= 5.0]
-        return off.mean(axis=0), ("m", "m")
+        return np.abs(log["position_des"] - log["position"])[log.t >= 5.0].mean(axis=0), ("m", "m")
 
     def changed(self, **what: float) -> SimulatedVessel:
         if set(what) - {"payload"}:
@@ -286,9 +287,8 @@ class VesselKind:
         return SimulatedVessel(spec) if spec.simulated else None
 
     def tests(self, spec: VesselSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
-        low, high = np.array(spec.lower), np.array(spec.upper)
         speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
-        return {"moves": random_moves(rng, low, high, speed, bend, 6)}
+        return {"moves": random_moves(rng, np.array(spec.lower), np.array(spec.upper), speed, bend, 6)}
 
     def baselines(self, spec: VesselSpec, config: Any) -> Mapping[str, Controller | None]:
         return {"pd": None}

@@ -1,8 +1,8 @@
 """The guard of a model that learns while the robot runs: what is believed, and how much of it drives.
 
-Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and what
-the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the command can
-falsify. For both the guard has to know the feedback.
+Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and
+what the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the
+command can falsify. For both the guard has to know the feedback.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from etude.contracts import Row
 from etude.models.online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks, require_rows
 from etude.models.online.guard_gate import Gate
-from etude.models.online.guard_hedge import Hedge
 from etude.models.online.guard_hedge import TRIP as FAR_TRIP
+from etude.models.online.guard_hedge import Hedge
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Log
+from etude.contracts import Channel, Kind, Log
 from etude.errors import DataError, UsageError
 
 Array = NDArray[np.float64]
@@ -82,6 +82,12 @@ class ToldFeedback:
         return rows[FED_BACK]
 
 
+def command_limits(kind: Kind, spec: Any) -> tuple[Array, Array]:
+    """Lower and upper (J,) of a robot's commands, in their unit."""
+    reach = np.asarray(kind.limit(spec), dtype=float)
+    return kind.expected(spec).limits.get(COMMAND, (-reach, reach))
+
+
 def feedback_of(
     logs: Sequence[Log], channels: Sequence[Channel], path: str, limits: tuple[Array, Array], rate: float
 ) -> Feedback:
@@ -124,8 +130,8 @@ def _decisions(
         return []
     error, sent = wanted - log[path], log.get(FED_FORWARD)
     u = log[COMMAND] - (0.0 if sent is None else sent)
-    free = ((log[COMMAND] > 0.99 * limits[0]) & (log[COMMAND] < 0.99 * limits[1])).all(axis=1)
-    good = free & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1)
+    beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
+    good = np.asarray(~beyond.any(axis=1) & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1))
     spans = [slice(k, k + n) for k in range(0, len(log) - n + 1, n) if good[k : k + n].all()]
     return [
         (error[s].mean(axis=0), (error[s][-1] - error[s][0]) * rate / (n - 1), u[s].mean(axis=0))
@@ -141,8 +147,8 @@ def _law(error: Array, slope: Array, u: Array, name: str) -> tuple[float, float,
     told = 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny)
     if not (told >= EXPLAINED and kp > 0.0):
         raise DataError(
-            f"the command of {name} does not follow from its tracking error ({100 * max(told, 0.0):.0f} % of it "
-            f"explained, gain {kp:.3g})",
+            f"the command of {name} does not follow from its tracking error "
+            f"({100 * max(told, 0.0):.0f} % of it explained, gain {kp:.3g})",
             where=name,
             next_step="Look at the sign and scale of the logged command; nothing is learned on line without.",
         )

@@ -44,7 +44,9 @@ class Ranges:
         self._path = path
         most = FURTHER * (np.zeros(len(limits[0])) if sigma is None else sigma)
         self._command = BEYOND * np.maximum(*np.abs(limits)) + most
-        self._reach = {n: FURTHER * np.array(c.reach) for n, c in channels.items() if c.reach and n != COMMAND}
+        self._reach = {
+            n: FURTHER * np.array(c.reach) for n, c in channels.items() if c.reach and n != COMMAND
+        }
         rate = next((c for c in channels.values() if path and c.derivative_of == path), None)
         known = rate is not None and len(rate.reach) > 0
         self._step = FURTHER * np.array(rate.reach) * period if known and rate is not None else None

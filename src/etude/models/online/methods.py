@@ -153,7 +153,13 @@ def begin(start: ExactPosterior, config: OnlineConfig, rng: np.random.Generator)
     Raises:
         UsageError: an unknown method.
     """
-    if config.method not in METHODS:
-        known = ", ".join(METHODS)
-        raise UsageError(f"there is no online method {config.method!r}", next_step=f"Choose one of: {known}.")
-    return OnlineOutput(METHODS[config.method](start, config, rng), start.X.shape[1])
+    method = METHODS[known(config.method)]
+    return OnlineOutput(method(start, config, rng), start.X.shape[1])
+
+
+def known(method: str) -> str:
+    """The method's name. UsageError with the choices: there is none of that name."""
+    if method not in METHODS:
+        names = ", ".join(METHODS)
+        raise UsageError(f"there is no online method {method!r}", next_step=f"Choose one of: {names}.")
+    return method

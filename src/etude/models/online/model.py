@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from etude.models.online.guard_gate import Ranges
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.measured import COMMAND, Measured
 from etude.models.online.planned import Planned
-from etude.models.online.state import put_back, state_bytes, state_of, taken
+from etude.models.online.state import put_back, taken
 
 REPORTS = 200
 """Sentences that are kept."""
@@ -115,6 +115,7 @@ class OnlineModel:
     def planned(self, motion: Motion) -> Array | None:
         """None: what is measured counts. What the frozen model says of the plan is asked once, here."""
         self._plan.take(motion)
+        self._measured.reopened()  # a run begins, whose times may be anything
         return None
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
@@ -159,15 +160,14 @@ class OnlineModel:
         weight = 1.0 if self.guard is None else self.guard.weight
         return list((weight * self._share()).tolist())
 
-    def state(self) -> bytes:
+    def state(self) -> Any:
         """All that it has learned and remembers, as numbers; `restore` makes an equal model this one."""
-        return state_bytes([[list(item) for item in self._measured.sizes.items()], taken(self)])
+        return [[list(item) for item in self._measured.sizes.items()], taken(self)]
 
-    def restore(self, state: bytes) -> None:
-        """Goes on from `state`, as if it had never stopped. DataError: a damaged one, or of another model."""
-        found = state_of(state)
+    def restore(self, state: Any) -> None:
+        """Goes on from `state`, as if it had never stopped. DataError: one of another model."""
         try:
-            sizes, numbers = found
+            sizes, numbers = state
             if sizes:
                 self._measured.begin(dict(sizes))
             put_back(self, numbers)
@@ -239,6 +239,8 @@ class OnlineModel:
                 self._set_back(own, now, "is wrong by far")
 
     def _set_back(self, own: Command, now: float, why: str) -> None:
+        if not own.learner.samples:  # it is at its beginning, which is what the trained model told it
+            return
         self.counts.set_back[own.place] += 1
         anew = own.set_back(now)
         name = self.model.commands[own.place]

@@ -1,7 +1,7 @@
 """What moves in objects that learn, as numbers: to go back to, and to be saved without running any code.
 
-A class names what moves in it in `MOVES`, dotted where it lies deeper. The objects themselves are made again from
-what they began with; only their numbers are put back.
+A class names what moves in it in `MOVES`, dotted where it lies deeper. The objects themselves are made again
+from what they began with; only their numbers are put back.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def taken(owner: Any) -> Any:
 
 
 def put_back(owner: Any, state: Any) -> None:
-    """Makes `owner` what it was when `state` was taken, which it shares nothing with. The state can serve again."""
+    """Makes `owner` what it was when `state` was taken. They share nothing: the state can serve again."""
     for name, value in zip(owner.MOVES, state, strict=True):
         *way, last = name.split(".")
         parent = owner

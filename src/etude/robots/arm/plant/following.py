@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -24,6 +24,8 @@ FEEDFORWARD, FEEDBACK, TRUE = "command_ff", "command_fb", "q_true"
 class Following(ABC):
     """What every simulated arm does alike (implements `contracts.Robot`).
 
+    A controller that plans nothing is asked at every tick (`asks_each_tick`).
+
     Attributes:
         name: the plant's name.
         spec: what its owner would know of it.
@@ -35,6 +37,7 @@ class Following(ABC):
     spec: ArmSpec
     lead_in: float
     sensor: tuple[float, ...]
+    asks_each_tick: ClassVar[bool] = True
 
     @property
     @abstractmethod

@@ -1,0 +1,147 @@
+"""A deployed folder: opened warm, refused where it was changed, saved and opened as if never stopped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from etude import plugins
+from etude.campaign.config import preset_config
+from etude.deploy.online_folder import HASHES, OnlineOptions, write
+from etude.deploy.runtime import Deployed, open_online
+from etude.errors import DataError, UsageError
+from etude.models.config import ModelConfig
+from etude.models.ladder import train_ladder
+from etude.models.online.learner import OnlineConfig
+
+KIND = plugins.load("etude.robots", "arm")
+PATH = KIND.built_in()["arm4"]
+SPEC, CONFIG = KIND.spec(PATH), preset_config(KIND, "default")
+SMALL = ModelConfig(rung="gp", kernel="ard_se", points=40, fit_points=40, steps=3, calibrate=False)
+
+
+@pytest.fixture(scope="module")
+def files() -> dict[str, bytes]:
+    robot = KIND.robot(SPEC, CONFIG)
+    rng = np.random.default_rng(0)
+    motion = KIND.tests(SPEC, CONFIG, rng)["moves"]
+    log = robot.run(motion, None, rng)
+    samples = KIND.samples(SPEC, CONFIG, [log], [np.zeros(len(log), dtype=np.int64)])
+    model = train_ladder(samples, KIND.inputs(SPEC, CONFIG), {}, KIND.limit(SPEC), SMALL, rng).model
+    options = OnlineOptions(KIND.described(PATH).files, [log], OnlineConfig(size=30), model_hash="abc")
+    return dict(write(model, KIND, SPEC, CONFIG, options))
+
+
+def put(folder: Path, files: dict[str, bytes]) -> Path:
+    for name, data in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def plan(t: float) -> list[np.ndarray]:
+    swing = 0.3 * np.ones(4)
+    return [swing * np.sin(t), swing * np.cos(t), -swing * np.sin(t)]
+
+
+def driven(robot: Deployed, ticks: range) -> np.ndarray:
+    """Commands on a robot that needs 3 units more than the model says, under its own feedback."""
+    kp = np.array([700.0, 1200.0, 900.0, 600.0])
+    out = []
+    for k in ticks:
+        t, orders = k / 100, plan(k / 100)
+        command, _ = robot.command(t, robot.planned_row(orders))
+        q = orders[0] - 3.0 / kp
+        robot.observe(t, {"q": q, "q_des": orders[0], "command": command + 3.0})
+        out.append(command)
+    return np.array(out)
+
+
+def test_it_opens_without_a_campaign_and_nothing_is_compiled_in_the_loop(files, tmp_path) -> None:
+    robot = open_online(put(tmp_path, files))
+    assert robot.warm_s > 0.0
+    assert robot.names == ("waist", "shoulder", "elbow", "wrist")
+    assert robot.counts.learned.sum() == 0  # what warmed it up is forgotten
+    commands = driven(robot, range(400))
+    assert np.isfinite(commands).all()
+    assert robot.counts.learned.min() > 0
+    assert robot.counts.suspected == 0
+    assert robot.reports() == []
+    assert set(robot.weights()) == set(robot.names)
+
+
+def test_saved_and_opened_again_is_never_stopped(files, tmp_path) -> None:
+    folder = put(tmp_path / "folder", files)
+    whole, first = driven(open_online(folder), range(450)), open_online(folder)
+    driven(first, range(330))
+    first.save(tmp_path / "state.npz")
+    np.testing.assert_array_equal(
+        driven(open_online(folder, tmp_path / "state.npz"), range(330, 450)), whole[330:]
+    )
+
+
+def test_a_changed_folder_is_refused(files, tmp_path) -> None:
+    for number, name in enumerate(files):
+        folder = put(tmp_path / str(number), files)
+        data = bytearray(files[name])
+        data[len(data) // 2] ^= 1
+        (folder / name).write_bytes(bytes(data))
+        with pytest.raises(DataError):
+            open_online(folder)
+    (folder / "model.npz").unlink()
+    with pytest.raises(DataError, match=r"model\.npz|hashes"):
+        open_online(folder)
+    with pytest.raises(UsageError, match="no folder"):
+        open_online(tmp_path / "nowhere")
+
+
+def test_a_state_of_another_folder_or_a_damaged_one_is_refused(files, tmp_path) -> None:
+    folder = put(tmp_path / "a", files)
+    robot = open_online(folder)
+    robot.save(tmp_path / "state.npz")
+    other = dict(files)
+    words = json.loads(files[HASHES])
+    words["etude"] = "another"
+    other[HASHES] = json.dumps(words).encode()
+    with pytest.raises(DataError, match="another folder"):
+        open_online(put(tmp_path / "b", other), tmp_path / "state.npz")
+    (tmp_path / "state.npz").write_bytes(b"nothing")
+    with pytest.raises(DataError, match="no saved state"):
+        open_online(folder, tmp_path / "state.npz")
+
+
+def test_the_folder_says_what_is_proved_and_how_it_is_used(files) -> None:
+    proof = json.loads(files["certificate.json"])
+    assert proof["model_sha256"] == "abc"
+    assert any("8 + 0.018 N" in sentence for sentence in proof["proved"])
+    assert [row["name"] for row in proof["commands"]] == ["waist", "shoulder", "elbow", "wrist"]
+    assert proof["feedback"]["law"]["kp"][0] == pytest.approx(700.0, rel=0.01)
+    readme = files["README.md"].decode()
+    assert "open_online" in readme
+    assert "`q_des`" in readme
+
+
+def test_what_cannot_be_judged_is_not_exported(files, tmp_path) -> None:
+    robot = open_online(put(tmp_path, files))
+    model = robot._online.model
+    with pytest.raises(DataError, match="desired positions"):
+        write(model, KIND, SPEC, CONFIG, OnlineOptions({"robot.toml": b""}, []))
+    with pytest.raises(UsageError, match=r"no robot\.toml"):
+        write(model, KIND, SPEC, CONFIG, OnlineOptions({}, []))
+    with pytest.raises(UsageError, match="shape"):
+        robot.planned_row([np.zeros(3)] * 3)
+
+
+def test_a_wrong_sign_is_told_in_one_sentence(files, tmp_path) -> None:
+    robot = open_online(put(tmp_path, files))
+    driven(robot, range(50))
+    for k in range(50, 120):
+        t, orders = k / 100, plan(k / 100)
+        command, _ = robot.command(t, robot.planned_row(orders))
+        robot.observe(t, {"q": orders[0], "q_des": orders[0], "command": -command - 9.0})
+    (_, sentence), *more = robot.reports()
+    assert "drives alone" in sentence
+    assert more == []
