@@ -7,7 +7,7 @@ file in the folder and is not run again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,9 +17,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Robot, Trajectory
+from etude.contracts import Log, Robot, Trajectory
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
+from etude.models.online.guard_effort import Feedback, feedback_of
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import OnlineModel
 from etude.storage import write_atomic
@@ -51,6 +52,7 @@ RULES: dict[str, OnlineConfig | None] = {
 }
 UNGUARDED: dict[str, OnlineConfig | None] = {
     "error_literal_unguarded": OnlineConfig("error_literal", guarded=False),
+    "variance_unguarded": OnlineConfig("variance", guarded=False),
 }
 FORGETTING: dict[str, OnlineConfig | None] = {
     "variance_forgetting": OnlineConfig("variance", half_life=HALF_LIFE_S),
@@ -134,20 +136,29 @@ def outcomes_of(cell: Cell, rules: dict[str, OnlineConfig | None]) -> dict[str, 
     """Trains, and runs the test motion under each of the rules."""
     world = World.of(cell.robot)
     rng = np.random.default_rng([cell.seed, 0])
-    model = start_model(world, rng)
+    model, logs = start_model(world, rng)
+    known = feedback(world, logs)
     motion = world.motion(rng, harmonics=2, **one_period(PASS_S))
     change = {CHANGE_S: world.robot.changed(**CHANGES[cell.change])}
     return {
-        name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change))
+        name: _outcome(world, run_rule(world, model, motion, config, cell.seed, change, known))
         for name, config in rules.items()
     }
 
 
-def start_model(world: World, rng: np.random.Generator) -> LearnedModel:
-    """What a campaign without a model file knows after two random motions under feedback alone."""
+def start_model(world: World, rng: np.random.Generator) -> tuple[LearnedModel, list[Log]]:
+    """What a campaign without a model file knows after two random motions under feedback alone, and their
+    logs.
+    """
     motions = (world.motion(rng, **one_period(PASS_S)) for _ in range(TRAINING))
-    samples = world.samples(*(world.robot.run(motion, None, rng) for motion in motions))
-    return world.learned(samples, replace(world.config.model, rung="gp"), rng).model
+    logs = [world.robot.run(motion, None, rng) for motion in motions]
+    return world.learned(world.samples(*logs), replace(world.config.model, rung="gp"), rng).model, logs
+
+
+def feedback(world: World, logs: Sequence[Log]) -> Feedback:
+    """As the robot's own logs tell it."""
+    channels = world.kind.channels(world.spec)
+    return feedback_of(logs, channels, world.kind.path, world.command_limits, world.spec.rate)
 
 
 def run_rule(
@@ -157,14 +168,19 @@ def run_rule(
     config: OnlineConfig | None,
     seed: int,
     changes: Mapping[float, Robot],
+    known: Feedback | None = None,
 ) -> OnlineRun:
-    """All passes under one rule; the same seed gives every rule the same encoder noise."""
+    """All passes under one rule; the same seed gives every rule the same encoder noise.
+
+    `known` is the robot's feedback, by which the guard judges; without it past samples alone judge.
+    """
     frozen = world.kind.controller(world.spec, world.config, model)
     watched = None
     if config is not None:
         channels, limits = world.kind.channels(world.spec), world.command_limits
         own = np.random.default_rng([seed, 1])
-        watched = Watched(OnlineModel(model, channels, frozen, limits, config, world.spec.rate, own))
+        rate = world.spec.rate
+        watched = Watched(OnlineModel(model, channels, frozen, limits, config, rate, own, known))
     robot: Any = world.robot
     noise = np.random.default_rng([seed, 2])
     with threads_for(0):

@@ -18,13 +18,12 @@ import numpy as np
 
 from etude.contracts import Array, Controller, Log, Trajectory
 from etude.errors import UsageError
-from etude.models.online.guard_effort import Feedback, feedback_of
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import OnlineModel
 from etude.storage import write_atomic
 from etude.threads import threads_for
 from etude_studies.faults import KINDS, LENGTH_S, NEVER, Fault, FaultyWire, change, drawn
-from etude_studies.online import TRAINING
+from etude_studies.online import TRAINING, feedback
 from etude_studies.rows import Row, rows_json, table
 from etude_studies.world import World, one_period
 
@@ -155,12 +154,6 @@ def stage(place: Place, seed: int) -> Stage:
     with threads_for(0):
         world.robot.run(motion, online, np.random.default_rng([seed, 2]))
     return Stage(world, motion, frozen, online, online.state(), seed)
-
-
-def feedback(world: World, logs: Sequence[Log]) -> Feedback:
-    """As the robot's own logs tell it."""
-    channels = world.kind.channels(world.spec)
-    return feedback_of(logs, channels, world.kind.path, world.command_limits, world.spec.rate)
 
 
 def errors(log: Log) -> Array:

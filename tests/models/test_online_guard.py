@@ -147,6 +147,7 @@ def flipped(row: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {**row, "command": -row["command"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wall", ["gate", "hedge"])
 def test_each_wall_holds_a_wrong_sign_without_the_other(model, monkeypatch, wall: str) -> None:
     if wall == "hedge":
@@ -221,6 +222,7 @@ def test_replayed_is_live_and_saved_and_opened_is_never_stopped(model) -> None:
     assert whole.online.weights() == reopened.online.weights()
 
 
+@pytest.mark.slow
 def test_a_poisoned_learner_goes_back_and_comes_back(model, monkeypatch) -> None:
     online = started(model, replace(CONFIG, size=60))
     loop = Loop(online, model, 1.5).run(16.0)
