@@ -165,3 +165,41 @@ def test_changes_that_are_none(arm: Campaign, capsys: pytest.CaptureFixture[str]
 def test_a_robot_without_a_plant(campaign: Campaign) -> None:
     with pytest.raises(UsageError, match=r"robot 'pair' has no simulated plant"):
         list(simulate(campaign, 1))
+
+
+def test_online_each_test_is_run_once_more_by_a_learner_of_its_own(arm, monkeypatch) -> None:
+    """Facts of a baseline called "online", made from the round's model, and not made again."""
+    from etude.models.online.learner import OnlineConfig
+
+    made = []
+
+    class Learner:
+        def planned(self, motion: Any) -> None:
+            return None
+
+        def command(self, t: float, row: Any) -> tuple[np.ndarray, np.ndarray]:
+            return np.full(4, 5.0), np.zeros(4)
+
+        def observe(self, t: float, row: Any) -> None:
+            assert {"q", "q_des", "command"} <= set(row)
+
+    def learning_of(campaign: Campaign, robot: Any, config: OnlineConfig) -> Any:
+        assert robot.asks_each_tick
+        return lambda: made.append(config) or Learner()
+
+    monkeypatch.setattr(module, "learning", learning_of)
+    list(simulate(arm, 1, online=OnlineConfig("ssgp")))
+    events = [e for e in arm.state().evaluated if e.get("baseline") == "online"]
+    assert [e["test"] for e in events] == list(motions_of(arm))
+    assert [c.method for c in made] == ["ssgp"] * len(events)
+    list(simulate(arm, 0, online=OnlineConfig("ssgp")))
+    assert len(made) == len(events)
+
+
+def test_a_robot_that_takes_its_feedforward_ahead_learns_nothing_on_the_way(arm) -> None:
+    from etude.campaign.online import learning
+    from etude.models.online.learner import OnlineConfig
+
+    with pytest.raises(UsageError, match="before a run"):
+        learning(arm, object(), OnlineConfig())  # type: ignore[arg-type]
+    assert main(["simulate", str(arm.path), "--online", "--method", "magic", "--rounds", "1"]) == 2

@@ -13,7 +13,7 @@ from etude_studies import online_faults
 from etude_studies.faults import KINDS, NEVER, WIRES, Fault, FaultyWire, drawn
 from etude_studies.online_faults import Place, Stage, compared, faults_of, run_cell, stage, study_rows
 
-LIMIT = np.array([255.0, 255.0])
+LIMIT = np.array([200.0, 200.0])
 
 
 class Heard:
@@ -63,9 +63,9 @@ def test_faults_are_what_they_are_called() -> None:
     assert heard("clock_back")[0][200][0] == pytest.approx(2.0 - 100.0)
     assert {t for t, _ in heard("clock_stuck")[0][100:300]} == {1.0}
     assert np.isnan([row["q"] for _, row in heard("nan")[0]]).any()
-    assert max(np.abs(row["command"]).max() for _, row in heard("spikes")[0]) > 255.0
+    assert max(np.abs(row["command"]).max() for _, row in heard("spikes")[0]) > 200.0
     wire = heard("saturated_drive")[1]
-    np.testing.assert_allclose(wire.command(2.0, {})[0], [0.175 * 255.0, -0.175 * 255.0])
+    np.testing.assert_allclose(wire.command(2.0, {})[0], [0.175 * 200.0, -0.175 * 200.0])
     np.testing.assert_array_equal(wire.command(0.5, {})[0], [100.0, -200.0])
 
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from etude import __version__
-from etude.contracts import Kind, Log
+from etude.contracts import Kind, Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.online import guard_hedge as hedge
@@ -64,7 +64,8 @@ def write(
 
     Raises:
         UsageError: the model cannot go on learning, or no description is given. DataError: the logs do not
-            tell what the feedback adds, so that nothing could judge what is learned.
+            tell what the feedback adds, so that nothing could judge what is learned; or the robot's
+            controller takes no learned command (a vehicle whose motors nobody described).
     """
     if "robot.toml" not in options.description:
         raise UsageError("the robot's description has no robot.toml")
@@ -73,6 +74,10 @@ def write(
     rng = np.random.default_rng(options.seed)
     for j in range(len(model.commands)):  # or it would be refused on the robot
         learning_command(model, j, options.learning, rng)
+    home = kind.home(spec)
+    orders = np.stack([home, *np.zeros((model.inputs.orders - 1, len(home)))])
+    states = model.inputs.states(Motion(np.zeros(1), orders[:, None]))
+    kind.controller(spec, config, model).command(0.0, {n: v[0] for n, v in states.values.items()})
     files = {ROBOT + name: data for name, data in options.description.items()}
     files[MODEL] = model_bytes(model)
     files[SETTINGS] = _json(_settings(kind, config, options, feedback))
