@@ -19,6 +19,7 @@ from etude.models.config import ModelConfig
 from etude.models.online.guard_effort import command_limits
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.model import Counts, OnlineModel
+from etude.models.online.once import asking_once
 from etude.models.online.state import put_back, state_bytes, state_of, taken
 from etude.models.store import load_model
 from etude.storage import write_atomic
@@ -133,7 +134,7 @@ def open_online(folder: str | Path, state: str | Path | None = None) -> Deployed
     spec = kind.spec(folder / ROBOT / "robot.toml")
     config = read_config(words["config"], {**kind.tables, "model": ModelConfig})
     inputs, physics = kind.inputs(spec, config), kind.physics(spec, config)
-    model = load_model(folder / MODEL, inputs.restore, physics)
+    model = asking_once(load_model(folder / MODEL, inputs.restore, physics))
     online = OnlineModel(
         model,
         kind.channels(spec),

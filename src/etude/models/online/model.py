@@ -20,6 +20,7 @@ from etude.models.online.guard_effort import Feedback
 from etude.models.online.guard_gate import Ranges
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.measured import COMMAND, Measured
+from etude.models.online.once import asking_once
 from etude.models.online.planned import Planned
 from etude.models.online.state import put_back, taken
 
@@ -98,6 +99,7 @@ class OnlineModel:
         count = len(model.commands)
         if any(np.shape(limit) != (count,) for limit in limits):
             raise UsageError(f"the model has {count} commands, the limits are {limits}")
+        model = asking_once(model)
         self.model, self.config, self._limits = model, config, limits
         self.commands = [learning_command(model, j, config, rng) for j in range(count)]
         self.counts = Counts(*np.zeros((4, count), dtype=np.int64))
