@@ -28,7 +28,8 @@ TEXT = (
     "without learning. “PD alone” and “PID alone” have no feedforward. “Identified physics” feeds "
     "forward an identified model; a “perfect model” has the exact inverse dynamics: what it leaves is "
     "set by noise, delay and stiction. “Analytic” plans with the owner's model of a vehicle, without drag or "
-    "with the exact linear drag, which nobody has outside a simulation."
+    "with the exact linear drag, which nobody has outside a simulation. “Learning on line” is the learned "
+    "model that goes on learning during the test."
 )
 
 
