@@ -517,7 +517,10 @@ class Described:
 
 
 class Robot(Protocol):
-    """Anything that turns a trajectory into a log; a real one is a person with two files."""
+    """Anything that turns a trajectory into a log; a real one is a person with two files. One with the
+    attribute `asks_each_tick`, True, asks a controller that plans nothing at every tick, and shows it what
+    was measured, so that it can learn on the way.
+    """
 
     def run(self, trajectory: Any, controller: Controller | None, rng: np.random.Generator) -> Log: ...
     def error(self, log: Log) -> tuple[Array, tuple[str, ...]]: ...  # tracking error and unit per axis

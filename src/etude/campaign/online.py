@@ -26,14 +26,10 @@ def learning(campaign: Campaign, robot: Robot, config: OnlineConfig) -> Callable
     """Makes controllers that begin with the newest model and go on learning, each anew.
 
     Raises:
-        UsageError: the robot takes its feedforward ahead of a run, or the model cannot go on learning.
+        UsageError: as `require_ticks`, or the model cannot go on learning.
         DataError: the logs do not tell what the feedback adds, so that nothing could judge.
     """
-    if not getattr(robot, "asks_each_tick", False):
-        raise UsageError(
-            f"the simulated {campaign.name} takes its feedforward before a run, so nothing is learned in it",
-            next_step="Leave --online out.",
-        )
+    require_ticks(campaign, robot)
     kind, spec = campaign.kind, campaign.spec
     state = campaign.state()
     model, limits = newest_model(campaign, state), command_limits(kind, spec)
@@ -46,6 +42,15 @@ def learning(campaign: Campaign, robot: Robot, config: OnlineConfig) -> Callable
         return OnlineModel(model, kind.channels(spec), frozen, limits, config, spec.rate, rng, feedback)
 
     return made
+
+
+def require_ticks(campaign: Campaign, robot: Robot) -> None:
+    """UsageError: the robot takes its feedforward ahead of a run."""
+    if not getattr(robot, "asks_each_tick", False):
+        raise UsageError(
+            f"the simulated {campaign.name} takes its feedforward before a run, so nothing is learned in it",
+            next_step="Leave --online out.",
+        )
 
 
 def told_logs(campaign: Campaign) -> list[Log]:

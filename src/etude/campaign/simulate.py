@@ -12,7 +12,7 @@ from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import ROBOT, Campaign, Say
 from etude.campaign.learn import newest_model, only_rung
-from etude.campaign.online import learning
+from etude.campaign.online import learning, require_ticks
 from etude.campaign.rounds import (
     ERROR,
     SimulatedRound,
@@ -76,6 +76,8 @@ def simulate(
     """
     _check_answered(campaign)
     loop = _Loop.of(campaign, engine, change or {}, online)
+    if online is not None:
+        require_ticks(campaign, loop.robot)
     for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
         say(sentence)
     with part(BASELINES):
