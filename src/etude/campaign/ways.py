@@ -55,7 +55,7 @@ def approached(
         UsageError: no such pose, one outside the limits, a kind that knows no ways, or a changed file.
         UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
     """
-    kind, spec, limits = campaign.kind, campaign.spec, campaign.limits(kept.margins)
+    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
     pose = pose_of(campaign, start)
     require_inside(pose, *kind.expected(spec).limits[kind.path], campaign.axes)
     found = there_and_back(motion, pose, ways_of(campaign), limits, kind.home(spec))

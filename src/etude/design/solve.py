@@ -174,7 +174,7 @@ def search(
     best, value, evaluations = starts[order[0]], values[order[0]], len(values)
     for place in counted(order[: config.refine], whole=1.0 - DRAWN):
         start, own = starts[place], aims[place]
-        searched = Penalised(own, kept, weight * abs(values[place])) if kept.limits else own
+        searched = Penalised(own, kept, weight * abs(values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
         found = _at_home(kept, replace(start, p=end.p), own.value)

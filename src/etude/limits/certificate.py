@@ -95,7 +95,9 @@ class Certificate:
         return json.dumps(content, indent=1) + "\n"
 
 
-def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()) -> Certificate:
+def certify(
+    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
+) -> Certificate:
     """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
 
     Rest at the ends of each piece is needed if one of the limits says so (`rest`).
@@ -103,6 +105,7 @@ def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[st
     Args:
         trajectory: what to prove. limits: of the robot.
         unheld: sentences, what this robot is known not to hold.
+        way: whether it is the way to a motion's start, or back.
     """
     found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
@@ -117,7 +120,7 @@ def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[st
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
     rest = any(getattr(limit, "rest", False) for limit in limits)
     end_speed = max(_end_speed(piece, limits) for _, _, piece in pieces)
-    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld))
+    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld, way=way))
 
 
 def _kept(row: Proof) -> tuple[float, float] | None:
@@ -131,14 +134,14 @@ def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
 
 
 def require_certified(
-    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()
+    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
 ) -> Certificate:
     """The certificate, if every limit is met. Arguments as of `certify`.
 
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits, unheld)
+    certificate = certify(trajectory, limits, unheld, way=way)
     if certificate.ok:
         return certificate
     if not certificate.failed:

@@ -135,10 +135,12 @@ class ArmKind:
         return family(spec, config.trajectory)
 
     def limits(self, spec: ArmSpec, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]:  # noqa: ARG002
-        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot."""
+        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot; commands
+        by the model, or by the model file's masses.
+        """
         from etude.robots.arm.motions import limits
 
-        return limits(spec, margins)
+        return limits(spec, margins, model)
 
     def largest_error(self, spec: ArmSpec) -> Array:
         """(J,) rad (m) that the largest command holds against its own proportional gain."""

@@ -36,6 +36,8 @@ class Axis:
         command: largest |command| in the robot's command unit.
         unit: of the position: "rad", or "m" for a sliding joint.
         jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
+        torque: largest |command| that a motion may ask, where that is less than the drive can give.
+        torque_rate: the same of its rate, in command units per s; None without such a limit.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Axis:
     command: float
     unit: Literal["rad", "m"] = "rad"
     jerk: float | None = None
+    torque: float | None = None
+    torque_rate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,16 @@ class ArmSpec:
     def command(self) -> Array:
         """Largest command of each joint."""
         return np.array([axis.command for axis in self.axes])
+
+    @property
+    def torque(self) -> Array:
+        """(J,) that motions may ask of each joint, infinite where it is all that the drive can give."""
+        return np.array([math.inf if axis.torque is None else axis.torque for axis in self.axes])
+
+    @property
+    def torque_rate(self) -> Array:
+        """(J,) per s, infinite where there is no limit."""
+        return np.array([math.inf if axis.torque_rate is None else axis.torque_rate for axis in self.axes])
 
     def presliding(self, hinge: float) -> Array:
         """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""

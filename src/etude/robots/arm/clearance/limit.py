@@ -13,6 +13,7 @@ from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, 
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
 from etude.limits.tracking import ASSUMED
+from etude.limits.unseen import COLLISIONS
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude.robots.arm.clearance.proof import Nearest, nearest
@@ -54,6 +55,7 @@ class Clearance:
     upper: Array
     margins: Margins = field(default_factory=dict)
     not_looked_at: tuple[str, ...] = ()
+    looks_at: tuple[str, ...] = (COLLISIONS,)
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
     _words: dict[str, bool] = field(default_factory=dict, repr=False)
