@@ -69,7 +69,7 @@ class Ask(Common):
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
-            f"Proved for all times; {_ends(found.certificate)}.",
+            f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
             "Not looked at:",
             *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
@@ -146,6 +146,12 @@ def _distances(rows: Sequence[Proof]) -> list[str]:
         least = min(row.proved_lower for row in rest)
         lines.append(f"{len(rest)} more distances, all at least {least:.4g} m.")
     return lines
+
+
+def _sampled(certificate: Certificate) -> str:
+    """Of what was only looked at in samples: which, and how near these are."""
+    rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
+    return "".join(f", but of {quantity} {method.split(';')[0]}" for quantity, method in rows.items())
 
 
 def _ends(certificate: Certificate) -> str:

@@ -14,6 +14,7 @@ from etude.contracts import Array, Channel
 from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
+from etude.robots.arm.space.table import Cartesian
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -78,6 +79,7 @@ class ArmSpec:
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
+        cartesian: how fast it may move through space, and where its tool stays; None: anyhow.
         simulate, motors: of the stand-in made from the model file, where there is no such plant.
         gains: of its feedback, or None where they are not known.
         confirm: what was assumed of it, a sentence each, until a person has confirmed it.
@@ -94,6 +96,7 @@ class ArmSpec:
     tool: Attached | None = None
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
+    cartesian: Cartesian | None = None
     simulate: Simulate | None = None
     motors: tuple[MotorTable, ...] = ()
     gains: Gains | None = None
