@@ -231,8 +231,8 @@ class Trajectory(Protocol):
     def form(self) -> str: ...
     @property
     def duration(self) -> float: ...
-    # (start s, "segment", "link", "approach" or "return", piece), at rest between; a single one is its
-    # own piece
+    # (start s, "segment", "link", "approach", "return", "take-off" or "landing", piece); smooth between;
+    # a single one is its own piece
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
     def motion(self, t: Array, orders: int = 3) -> Motion: ...
     # of a piece: values (M, k), amplitudes (k,) for rounding, kappa: max_t |.| <= max |values| / kappa;
@@ -604,6 +604,14 @@ class Drawn(Protocol):
     """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
+class Posed(Protocol):
+    """Capability of a `Kind` whose robots stand elsewhere than motions may be: poses (k,) by name, beside
+    home, from which its ways lead.
+    """
+
+    def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
 class Gained(Protocol):

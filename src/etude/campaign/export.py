@@ -61,7 +61,7 @@ def export(
     files = exporter(what, campaign.kind, campaign.spec)
     kept = kept_then(campaign.round(number).asked)
     limits = campaign.limits(kept.margins_of_chain(trajectory), kept.model(campaign))
-    certificate = certify_played(exporter, files, limits, trajectory.form)
+    certificate = certify_played(exporter, files, limits, trajectory)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
     paths = [place / file for file in contents]

@@ -40,8 +40,9 @@ class Ask(Common):
     effort: bool = False
     """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
     start: Annotated[str, tyro.conf.arg(name="from")] = ""
-    """Where the robot stands: home, joint=value,... or a CSV whose last row it is. The way to the start and
-    back is then certified and written too; other formats hold approach, motion and return in one."""
+    """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
+    way to the start and back is then certified and written too, of flights with take-off and landing; other
+    formats hold all of it in one."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
