@@ -127,7 +127,7 @@ class Kept:
     def grown(
         self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
     ) -> Array:
-        """The parameters (P,) with each part enlarged about `home`, as far as all limits are proved.
+        """The parameters (P,) with each part enlarged about `home`, as far as a quick word allows.
 
         Being drawn home shrinks all of a motion for the one part of it that is in the way, and the search may
         have been kept in a part of what is allowed. So every block of what the other limits couple, a joint
@@ -136,7 +136,7 @@ class Kept:
         Args:
             family: of the parameters.
             home: (P,) standing still.
-            p: where to begin, proved.
+            p: where to begin.
             worth: of parameters; what lowers it is not done.
         """
         if not self.boxed:
@@ -155,7 +155,15 @@ class Kept:
                     if not self.proved(family, trial, quickly=True):
                         break
                     p, value = trial, trial_value
-        for _ in range(SHRINKINGS):
+        return p
+
+    def settled(self, family: Family, home: Array, p: Array) -> Array:
+        """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words are nearly right.
+
+        Raises:
+            UnsafeTrajectoryError: as `drawn_home`.
+        """
+        for _ in range(SHRINKINGS if self.limits else 0):
             if self.proved(family, p):
                 return p
             p = home + SHRUNK * (p - home)

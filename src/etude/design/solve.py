@@ -162,7 +162,7 @@ def search(
     """The best of the candidates and of what the best few are refined to.
 
     What limits that are not convex forbid is drawn home, candidates and ends alike, and the ends are grown;
-    between, a penalty counts.
+    between, a penalty counts. All that is by quick words: only the best is proved.
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
@@ -181,6 +181,11 @@ def search(
         found_value = own.value(found.p) if kept.limits else end.value
         if found_value > value:
             best, value = found, found_value
+    if kept.limits:
+        settled = kept.settled(best.family, best.feasible.centre, best.p)
+        if settled is not best.p:
+            best = replace(best, p=settled)
+            value = replace(aim, family=best.family).value(settled)
     return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 

@@ -20,7 +20,9 @@ from etude.errors import UsageError
 from etude.limits.unseen import COMMANDS
 
 SPACING, COARSE = 0.005, 0.04
-"""s between samples of the mean; of its deviation, and of both in searches."""
+"""s between samples of the mean, and of its deviation."""
+LOOK, CLOSE = 0.1, 0.99
+"""s between samples in searches, and the part of each limit that these use."""
 SURE = 0.95
 """That all commands stay within the row at once, as far as the model's deviations are true."""
 DECORRELATED = 0.5
@@ -110,11 +112,12 @@ class CommandLimit:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
-        motion = self._along(piece, COARSE)
+        motion = self._along(piece, LOOK)
         mean, spread = self.mean(motion), self._spread(motion, piece.duration)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
-        kept = np.all((mean - spread >= self.lower) & (mean + spread <= self.upper))
-        return bool(kept and np.all(rates <= self.rate))
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        kept = np.all(np.abs(mean - middle) + spread <= CLOSE * half)
+        return bool(kept and np.all(rates <= CLOSE * self.rate))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each rate that is limited; all of them "sampled".
