@@ -158,7 +158,7 @@ class Kept:
         return p
 
     def settled(self, family: Family, home: Array, p: Array) -> Array:
-        """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words are nearly right.
+        """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words mostly hold.
 
         Raises:
             UnsafeTrajectoryError: as `drawn_home`.

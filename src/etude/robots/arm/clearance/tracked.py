@@ -19,6 +19,7 @@ from etude.contracts import Array, Index, Mask
 from etude.robots.arm.clearance.gaps import Gaps, unit
 from etude.robots.arm.clearance.skeleton import Shape
 from etude.robots.arm.clearance.surroundings import Column
+from etude.robots.arm.physics.kinematics import cross
 
 FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""
@@ -119,7 +120,7 @@ class Scene:
             if skeleton.slides[j]:
                 height = height - error[j] * np.abs((axis * normal).sum(axis=1))[:, None]
             else:
-                across = np.cross(normal, axis)
+                across = cross(normal, axis)
                 height = height - error[j] * np.abs(self._along(shape, across, self.anchors[at, j], at))
         L, before, slack = skeleton.reaches[number], 0.0, 0.0
         for j in own:
