@@ -25,6 +25,8 @@ LOOK, CLOSE = 0.1, 0.99
 """s between samples in searches, and the part of each limit that these use."""
 SURE = 0.95
 """That all commands stay within the row at once, as far as the model's deviations are true."""
+LONGEST = 120.0
+"""s, of motions for which rest at home is looked at."""
 DECORRELATED = 0.5
 """s after which a deviation is another one."""
 CAUTION = 2.0
@@ -247,7 +249,7 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
     """
     still = Motion(np.zeros(1), np.zeros((limit.orders, 1, len(home))))
     still.orders[0, 0] = home
-    mean, spread = limit.mean(still)[0], limit._spread(still, 0.0)[0]
+    mean, spread = limit.mean(still)[0], limit._spread(still, LONGEST)[0]
     over = np.maximum(mean + spread - limit.upper, limit.lower - mean + spread)
     if not np.any(over > 0.0):
         return limit
