@@ -231,8 +231,8 @@ class Trajectory(Protocol):
     def form(self) -> str: ...
     @property
     def duration(self) -> float: ...
-    # (start s, "segment", "link", "approach" or "return", piece), at rest between; a single one is its
-    # own piece
+    # (start s, "segment", "link", "approach", "return", "take-off" or "landing", piece); smooth between;
+    # a single one is its own piece
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
     def motion(self, t: Array, orders: int = 3) -> Motion: ...
     # of a piece: values (M, k), amplitudes (k,) for rounding, kappa: max_t |.| <= max |values| / kappa;
@@ -584,11 +584,17 @@ class Kind(Protocol):
 class Choosing(Protocol):
     """Capability of a `Kind` whose descriptions may hold more than one robot needs: `described` of the
     joints that move (names or patterns; none: those that the file's one robot has), with others held at
-    given positions, and folders in which to look for meshes first. Who lacks the method has none.
+    given positions, folders in which to look for meshes first, and ranges in place of the file's. Who lacks
+    the method has none.
     """
 
     def chosen(
-        self, path: Path, joints: Sequence[str], held: Mapping[str, float], mesh_roots: Sequence[Path]
+        self,
+        path: Path,
+        joints: Sequence[str],
+        held: Mapping[str, float],
+        mesh_roots: Sequence[Path],
+        ranges: Mapping[str, tuple[float, float]],
     ) -> Described: ...
 
 
@@ -607,6 +613,14 @@ class Drawn(Protocol):
     """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
+
+
+class Posed(Protocol):
+    """Capability of a `Kind` whose robots stand elsewhere than motions may be: poses (k,) by name, beside
+    home, from which its ways lead.
+    """
+
+    def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
 class Gained(Protocol):

@@ -147,15 +147,19 @@ def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> Non
         there_and_back(motion, pose, way, [limit(Barred)], np.array([0.0, -0.8]))
 
 
-def test_a_flight_goes_from_hover_to_its_start_at_rest() -> None:
+def test_a_flight_goes_from_hover_into_its_plan_and_out_of_it() -> None:
     kind = load("etude.robots", "quadrotor")
     spec = kind.spec(kind.built_in()["quadrotor"])
     flight = FourierTrajectory(np.array([[0.0, 0.0, 2.0], *(0.3 * np.ones((4, 3)))]), 0.5, 12.0)
+    still = FourierTrajectory(np.array([[3.0, 1.0, 2.0], *np.zeros((4, 3))]), 0.5, 12.0)
     pose = np.array([2.0, -1.0, 1.5])
     out, back = kind.ways(spec, flight, pose)
-    first, last = flight.motion(np.array([0.0, 12.0]), 1).orders[0]
-    np.testing.assert_allclose(ends(out)[0], [pose, first])
-    np.testing.assert_allclose(ends(back)[0], [last, pose])
+    plan = flight.motion(np.array([0.0, 12.0]), 4).orders
+    for way, at_rest, joined in ((out, 0, 0), (back, 1, 1)):
+        orders = way.motion(np.array([0.0, way.duration]), 4).orders
+        np.testing.assert_allclose(orders[:, at_rest], [pose, *np.zeros((3, 3))], atol=1e-9)
+        np.testing.assert_allclose(orders[:, 1 - at_rest], plan[:, joined], atol=1e-9)
+    out = kind.ways(spec, still, pose)[0]
     t = np.linspace(0.0, out.duration, 2001)
     rates = np.linalg.norm(out.motion(t, 4).orders, axis=2)
     assert rates[1].max() < 0.31 * spec.speed

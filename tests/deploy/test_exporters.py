@@ -207,15 +207,15 @@ def test_what_the_receiver_plays_outside_a_limit_is_refused() -> None:
     near = [
         AxisLimit("velocity", 1, ("a",), -np.array([peak * f]), np.array([peak * f])) for f in (1.01, 0.99)
     ]
-    assert certify_played(own, files, near[:1], motion.form).ok
+    assert certify_played(own, files, near[:1], motion).ok
     with pytest.raises(UnsafeTrajectoryError, match=r"as its receiver plays it, velocity of 'a'"):
-        certify_played(own, files, near[1:], motion.form)
+        certify_played(own, files, near[1:], motion)
 
 
 def test_what_lines_cannot_keep_is_a_row_that_nobody_looked_at() -> None:
     own, place = exporter("lerobot"), here("lerobot")
     motion = place.trajectory(1)
-    found = certify_played(own, own(motion, place.kind, place.spec), place.limits, motion.form)
+    found = certify_played(own, own(motion, place.kind, place.spec), place.limits, motion)
     (row,) = [row for row in found.rows if row.status == "not looked at"]
     assert (row.quantity, row.method) == ("acceleration", "nothing bounds derivative 2 of lines")
 

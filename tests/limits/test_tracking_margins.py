@@ -111,7 +111,7 @@ def test_what_is_looked_at_is_not_said() -> None:
     assumed = not_looked_at(alone, [], [row(margin=0.1, confidence=0.0)])
     assert "assumed" in assumed[0]
     assert "velocity" in not_looked_at(alone, [], [row(margin=0.1), row("velocity")])[0]
-    limits = [Looking(COMMANDS), Looking(left_out=("Cables.",))]
+    limits = [Looking(COMMANDS), Looking(COLLISIONS, left_out=("Cables.",))]
     found = not_looked_at(alone, limits, [row()])  # type: ignore[arg-type]
     assert COMMANDS not in found
     assert COLLISIONS not in found

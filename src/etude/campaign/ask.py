@@ -15,12 +15,13 @@ from etude.campaign.export import GROUP, Exported, export
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
-from etude.campaign.learn import Learner, learn_pending
+from etude.campaign.learn import Learner, learn_pending, newest_model
 from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.tasks import load_tasks
 from etude.campaign.tracking import Kept, kept_now, kept_then
+from etude.campaign.ways import Approached, approached
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UsageError
@@ -28,7 +29,6 @@ from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 if TYPE_CHECKING:
-    from etude.campaign.ways import Approached
     from etude.limits.certificate import Certificate
 
 ASK_STREAM = 1
@@ -100,26 +100,20 @@ def ask(
         learn_pending(campaign, learner, say)
         state = campaign.state()
         if state.proposals and not new:
-            number, made, status = state.proposals[-1].number, False, "asked for before, still open"
+            number, made = state.proposals[-1].number, None
+            kept = kept_then(campaign.round(number).asked)
         else:
-            number, made = state.next_number, True
-            status = _propose(campaign, state, number, motions, tasks, go_on, say)
-        found = _present(campaign, number, made, status, speed)
+            number, kept = state.next_number, kept_now(campaign, state)
+            made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
+        found = _present(campaign, number, kept, made, speed)
         motion = stored_trajectory(campaign, number, speed)
-        way = _way(campaign, number, motion, found.folder, start) if start else None
+        way = approached(campaign, number, motion, found.folder, start, kept) if start else None
         if way is not None and way.whole is not None:
             motion, place = way.whole, way.folder
         else:
             place = found.folder
         written = [export(campaign, number, motion, place, name, effort=effort) for name in formats]
         return replace(found, exported=tuple(written), way=way)
-
-
-def _way(campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str) -> Approached:
-    from etude.campaign.ways import approached
-
-    kept = kept_then(campaign.round(number).asked)
-    return approached(campaign, number, motion, folder, start, kept)
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:
@@ -158,18 +152,22 @@ def _propose(
     campaign: Campaign,
     state: State,
     number: int,
+    kept: Kept,
     motions: Sequence[Trajectory],
     tasks: Path | None,
     go_on: bool,
     say: Say,
-) -> str:
+) -> tuple[TrajectoryFiles, str]:
+    """Files of the next trajectory, committed, and how it was found."""
     if not go_on:
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
     rng = np.random.default_rng(seed)
-    kept = kept_now(campaign, state)
-    limits = campaign.limits(kept.margins)
-    trajectory, facts = proposed(campaign, state, rng, motions, _open(campaign, state), limits, say)
+    kept = kept.using(newest_model(campaign, state)) if state.trained else kept
+    limits = kept.limits(campaign)
+    trajectory, facts = proposed(
+        campaign, kept.model(campaign), rng, motions, _open(campaign, state), limits, say
+    )
     if not go_on:
         _check_stop(campaign, state, facts["gain"])
     kept = kept.of(trajectory)
@@ -182,7 +180,7 @@ def _propose(
     at_limit = [list(pair) for pair in files.certificate.active()]
     facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained), **kept.as_facts()}
     campaign.commit("asked", number, written, **facts)
-    return str(facts["status"])
+    return files, str(facts["status"])
 
 
 def _files(
@@ -204,16 +202,23 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
         )
 
 
-def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+def _present(
+    campaign: Campaign, number: int, kept: Kept, made: tuple[TrajectoryFiles, str] | None, speed: int
+) -> Proposal:
+    """The proposal at that speed; `made`: its files and status, if it is new."""
     exported = _check_files(campaign, number, speed)
-    full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)
-    kept = kept_then(campaign.state().rounds[number].asked)
-    limits = campaign.limits(kept.margins) if new else campaign.described_limits(kept.margins)
-    files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits, kept)
+    if made is None or speed != 100:
+        full = stored_trajectory(campaign, number)
+        limits = kept.limits(campaign, described=made is None)
+        own = kept.of(full) if made is not None else kept
+        files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits, own)
+    else:
+        files = made[0]
     if speed != 100 and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
-    return Proposal(number, folder, files.certificate, files.trajectory.duration, new, status)
+    status = "asked for before, still open" if made is None else made[1]
+    return Proposal(number, folder, files.certificate, files.trajectory.duration, made is not None, status)
 
 
 def _check_files(campaign: Campaign, number: int, speed: int) -> bool:

@@ -26,6 +26,7 @@ class Part:
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     mesh_roots: tuple[Path, ...] = ()
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 WHOLE = Part()
@@ -75,9 +76,9 @@ def _chosen(kind: Kind, description: Path, part: Part) -> Described:
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",
             where=str(description),
-            next_step="Leave --joints, --hold and --mesh-root out.",
+            next_step="Leave --joints, --hold, --mesh-root and --range out.",
         )
-    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots)
+    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots, part.ranges)
     return found
 
 

@@ -59,8 +59,9 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     files = exporter(what, campaign.kind, campaign.spec)
-    limits = campaign.limits(kept_then(campaign.round(number).asked).margins_of_chain(trajectory))
-    certificate = certify_played(exporter, files, limits, trajectory.form)
+    kept = kept_then(campaign.round(number).asked)
+    limits = campaign.limits(kept.margins_of_chain(trajectory), kept.model(campaign))
+    certificate = certify_played(exporter, files, limits, trajectory)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
     paths = [place / file for file in contents]

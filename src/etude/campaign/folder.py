@@ -13,7 +13,7 @@ from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
 from etude.campaign.journal import Event, commit, read_events
 from etude.campaign.state import Round, State, replay
-from etude.contracts import Channel, Kind, Limit, Margins
+from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
 from etude.shown import Picture, picture_of
 from etude.storage import writer_lock
@@ -80,14 +80,14 @@ class Campaign:
         """The channel of that name."""
         return next(c for c in self.channels if c.name == name)
 
-    def limits(self, margins: Margins | None = None) -> Sequence[Limit]:
-        """What no trajectory may exceed, less the margins of tracking."""
-        return self.kind.limits(self.spec, self.config, None, margins or {})
+    def limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
+        """What no trajectory may exceed, less the margins of tracking; commands by the model, if any."""
+        return self.kind.limits(self.spec, self.config, model, margins or {})
 
-    def described_limits(self, margins: Margins | None = None) -> Sequence[Limit]:
+    def described_limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
         """What the robot's description allows: what a proposal that is open already is held against."""
         trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
-        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), None, margins or {})
+        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), model, margins or {})
 
     def proposal(self, number: int) -> Path:
         return self.path / "proposals" / f"{number:04d}"

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import Campaign, Say
-from etude.campaign.learn import newest_model
 from etude.campaign.motions import reference_motions, segments_of, typical_motions, ways_of
-from etude.campaign.state import State
 from etude.contracts import Inputs, Limit, Model, Trajectory
 from etude.design.view import Latent
 
@@ -30,7 +28,7 @@ class Known:
 
 def proposed(
     campaign: Campaign,
-    state: State,
+    model: Model | None,
     rng: np.random.Generator,
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
@@ -42,10 +40,11 @@ def proposed(
     Before any log tasks are not looked at: a motion for them alone leaves the rest of the robot unknown.
 
     Args:
+        model: the newest, None before any log.
         open_ones: proposals that wait for their logs: what they will tell is not asked for again.
         limits: less the margins of tracking.
     """
-    known = _known(campaign, state)
+    known = _known(campaign, model)
     if known is None:
         return _random(campaign, rng, limits)
     what = "from what was learned" if known.learned else "from the limits alone"
@@ -53,12 +52,11 @@ def proposed(
     return _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
 
 
-def _known(campaign: Campaign, state: State) -> Known | None:
+def _known(campaign: Campaign, model: Model | None) -> Known | None:
     """None: nothing to design from, or nothing is to be."""
     from etude.design.prior import prior_latents
 
-    if state.trained:
-        model = newest_model(campaign, state)
+    if model is not None:
         return Known(model.inputs, model, True)
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     if config.design.first == "random":

@@ -1,45 +1,78 @@
-"""Margins of a campaign: from what its logs tell of tracking, and as they stood when a motion was asked."""
+"""What limits are held with: margins from what logs tell of tracking, and the model that says what drives
+must give; now, or as they stood when a motion was asked.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from etude.campaign.folder import Campaign
+from etude.campaign.learn import stored_model
 from etude.campaign.state import State
-from etude.contracts import Array, Log, Margins, Trajectory
+from etude.contracts import Array, Limit, Log, Margins, Model, Trajectory
+from etude.errors import DataError, UsageError
 from etude.limits.tracking import LAST, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
 from etude.trajectories.json_text import SINGLE
 
-TRACKED, MARGINS, UNHELD = "tracked", "margins", "unheld"
-"""Facts: largest errors by form, of a `told` event; what was kept, and what was not, of an `asked` one."""
+TRACKED, MARGINS, UNHELD, MODEL = "tracked", "margins", "unheld", "model"
+"""Facts: largest errors by form, of a `told` event; of an `asked` one what was kept, what was not, and the
+round whose model said what the drives must give.
+"""
 ACCELERATION = 2
 QUANTITIES = ("position", "velocity")
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What is kept of the limits for tracking, and what is not.
+    """What is kept of the limits for tracking, what is not, and whose word counts for commands.
 
     Attributes:
         margins: by form of motion.
         unheld: sentences: margins that would have left no room, and accelerations.
         by_form: the same sentences, by the form of motion that they are about.
+        number: of the round whose model says what drives must give; None before any log.
     """
 
     margins: Margins
     unheld: tuple[str, ...] = ()
     by_form: Mapping[str, tuple[str, ...]] | None = None
+    number: int | None = None
+    _limits: dict[bool, Sequence[Limit]] = field(default_factory=dict, repr=False)
+    _models: dict[int, Model | None] = field(default_factory=dict, repr=False)
+
+    def using(self, model: Model) -> Kept:
+        """With the model of `number`, which is at hand."""
+        return replace(self, _models={self.number: model} if self.number is not None else {}, _limits={})
+
+    def model(self, campaign: Campaign) -> Model | None:
+        """The model of `number`; None before any log, or where it is gone since."""
+        if self.number is not None and self.number not in self._models:
+            self._models[self.number] = None
+            with contextlib.suppress(UsageError, DataError):
+                self._models[self.number] = stored_model(campaign, self.number)
+        return None if self.number is None else self._models[self.number]
+
+    def limits(self, campaign: Campaign, *, described: bool = False) -> Sequence[Limit]:
+        """The robot's, less the margins; made once, since they remember what they proved.
+
+        described: of the description alone, which a proposal that is open already is held against.
+        """
+        if described not in self._limits:
+            of = campaign.described_limits if described else campaign.limits
+            self._limits[described] = of(self.margins, self.model(campaign))
+        return self._limits[described]
 
     def of(self, trajectory: Trajectory) -> Kept:
         """With the sentences about this motion, one piece after the other."""
         forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
         own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
-        return replace(self, unheld=tuple(dict.fromkeys(own)))
+        return replace(self, unheld=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
 
     def margins_of_chain(self, trajectory: Trajectory) -> Margins:
         """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
@@ -51,10 +84,11 @@ class Kept:
 
     def as_facts(self) -> dict[str, Any]:
         """For the `asked` event; nothing where nothing is kept."""
+        facts: dict[str, Any] = {} if self.number is None else {MODEL: self.number}
         if not self.margins:
-            return {}
+            return facts
         margins = {form: [_lists(own) for own in pair] for form, pair in self.margins.items()}
-        return {MARGINS: margins, UNHELD: list(self.unheld)}
+        return {**facts, MARGINS: margins, UNHELD: list(self.unheld)}
 
 
 def kept_now(campaign: Campaign, state: State) -> Kept:
@@ -67,14 +101,14 @@ def kept_now(campaign: Campaign, state: State) -> Kept:
         kept = within_room(table, np.asarray(confidence), ranges, campaign.config.tracking.most)
         margins[form] = kept
         by_form[form] = (*_short(campaign, table, kept[0]), *_accelerations(campaign, errors.get(form, ())))
-    return Kept(margins, by_form=by_form)
+    return Kept(margins, by_form=by_form, number=state.trained[-1].number if state.trained else None)
 
 
 def kept_then(asked: Mapping[str, Any] | None) -> Kept:
     """What was kept when a proposal was made; nothing of proposals that are older than margins."""
     facts = asked or {}
     margins = {form: (_array(table), _array(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()}
-    return Kept(margins, tuple(facts.get(UNHELD, ())))
+    return Kept(margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL))
 
 
 def errors_told(campaign: Campaign, log: Log, trajectory: Trajectory, speed: int) -> dict[str, Any]:

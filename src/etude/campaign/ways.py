@@ -21,7 +21,10 @@ from etude.errors import UsageError
 from etude.limits.certificate import Certificate
 
 HOME = "home"
-WRITE = "Write --from home, --from joint=value,joint=value,... or --from a CSV whose last row is the pose."
+WRITE = (
+    "Write --from home (of flights also ground), --from joint=value,joint=value,... or --from a CSV whose "
+    "last row is the pose."
+)
 
 
 @dataclass(frozen=True)
@@ -48,16 +51,17 @@ def approached(
 
     Args:
         campaign: the folder. number: of the proposal. motion: what is run. folder: where its files are.
-        start: "home", joint=value for every joint, or a CSV whose last row is the pose.
+        start: "home", of flights "ground", joint=value for every joint, or a CSV whose last row is the pose.
         kept: for tracking, when the proposal was made.
 
     Raises:
         UsageError: no such pose, one outside the limits, a kind that knows no ways, or a changed file.
         UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
     """
-    kind, spec, limits = campaign.kind, campaign.spec, campaign.limits(kept.margins)
+    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
     pose = pose_of(campaign, start)
-    require_inside(pose, *kind.expected(spec).limits[kind.path], campaign.axes)
+    if start not in poses_of(campaign):
+        require_inside(pose, *kind.expected(spec).limits[kind.path], campaign.axes)
     found = there_and_back(motion, pose, ways_of(campaign), limits, kind.home(spec))
     if found is None:
         raise UsageError(
@@ -71,7 +75,7 @@ def approached(
         stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem)
         for stem, part in parts.items()
     }
-    place = folder / f"from_{_label(start, pose)}"
+    place = folder / f"from_{_label(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}
     paths = [place / name for files in made.values() for name in files.names]
     key = [p.relative_to(campaign.path).as_posix() for p in paths]
@@ -84,10 +88,18 @@ def approached(
     return Approached(place, tuple(paths), certificates, found.whole)
 
 
+def poses_of(campaign: Campaign) -> dict[str, Array]:
+    """Poses (k,) by name: home, and what the kind knows beside it."""
+    more = getattr(campaign.kind, "poses", None)
+    found = {} if more is None else more(campaign.spec)
+    return {HOME: np.asarray(campaign.kind.home(campaign.spec), dtype=float), **found}
+
+
 def pose_of(campaign: Campaign, start: str) -> Array:
     """(k,) the pose that `start` names, rad (m). UsageError if it names none."""
-    if start == HOME:
-        return np.asarray(campaign.kind.home(campaign.spec), dtype=float)
+    named = poses_of(campaign)
+    if start in named:
+        return named[start]
     if "=" in start and not Path(start).is_file():
         return _stated(start, campaign.axes)
     return _last_row(Path(start), campaign)
@@ -138,6 +150,6 @@ def _last_row(path: Path, campaign: Campaign) -> Array:
     return pose
 
 
-def _label(start: str, pose: Array) -> str:
+def _label(campaign: Campaign, start: str, pose: Array) -> str:
     """Of a folder: each pose has one of its own."""
-    return HOME if start == HOME else hashlib.sha256(pose.tobytes()).hexdigest()[:8]
+    return start if start in poses_of(campaign) else hashlib.sha256(pose.tobytes()).hexdigest()[:8]

@@ -40,8 +40,9 @@ class Ask(Common):
     effort: bool = False
     """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
     start: Annotated[str, tyro.conf.arg(name="from")] = ""
-    """Where the robot stands: home, joint=value,... or a CSV whose last row it is. The way to the start and
-    back is then certified and written too; other formats hold approach, motion and return in one."""
+    """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
+    way to the start and back is then certified and written too, of flights with take-off and landing; other
+    formats hold all of it in one."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -69,7 +70,7 @@ class Ask(Common):
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
-            f"Proved for all times; {_ends(found.certificate)}.",
+            f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
             "Not looked at:",
             *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
@@ -146,6 +147,12 @@ def _distances(rows: Sequence[Proof]) -> list[str]:
         least = min(row.proved_lower for row in rest)
         lines.append(f"{len(rest)} more distances, all at least {least:.4g} m.")
     return lines
+
+
+def _sampled(certificate: Certificate) -> str:
+    """Of what was only looked at in samples: which, and how near these are."""
+    rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
+    return "".join(f", but of {quantity} {method.split(';')[0]}" for quantity, method in rows.items())
 
 
 def _ends(certificate: Certificate) -> str:

@@ -29,6 +29,9 @@ class Init(Common):
     """Of a URDF or MJCF: the joints that move, by name or pattern ("arm_*"); the others are held."""
     hold: tuple[str, ...] = ()
     """Where others are held, joint=position in rad or m; at 0, or their limit next to it, if not said."""
+    range: tuple[str, ...] = ()
+    """How far joints may go, joint=lower:upper in rad or m: of joints that turn without end, or less than the
+    file allows."""
     mesh_root: tuple[Path, ...] = ()
     """Folders to look for meshes in first, with their package's name or without."""
 
@@ -38,7 +41,7 @@ class Init(Common):
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        part = Part(self.joints, _positions(self.hold), self.mesh_root)
+        part = Part(self.joints, _positions(self.hold), self.mesh_root, _ranges(self.range))
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
@@ -66,6 +69,25 @@ def _positions(held: tuple[str, ...]) -> dict[str, float]:
             raise UsageError(
                 f"{one!r} is no joint=position", where="--hold", next_step="Write --hold finger=0.02."
             )
+    return found
+
+
+def _ranges(given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Ends by joint of joint=lower:upper. UsageError if one is no such thing."""
+    from etude.errors import UsageError
+
+    found = {}
+    for one in given:
+        joint, _, ends = one.rpartition("=")
+        try:
+            low, high = (float(end) for end in ends.split(":"))
+        except ValueError:
+            joint, low, high = "", 0.0, 0.0
+        if not joint or not low < high:
+            raise UsageError(
+                f"{one!r} is no joint=lower:upper", where="--range", next_step="Write --range wrist=-3.1:3.1."
+            )
+        found[joint] = (low, high)
     return found
 
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from etude.contracts import Exporter, Limit, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, spare
 from etude.trajectories.splined import Splined
 
+MEET = 1e-5
+"""s by which points may be beside the ends of a piece: times are rounded."""
 SLACK = 1e-6
 """Part of a limit's width by which a curve through points may exceed what was proved of the motion."""
 
@@ -36,7 +41,7 @@ class Looked:
 
 
 def certify_played(
-    exporter: Exporter, files: Mapping[str, bytes], limits: Sequence[Limit], form: str
+    exporter: Exporter, files: Mapping[str, bytes], limits: Sequence[Limit], motion: Trajectory
 ) -> Certificate:
     """What the receiver of these files plays, held against the limits.
 
@@ -44,14 +49,15 @@ def certify_played(
         exporter: its attribute `back` reads the files as their receiver does.
         files: what it wrote.
         limits: of the robot.
-        form: of the motion that was exported; its tracking margins hold.
+        motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
+            meet is proved piece by piece, since a take-off may be where a flight may not.
 
     Raises:
         UnsafeTrajectoryError: the curve leaves a limit by more than SLACK of its width.
     """
     played = exporter.back(files)  # type: ignore[attr-defined]
     if isinstance(played, Splined):
-        played = replace(played, like=form)
+        played = _cut(replace(played, like=motion.form), motion)
     found = certify(played, [Looked(limit) for limit in limits])
     for row in found.failed:
         if not spare(row) >= -SLACK * (row.upper - row.lower):
@@ -62,3 +68,33 @@ def certify_played(
                 next_step="Ask for another format, or at a lower speed: etude ask --speed 50.",
             )
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A curve in the pieces of the motion that it plays: what a certificate asks of a trajectory."""
+
+    parts: tuple[tuple[float, str, Splined], ...]
+    form: str
+    duration: float
+
+    def pieces(self) -> Sequence[tuple[float, str, Splined]]:
+        """Each with the time at which it starts."""
+        return self.parts
+
+
+def _cut(played: Splined, motion: Trajectory) -> Any:
+    """The curve in pieces; whole where it has no points at their ends."""
+    pieces = motion.pieces()
+    edges = [start for start, _, _ in pieces] + [motion.duration]
+    at = [int(np.argmin(np.abs(played.times - edge))) for edge in edges]
+    at[-1] = len(played.times) - 1  # set-points go on until the next one would come
+    near = all(abs(played.times[i] - edge) <= MEET for i, edge in zip(at[:-1], edges, strict=False))
+    if len(pieces) == 1 or not near or not all(a < b for a, b in pairwise(at)):
+        return played
+    parts = []
+    for (_, label, _), a, b in zip(pieces, at, at[1:], strict=False):
+        times = played.times[a : b + 1]
+        own = replace(played, times=times - times[0], points=played.points[:, a : b + 1])
+        parts.append((float(times[0]), label, own))
+    return Played(tuple(parts), played.form, played.duration)

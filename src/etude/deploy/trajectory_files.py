@@ -81,14 +81,14 @@ def render(
         kind, spec, config: of the robot; the table holds the plans of its inputs.
         limits: what may not be exceeded.
         unheld: sentences for the certificate, what this robot is known not to hold.
-        stem: of the files' names.
+        stem: of the files' names; of another than `STEM` it is the way there or back.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits, unheld)
+    certificate = require_certified(written, limits, unheld, way=stem != STEM)
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)

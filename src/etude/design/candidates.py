@@ -68,7 +68,9 @@ class Source:
 
     def _grown(self, drawn: Drawn) -> Drawn:
         kept = Kept.of(self.limits, drawn.family, drawn.p)
-        return replace(drawn, p=kept.grown(drawn.family, drawn.feasible.centre, drawn.p))
+        home = drawn.feasible.centre
+        p = kept.grown(drawn.family, home, drawn.p)
+        return replace(drawn, p=kept.settled(drawn.family, home, p))
 
     @cached_property
     def _whole(self) -> FeasibleSet:

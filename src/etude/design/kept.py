@@ -17,7 +17,7 @@ from etude.trajectories.extremes import ROOM
 INSTANTS = 400
 """Evenly over a motion, at which penalties are asked for."""
 ORDERS = 3
-"""Derivative orders that penalties see: position, velocity, acceleration."""
+"""Derivative orders that penalties see, if they ask for no more: position, velocity, acceleration."""
 HALVINGS = 12
 """Of the way home: the last proved point is within a thousandth of the way of one that is not."""
 FEW_HALVINGS = 5
@@ -42,26 +42,31 @@ class Kept:
         limits: those that answer with a penalty.
         times: (T,) s at which they are asked.
         others: those whose cones say it all.
+        boxed: whether cones of `limits` keep the search within less than is allowed.
     """
 
     limits: tuple[Limit, ...]
     times: Array
     others: tuple[Limit, ...] = ()
+    boxed: bool = False
 
     @classmethod
     def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> Kept:
         """Those of `limits` that answer with a penalty for the member p (P,)."""
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
-        motion = family.motion(p, times, ORDERS)
+        motion = family.motion(p, times, _orders(limits))
         parts: dict[bool, list[Limit]] = {True: [], False: []}
         for limit in limits:
             parts[limit.penalty(motion) is None].append(limit)
-        return cls(tuple(parts[False]), times, tuple(parts[True]))
+        boxed = [bool(limit.cones(family)) for limit in parts[False]]
+        # what narrows the search is what most often fails: it is asked first
+        own = [parts[False][i] for i in sorted(range(len(boxed)), key=lambda i: not boxed[i])]
+        return cls(tuple(own), times, tuple(parts[True]), any(boxed))
 
     def penalty(self, family: Family, p: Array) -> tuple[float, Array]:
         """Sum of the penalties at p (P,) and its gradient (P,); 0 where all are kept."""
-        motion = family.motion(p, self.times, ORDERS)
+        motion = family.motion(p, self.times, _orders(self.limits))
         total, gradient = 0.0, np.zeros_like(motion.orders)
         for limit in self.limits:
             found = limit.penalty(motion)
@@ -70,10 +75,13 @@ class Kept:
         return total, family.pull(p, self.times, gradient)
 
     def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
-        """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs."""
+        """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs.
+
+        0 where no candidate has any: then what comes of the search is only drawn home.
+        """
         found = [self.penalty(family, p)[0] for family, p in candidates] if self.limits else []
         typical = float(np.mean(found)) if found else 0.0
-        return HEAVY / typical if typical > 0.0 else HEAVY
+        return HEAVY / typical if typical > 0.0 else 0.0
 
     def proved(self, family: Family, p: Array, *, quickly: bool = False) -> bool:
         """Whether all of them hold, proved, on the trajectory of p (P,).
@@ -81,7 +89,7 @@ class Kept:
         quickly: a limit that has `keeps(piece)` is asked that, which is wrong in rare cases: for searches.
         """
         pieces = [piece for _, _, piece in family.trajectory(p).pieces()]
-        return all(_holds(limit, piece, quickly) for piece in pieces for limit in self.limits)
+        return all(_holds(limit, piece, quickly) for limit in self.limits for piece in pieces)
 
     def drawn_home(
         self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
@@ -119,7 +127,7 @@ class Kept:
     def grown(
         self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
     ) -> Array:
-        """The parameters (P,) with each part enlarged about `home`, as far as all limits are proved.
+        """The parameters (P,) with each part enlarged about `home`, as far as a quick word allows.
 
         Being drawn home shrinks all of a motion for the one part of it that is in the way, and the search may
         have been kept in a part of what is allowed. So every block of what the other limits couple, a joint
@@ -128,10 +136,10 @@ class Kept:
         Args:
             family: of the parameters.
             home: (P,) standing still.
-            p: where to begin, proved.
+            p: where to begin.
             worth: of parameters; what lowers it is not done.
         """
-        if not self.limits:
+        if not self.boxed:
             return p
         pose = family.motion(home, np.zeros(1), 1).orders[0, 0]
         whole, value = FeasibleSet.of(self.others, family, pose), worth(p)
@@ -147,11 +155,24 @@ class Kept:
                     if not self.proved(family, trial, quickly=True):
                         break
                     p, value = trial, trial_value
-        for _ in range(SHRINKINGS):
+        return p
+
+    def settled(self, family: Family, home: Array, p: Array) -> Array:
+        """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words mostly hold.
+
+        Raises:
+            UnsafeTrajectoryError: as `drawn_home`.
+        """
+        for _ in range(SHRINKINGS if self.limits else 0):
             if self.proved(family, p):
                 return p
             p = home + SHRUNK * (p - home)
         return self.drawn_home(family, home, p)
+
+
+def _orders(limits: Sequence[Limit]) -> int:
+    """Of motion that the limits look at."""
+    return max([ORDERS, *(int(getattr(limit, "orders", ORDERS)) for limit in limits)])
 
 
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:

@@ -162,7 +162,7 @@ def search(
     """The best of the candidates and of what the best few are refined to.
 
     What limits that are not convex forbid is drawn home, candidates and ends alike, and the ends are grown;
-    between, a penalty counts.
+    between, a penalty counts. All that is by quick words: only the best is proved.
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
@@ -174,13 +174,18 @@ def search(
     best, value, evaluations = starts[order[0]], values[order[0]], len(values)
     for place in counted(order[: config.refine], whole=1.0 - DRAWN):
         start, own = starts[place], aims[place]
-        searched = Penalised(own, kept, weight * abs(values[place])) if kept.limits else own
+        searched = Penalised(own, kept, weight * abs(values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
         found = _at_home(kept, replace(start, p=end.p), own.value)
         found_value = own.value(found.p) if kept.limits else end.value
         if found_value > value:
             best, value = found, found_value
+    if kept.limits:
+        settled = kept.settled(best.family, best.feasible.centre, best.p)
+        if settled is not best.p:
+            best = replace(best, p=settled)
+            value = replace(aim, family=best.family).value(settled)
     return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from etude.contracts import Array, Limit, Trajectory
 from etude.design.chain import Ways
 from etude.errors import UsageError
-from etude.limits.certificate import REST_TOLERANCE, certify, require_certified
-from etude.trajectories.chain import Chain, Part
+from etude.limits.certificate import certify, require_certified
+from etude.trajectories.chain import JOINED, Chain, Part
 
 SLOWER = (1.0, 2.0, 4.0)
 """Times of its own in which a way is tried: margins may leave little of a velocity limit."""
@@ -22,8 +22,8 @@ class There:
     """To a motion and back.
 
     Attributes:
-        approach, back: from the pose to its start, from its end to the pose; each one move, or two by home.
-        whole: with the motion between them, where that starts and ends at rest; else None.
+        approach, back: from the pose to its start, from its end to the pose; each one move, or several.
+        whole: with the motion between them; None where the ways end at rest and the motion does not.
     """
 
     approach: Trajectory
@@ -51,11 +51,10 @@ def there_and_back(
     assert back is not None
     approach = _proved([(straight[0],), (out[0], by_home[0])], limits)
     returned = _proved([(straight[1],), (by_home[1], back[1])], limits)
-    parts: list[Part] = [("approach", part) for part in approach]
-    parts += [(label, piece) for _, label, piece in motion.pieces()]
-    parts += [("return", part) for part in returned]
-    whole = Chain(tuple(parts)) if _rests(motion, limits) else None
-    return There(_joined("approach", approach), _joined("return", returned), whole)
+    there, again = _labelled("approach", approach), _labelled("return", returned)
+    own = [(label, piece) for _, label, piece in motion.pieces()]
+    whole = Chain((*there, *own, *again)) if _meet(approach[-1], motion, returned[0]) else None
+    return There(_joined(there), _joined(again), whole)
 
 
 def require_inside(pose: Array, lower: Array, upper: Array, names: Sequence[str]) -> None:
@@ -73,18 +72,40 @@ def _proved(tried: Sequence[tuple[Trajectory, ...]], limits: Sequence[Limit]) ->
     """The first that is proved, as fast as it is; the last word is what the straight one would do."""
     for parts in tried:
         for factor in SLOWER:
+            if factor > 1.0 and not all(_rests(part) for part in parts):
+                break  # it leads into a motion, whose speed is given
             slowed = tuple(part.slowed(factor) for part in parts)
             if all(certify(part, limits).ok for part in slowed):
                 return slowed
     for part in tried[0]:
-        require_certified(part.slowed(SLOWER[-1]), limits)
+        require_certified(part.slowed(SLOWER[-1]) if _rests(part) else part, limits)
     raise AssertionError("a way that is proved was refused")
 
 
-def _joined(label: str, parts: tuple[Trajectory, ...]) -> Trajectory:
-    return parts[0] if len(parts) == 1 else Chain(tuple((label, part) for part in parts))
+def _labelled(label: str, parts: tuple[Trajectory, ...]) -> tuple[Part, ...]:
+    """Each with its label: that of a way which is one piece, or its own."""
+    found: list[Part] = []
+    for part in parts:
+        pieces = part.pieces()
+        found += [(own if len(pieces) > 1 else label, piece) for _, own, piece in pieces]
+    return tuple(found)
 
 
-def _rests(motion: Trajectory, limits: Sequence[Limit]) -> bool:
-    ends = motion.motion(np.array([0.0, motion.duration]), 3).orders[1:]
-    return certify(motion, limits).end_speed <= REST_TOLERANCE and bool(np.abs(ends).max() <= REST_TOLERANCE)
+def _joined(parts: tuple[Part, ...]) -> Trajectory:
+    return parts[0][1] if len(parts) == 1 else Chain(parts)
+
+
+def _ends(motion: Trajectory) -> Array:
+    """(3, 2, k) position, velocity and acceleration at both ends."""
+    return motion.motion(np.array([0.0, motion.duration]), 3).orders
+
+
+def _rests(motion: Trajectory) -> bool:
+    return bool(np.abs(_ends(motion)[1:]).max() <= JOINED)
+
+
+def _meet(approach: Trajectory, motion: Trajectory, back: Trajectory) -> bool:
+    """Whether speed and acceleration go on where the ways and the motion meet."""
+    own = _ends(motion)
+    jumps = _ends(approach)[1:, 1] - own[1:, 0], _ends(back)[1:, 0] - own[1:, 1]
+    return all(np.abs(jump).max() <= JOINED for jump in jumps)

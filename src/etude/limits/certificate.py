@@ -95,14 +95,18 @@ class Certificate:
         return json.dumps(content, indent=1) + "\n"
 
 
-def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()) -> Certificate:
+def certify(
+    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
+) -> Certificate:
     """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
 
-    Rest at the ends of each piece is needed if one of the limits says so (`rest`).
+    Rest at the ends of each piece is needed if one of the limits says so (`rest`); else at those of
+    the whole.
 
     Args:
         trajectory: what to prove. limits: of the robot.
         unheld: sentences, what this robot is known not to hold.
+        way: whether it is the way to a motion's start, or back.
     """
     found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
@@ -116,8 +120,9 @@ def certify(trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[st
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
     rest = any(getattr(limit, "rest", False) for limit in limits)
-    end_speed = max(_end_speed(piece, limits) for _, _, piece in pieces)
-    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld))
+    ends = [_end_speeds(piece, limits) for _, _, piece in pieces]
+    end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
+    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld, way=way))
 
 
 def _kept(row: Proof) -> tuple[float, float] | None:
@@ -131,14 +136,14 @@ def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
 
 
 def require_certified(
-    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = ()
+    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
 ) -> Certificate:
     """The certificate, if every limit is met. Arguments as of `certify`.
 
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits, unheld)
+    certificate = certify(trajectory, limits, unheld, way=way)
     if certificate.ok:
         return certificate
     if not certificate.failed:
@@ -172,8 +177,8 @@ def _joined(one: Proof, other: Proof) -> Proof:
     return replace(tighter, proved_lower=low, proved_upper=high)
 
 
-def _end_speed(piece: Trajectory, limits: Sequence[Limit]) -> float:
-    """Largest speed at the ends of a piece, as a fraction of the limits of order 1.
+def _end_speeds(piece: Trajectory, limits: Sequence[Limit]) -> tuple[float, float]:
+    """Speed at the start and end of a piece, as a fraction of the limits of order 1.
 
     Without any, as a fraction of the piece's largest speed.
     """
@@ -183,10 +188,11 @@ def _end_speed(piece: Trajectory, limits: Sequence[Limit]) -> float:
         if getattr(limit, "order", None) != 1:
             continue
         size = np.array([max(abs(row.lower), abs(row.upper)) for row in limit.prove(piece)])
-        values = np.abs(limit.of_motion(ends)).max(axis=0)
-        found += np.divide(values, size, out=np.full(len(size), math.inf), where=size > 0.0).tolist()
-    if found:
-        return float(max(found))
-    speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
-    largest = max(float(speeds.max()), float(np.finfo(float).tiny))
-    return float(np.linalg.norm(ends.orders[1], axis=1).max()) / largest
+        values = np.abs(limit.of_motion(ends))
+        found.append(np.divide(values, size, out=np.full(values.shape, math.inf), where=size > 0.0))
+    if not found:
+        speeds = np.linalg.norm(piece.motion(np.linspace(0.0, piece.duration, 2001), 2).orders[1], axis=1)
+        largest = max(float(speeds.max()), float(np.finfo(float).tiny))
+        found = [np.linalg.norm(ends.orders[1], axis=1)[:, None] / largest]
+    start, end = np.concatenate(found, axis=1).max(axis=1)
+    return float(start), float(end)

@@ -11,33 +11,40 @@ TRACKING = "How far the robot leaves the plan while it tracks it, overshoot incl
 COLLISIONS = "Collisions, with itself and with what stands around it, the floor among it."
 WAY = "The way to the start, and the way back from the end."
 COMMANDS = "Whether the drives can give the forces that the motion needs."
+SPEED = "How fast the tool and the links move through space."
 LOAD = "What the robot carries beyond its description."
-ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, LOAD)
+ALL = (TRACKING, COLLISIONS, WAY, COMMANDS, SPEED, LOAD)
 """What is not looked at where no limit looks at it."""
-HELD = ("position", "velocity", "radius", "speed")
+HELD = ("position", "velocity", "radius", "speed", "tool position", "tool radius", "tool speed", "link speed")
 """Quantities of which tracking keeps a margin; clearance says itself what tracking takes."""
 
 
 def not_looked_at(
-    trajectory: Trajectory, limits: Sequence[Limit], rows: Sequence[Proof], unheld: Sequence[str] = ()
+    trajectory: Trajectory,
+    limits: Sequence[Limit],
+    rows: Sequence[Proof],
+    unheld: Sequence[str] = (),
+    *,
+    way: bool = False,
 ) -> tuple[str, ...]:
     """The sentences of one certificate.
 
     Args:
         trajectory: with an approach and a return among its pieces the way was looked at.
-        limits: one says by `looks_at` which of `ALL` it looks at, and by `not_looked_at` what it leaves out.
+        limits: one says by `looks_at` which of `ALL` it looks at, and by `not_looked_at` what it leaves out
+            of these.
         rows: their proofs: of some a margin is kept for tracking.
         unheld: what else the robot is known not to hold.
+        way: whether the trajectory is the way itself, to a motion's start or back.
     """
     labels = {label for _, label, _ in trajectory.pieces()}
-    seen = {sentence for limit in limits for sentence in getattr(limit, "looks_at", ())}
-    left_out = tuple(one for limit in limits for one in getattr(limit, "not_looked_at", ()))
     said = {TRACKING: _of_tracking(rows)}
-    if left_out or COLLISIONS in seen:
-        said[COLLISIONS] = left_out
-    if {"approach", "return"} <= labels:
+    for limit in limits:
+        for topic in getattr(limit, "looks_at", ()):
+            said[topic] = (*said.get(topic, ()), *getattr(limit, "not_looked_at", ()))
+    if way or {"approach", "return"} <= labels:
         said[WAY] = ()
-    found = [one for topic in ALL for one in said.get(topic, () if topic in seen else (topic,))]
+    found = [one for topic in ALL for one in said.get(topic, (topic,))]
     return (*found, *unheld)
 
 

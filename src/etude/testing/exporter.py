@@ -38,7 +38,7 @@ class ExporterSuite:
         here = self.world
         trajectory = here.trajectory(1)
         files = type(self).exporter(trajectory, here.kind, here.spec)
-        found = certify_played(type(self).exporter, files, here.limits, trajectory.form)
+        found = certify_played(type(self).exporter, files, here.limits, trajectory)
         assert found.seen, "nothing is proved of what the receiver plays"
 
     def test_the_same_motion_gives_the_same_bytes(self) -> None:

@@ -1,4 +1,4 @@
-"""Chains: several segments in one recording, each from rest to rest, with a link between two of them."""
+"""Chains: several segments in one recording, with links between two of them and ways to them and back."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ Array = NDArray[np.float64]
 
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
-LABELS = ("segment", "link", "approach", "return")
-WAYS = LABELS[2:]
+LABELS = ("segment", "link", "approach", "return", "take-off", "landing")
+WAYS = (frozenset({"approach", "take-off"}), frozenset({"return", "landing"}))
 """What a chain may consist of without a segment: several moves to a motion, or back from it."""
 
 
 Part = tuple[str, Trajectory]
-"""What a part is for ("segment", "link", "approach", "return"), and its motion."""
+"""What a part is for, one of `LABELS`, and its motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Parts one after the other; where one ends and the next begins all axes are at rest.
+    """Parts one after the other, joined in position, velocity and acceleration; of arms, limits ask for rest.
 
     Attributes:
         parts: segments, which the recording is made for, and what leads from one to the next.
 
     Raises:
         UsageError: fewer than two parts, no segment unless all are one way, an unknown label, parts that are
-            chains themselves, of other axes, in motion where they meet, or that do not meet.
+            chains themselves, of other axes, or that do not meet.
     """
 
     parts: tuple[Part, ...]
@@ -45,7 +45,7 @@ class Chain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple((str(label), part) for label, part in self.parts))
         labels = [label for label, _ in self.parts]
-        way = len(set(labels)) == 1 and labels[0] in WAYS
+        way = any(set(labels) <= allowed for allowed in WAYS)
         if len(labels) < 2 or not ("segment" in labels or way) or not set(labels) <= set(LABELS):
             raise UsageError(f"a chain has two parts or more, each one of {', '.join(LABELS)}, not {labels}")
         if any(part.form == self.form for _, part in self.parts):
@@ -55,11 +55,11 @@ class Chain:
             raise UsageError("the parts of a chain move different numbers of axes")
         for number, (before, after) in enumerate(pairwise(ends), start=1):
             step = np.abs(after[0, 0] - before[0, 1]).max()
-            pace = max(np.abs(before[1:, 1]).max(), np.abs(after[1:, 0]).max())
-            if not max(step, pace) <= JOINED:
+            jump = np.abs(after[1:, 0] - before[1:, 1]).max()
+            if not max(step, jump) <= JOINED:
                 raise UsageError(
-                    f"parts {number} and {number + 1} of the chain do not meet at rest: "
-                    f"a step of {step:.3g}, a speed or acceleration of {pace:.3g}"
+                    f"parts {number} and {number + 1} of the chain do not meet: "
+                    f"a step of {step:.3g}, one of {jump:.3g} in speed or acceleration"
                 )
 
     @property
@@ -89,7 +89,10 @@ class Chain:
         place = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
         out: Array | None = None
         for number, (start, _, part) in enumerate(pieces):
-            own = part.motion(t[place == number] - start, orders).orders
+            local = t[place == number] - start
+            # the sum of all durations, less those before, is this one only up to rounding
+            local = np.where(np.abs(local - part.duration) <= JOINED, part.duration, local)
+            own = part.motion(local, orders).orders
             if out is None:
                 out = np.zeros((orders, len(t), own.shape[2]))
             out[:, place == number] = own

@@ -117,7 +117,8 @@ def test_the_certificate_names_pair_and_time_and_says_what_is_left_out() -> None
 def test_the_search_box_is_not_a_proof_and_motions_may_grow_beyond_it(tmp_path) -> None:
     spec = planar_spec(tmp_path, FLOOR)
     found = family(spec, FourierConfig(3, 20.0))
-    own, rng = limits(spec, {}), np.random.default_rng(0)
+    strong = replace(spec, axes=tuple(replace(axis, command=200.0) for axis in spec.axes))
+    own, rng = limits(strong, {}), np.random.default_rng(0)
     home, low, high = search_of(spec)
     source = Source(found, own, home, "scaled")
     drawn = source.typical(rng, 4)
@@ -209,7 +210,7 @@ def test_without_shapes_there_is_nothing_to_keep(tmp_path) -> None:
     spec = planar_spec(tmp_path, xml=bare)
     assert clearance_of(spec, {}) is None
     np.testing.assert_array_equal(search_of(spec)[0], np.zeros(3))
-    assert len(limits(spec, {})) == 3
+    assert [limit.name for limit in limits(spec, {})] == ["position", "velocity", "acceleration", "torque"]
     not_wanted = planar_spec(tmp_path, Surroundings(collision=Collision(look=False), floor=Floor(0.0)))
     assert clearance_of(not_wanted, {}) is None
     without = replace(spec, model_file=None)

@@ -121,6 +121,20 @@ def test_the_thesis_takes_the_desired_motion_and_the_raw_command() -> None:
     assert data.moving.all()
 
 
+def test_a_way_back_after_the_plan_is_not_learned_as_rest() -> None:
+    """The plan ends at 20 s; the robot overshoots a little, stands, and from 25 s on goes away."""
+    q, qd, qdd = motion(T)
+    over = T > 20.0
+    held = motion(np.array([20.0]))[0]
+    plan = [np.where(over[:, None], held, q), *(np.where(over[:, None], 0.0, x) for x in (qd, qdd))]
+    wave = 0.01 * np.sin(T)[:, None]
+    away = plan[0] + wave + np.where((T > 25.0)[:, None], 0.3 * (T - 25.0)[:, None], 0.0)
+    log = with_plan(LOG.put(CHANNELS["q"], away), q_des=plan[0], qd_des=plan[1], qdd_des=plan[2])
+    data = build(log, SPEC, THESIS)
+    assert 25.0 <= data.t[-1] <= 25.2, "it stands until 25 s"
+    assert build(log, SPEC, DEFAULT).t[-1] > 29.0, "what is measured teaches on the way back too"
+
+
 def test_desired_derivatives_are_made_if_the_log_has_none() -> None:
     log = with_plan(LOG, q_des=motion(T)[0])
     data = build(log, SPEC, replace(THESIS, trim_s=2.0))

@@ -77,3 +77,20 @@ def test_from_a_file_of_a_package_to_a_certified_motion(name: str, tmp_path: Pat
 def test_a_kind_without_joints_says_so(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no joints to choose from"):
         create_campaign(tmp_path / "sky", "quadrotor", part=Part(held={"rotor": 1.0}))
+
+
+def test_a_range_of_ones_own_is_no_assumption(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, lab = write(tmp_path), tmp_path / "lab"
+    options = ["--joints", "shoulder", "wrist", "--range", "wrist=-1:7", "shoulder=-1:1"]
+    assert main(["init", str(lab), "--robot", str(urdf), *options]) == 0
+    assert "Ranges are assumed" not in capsys.readouterr().out
+    spec = etude.open_campaign(lab).spec
+    assert (spec.lower.tolist(), spec.upper.tolist()) == ([-1.0, -1.0], [1.0, 7.0])
+    for wrong, words in (
+        ("shoulder=-3:1", "shoulder is not within the file's own, -1.5..2"),
+        ("knee=-3:1", "no moving joint knee"),
+        ("wrist=1", "'wrist=1' is no joint=lower:upper"),
+        ("wrist=2:1", "'wrist=2:1' is no joint=lower:upper"),
+    ):
+        assert main(["init", str(tmp_path / "other"), "--robot", str(urdf), "--range", wrong]) != 0
+        assert words in capsys.readouterr().err

@@ -79,8 +79,12 @@ def _check_axis(axis: Axis, where: str) -> None:
             raise UsageError(f"limit '{limit}' must be a finite number, not {value}", where=place)
         if limit in ("velocity", "acceleration", "command") and value <= 0:
             raise UsageError(f"limit '{limit}' must be above zero, not {value:g}", where=place)
-    if axis.jerk is not None and not (math.isfinite(axis.jerk) and axis.jerk > 0.0):
-        raise UsageError(f"limit 'jerk' must be a finite number above zero, not {axis.jerk:g}", where=place)
+    for limit in ("jerk", "torque", "torque_rate"):
+        value = getattr(axis, limit)
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise UsageError(
+                f"limit '{limit}' must be a finite number above zero, not {value:g}", where=place
+            )
     if axis.lower >= axis.upper:
         raise UsageError(
             f"lower limit {axis.lower:g} is not below upper limit {axis.upper:g}",

@@ -21,23 +21,28 @@ MODEL_NAME = "robot_model"
 
 
 def read(
-    path: Path, joints: Sequence[str] | None = None, held: Mapping[str, float] | None = None
+    path: Path,
+    joints: Sequence[str] | None = None,
+    held: Mapping[str, float] | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[ArmSpec, tuple[str, ...]]:
     """The robot of a robot file, a URDF or an MJCF; and what a person should confirm of it.
 
-    `joints` and `held` choose an arm of a model file; see `loading.load.load`.
+    `joints` and `held` choose an arm of a model file, see `loading.load.load`; `ranges` (rad or m) count in
+    place of the file's.
     """
     if path.suffix.lower() == ".toml":
-        if joints or held:
+        if joints or held or ranges:
             raise UsageError(
-                "a robot file says itself which joints move and where others are held",
+                "a robot file says itself which joints move, how far, and where others are held",
                 where=str(path),
                 next_step="Change its [[axis]] and [held] tables, or give the URDF or MJCF to --robot.",
             )
         return read_robot(path), ()
     from etude.robots.arm.urdf import spec_from_model
 
-    found = spec_from_model(path, joints=joints, held=held)
+    given = {joint: {"lower": low, "upper": high} for joint, (low, high) in (ranges or {}).items()}
+    found = spec_from_model(path, joints=joints, held=held, given=given)
     return found.spec, found.confirm
 
 
@@ -46,13 +51,14 @@ def describe(
     joints: Sequence[str] | None = None,
     held: Mapping[str, float] | None = None,
     mesh_roots: Sequence[Path] = (),
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> Described:
     """robot.toml and a whole copy of the model file that it points to, with its meshes.
 
     Raises:
         UsageError: no robot, or a model file that cannot be read or completed.
     """
-    spec, confirm = read(path, joints, held)
+    spec, confirm = read(path, joints, held, ranges)
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
         from etude.robots.arm.clearance.of_robot import completed

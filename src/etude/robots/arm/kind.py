@@ -92,12 +92,17 @@ class ArmKind:
         return describe(path)
 
     def chosen(
-        self, path: Path, joints: Sequence[str], held: Mapping[str, float], mesh_roots: Sequence[Path]
+        self,
+        path: Path,
+        joints: Sequence[str],
+        held: Mapping[str, float],
+        mesh_roots: Sequence[Path],
+        ranges: Mapping[str, tuple[float, float]],
     ) -> Described:
-        """The same of an arm that is part of a larger robot, with meshes from these folders."""
+        """The same of a part of a larger robot, with meshes from these folders and these ranges."""
         from etude.robots.arm.description import describe
 
-        return describe(path, joints or None, held, mesh_roots)
+        return describe(path, joints or None, held, mesh_roots, ranges)
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
@@ -135,10 +140,12 @@ class ArmKind:
         return family(spec, config.trajectory)
 
     def limits(self, spec: ArmSpec, config: Any, model: Model | None, margins: Margins) -> Sequence[Limit]:  # noqa: ARG002
-        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot."""
+        """Position, velocity, acceleration and clearance, less what tracking was seen to overshoot; commands
+        by the model, or by the model file's masses.
+        """
         from etude.robots.arm.motions import limits
 
-        return limits(spec, margins)
+        return limits(spec, margins, model)
 
     def largest_error(self, spec: ArmSpec) -> Array:
         """(J,) rad (m) that the largest command holds against its own proportional gain."""

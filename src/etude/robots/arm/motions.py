@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Margins, Trajectory
+from etude.contracts import Array, Limit, Margins, Model, Trajectory
 from etude.limits.library import AxisLimit
 from etude.robots.arm.clearance.of_robot import clearance_of, search_of
+from etude.robots.arm.commands import commands_of
+from etude.robots.arm.space.of_robot import space_of
 from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.extremes import ROOM
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
@@ -30,9 +32,13 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
     return FourierFamily.of(suited, axes=spec.dof)
 
 
-def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
-    """Position, velocity and acceleration of every joint, rest at both ends; jerk and clearance if any."""
+def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
+    """Position, velocity and acceleration of every joint, rest at both ends; jerk, commands, clearance
+    and limits in space if any.
+    """
     clearance = clearance_of(spec, margins)
+    space = space_of(spec)
+    commands = commands_of(spec, model, search_of(spec)[0])
     jerked = tuple(int(j) for j in np.flatnonzero(np.isfinite(spec.jerk)))
     own = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
     return (
@@ -40,6 +46,8 @@ def limits(spec: ArmSpec, margins: Margins) -> tuple[Limit, ...]:
         AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
         AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
         *((AxisLimit("jerk", 3, tuple(own[0]), -own[1], own[1], jerked),) if jerked else ()),
+        *(() if commands is None else (commands,)),
+        *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),
     )
 

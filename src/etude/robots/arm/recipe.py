@@ -31,6 +31,8 @@ from etude.robots.arm.spec import COMMAND, MEMORY, PATH, PLAN, ArmSpec
 from etude.robots.arm.standing import resolution, standing
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
+LEFT = 2.0
+"""Times the largest error of the motion."""
 LEAST_ROWS = 8
 """A stretch of fewer rows cannot be filtered."""
 
@@ -125,6 +127,7 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
 def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
     _check(log, spec, config)
     rate, cutoff = median_rate(log.t), filter_cutoff(log, config)
+    group = _without_return(log, group) if config.desired else group
     if config.presliding:
         log = _with_memory(spec, config, log)
     config = replace(config, rate_hz=max(config.rate_hz, config.least_samples / duration(log)))
@@ -139,6 +142,21 @@ def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
             next_step="Record a longer motion, or lower trim_s.",
         )
     return joined_samples(parts)
+
+
+def _without_return(log: Log, group: Index) -> Index:
+    """Groups (T,), -1 from where a robot leaves the place at which its plan has ended.
+
+    A plan rests after its end, and what the robot does then is not in it: the way back would be learned as
+    rest. It is left where it is `LEFT` times as far from the plan as ever before.
+    """
+    if PLAN[1] not in log or PATH[0] not in log:
+        return group
+    moving = np.flatnonzero(np.any(log[PLAN[1]] != 0.0, axis=1))
+    last = int(moving[-1]) if len(moving) else len(log) - 1
+    off = np.abs(log[PATH[0]] - log[PLAN[0]])
+    gone = np.flatnonzero(np.any(off[last + 1 :] > LEFT * off[: last + 1].max(axis=0), axis=1))
+    return group if not len(gone) else np.where(np.arange(len(log)) <= last + gone[0], group, -1)
 
 
 def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:

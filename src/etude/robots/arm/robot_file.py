@@ -17,6 +17,8 @@ acceleration = 4.0          # largest |qdd|, rad/s^2
 command = 150.0             # largest |command|, in command_unit
 unit = "m"                  # optional: of a sliding joint
 jerk = 20.0                 # optional: largest |qddd|, rad/s^3
+torque = 60.0               # optional: largest |command| that a motion may ask, if less than `command`
+torque_rate = 1000.0        # optional: the same of its rate, command_unit/s
 [held]                      # optional: the model file's other joints, and where they stand, rad or m
 gripper = 0.02
 [mounting]                  # optional: the base in the room, z up
@@ -30,6 +32,7 @@ size = [0.04, 0.12]         # radius and length, m
 [gains]                     # optional: of the robot's own feedback
 kp = [900.0]                # command units per rad (m), one for each joint
 [floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
+[cartesian]                 # optional: speeds and places in space, see `space.table`
 """
 
 from __future__ import annotations
@@ -52,6 +55,7 @@ from etude.robots.arm.clearance.surroundings import (
 )
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
+from etude.robots.arm.space.table import Cartesian
 from etude.robots.arm.spec import ArmSpec, Axis, Gains
 from etude.robots.toml import decoded, from_table, read_text, write_values
 
@@ -85,6 +89,7 @@ class RobotTable:
     room: Room | None = None
     column: Column | None = None
     search: Search | None = None
+    cartesian: Cartesian | None = None
     simulate: Simulate | None = None
     motor: tuple[MotorTable, ...] = ()
 
@@ -118,7 +123,7 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    same = ("plant", "held", "mounting", "tool", "payload", "gains", "confirm", "simulate")
+    same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "confirm", "simulate")
     own = {**{name: getattr(table, name) for name in same}, "motors": table.motor}
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
@@ -175,6 +180,7 @@ def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
         gains=spec.gains,
         confirm=spec.confirm,
         **_tables(spec.around),
+        cartesian=spec.cartesian,
         simulate=spec.simulate,
         motor=spec.motors,
     )

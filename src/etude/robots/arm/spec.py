@@ -14,6 +14,7 @@ from etude.contracts import Array, Channel
 from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
+from etude.robots.arm.space.table import Cartesian
 
 COMMAND = "command"
 PATH = ("q", "qd", "qdd")
@@ -36,6 +37,8 @@ class Axis:
         command: largest |command| in the robot's command unit.
         unit: of the position: "rad", or "m" for a sliding joint.
         jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
+        torque: largest |command| that a motion may ask, where that is less than the drive can give.
+        torque_rate: the same of its rate, in command units per s; None without such a limit.
     """
 
     name: str
@@ -46,6 +49,8 @@ class Axis:
     command: float
     unit: Literal["rad", "m"] = "rad"
     jerk: float | None = None
+    torque: float | None = None
+    torque_rate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ class ArmSpec:
         mounting: of the model file's base in the room; None: as in the file.
         tool, payload: what it carries beyond the model file, or None.
         around: what stands around it, and how far it keeps from that and from itself.
+        cartesian: how fast it may move through space, and where its tool stays; None: anyhow.
         simulate, motors: of the stand-in made from the model file, where there is no such plant.
         gains: of its feedback, or None where they are not known.
         confirm: what was assumed of it, a sentence each, until a person has confirmed it.
@@ -90,6 +96,7 @@ class ArmSpec:
     tool: Attached | None = None
     payload: Attached | None = None
     around: Surroundings = field(default_factory=Surroundings)
+    cartesian: Cartesian | None = None
     simulate: Simulate | None = None
     motors: tuple[MotorTable, ...] = ()
     gains: Gains | None = None
@@ -128,6 +135,16 @@ class ArmSpec:
     def command(self) -> Array:
         """Largest command of each joint."""
         return np.array([axis.command for axis in self.axes])
+
+    @property
+    def torque(self) -> Array:
+        """(J,) that motions may ask of each joint, infinite where it is all that the drive can give."""
+        return np.array([math.inf if axis.torque is None else axis.torque for axis in self.axes])
+
+    @property
+    def torque_rate(self) -> Array:
+        """(J,) per s, infinite where there is no limit."""
+        return np.array([math.inf if axis.torque_rate is None else axis.torque_rate for axis in self.axes])
 
     def presliding(self, hinge: float) -> Array:
         """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""

@@ -58,6 +58,7 @@ def spec_from_model(
     """
     choice, moving, stated = _read(path, joints, dict(held or {}))
     _require_known(given or {}, moving, path)
+    _require_within(given or {}, stated, path)
     limits = {joint: {**stated[joint], **(given or {}).get(joint, {})} for joint in choice.joints}
     assumed = (*_assume_ranges(limits, moving), *_assume_accelerations(limits))
     _require_all(limits, path)
@@ -102,6 +103,19 @@ def _require_known(given: Mapping[str, object], moving: Mapping[str, Moving], pa
             where=str(path),
             next_step=f"Its moving joints are {', '.join(moving)}.",
         )
+
+
+def _require_within(given: Mapping[str, Mapping[str, float]], stated: Limits, path: Path) -> None:
+    """UsageError for a range beyond the one that the file states."""
+    for joint, own in given.items():
+        low, high = stated[joint].get("lower", -math.inf), stated[joint].get("upper", math.inf)
+        if own.get("lower", low) < low or own.get("upper", high) > high:
+            raise UsageError(
+                f"the range {own.get('lower', low):g}..{own.get('upper', high):g} of joint {joint} is not "
+                f"within the file's own, {low:g}..{high:g}",
+                where=str(path),
+                next_step="Give one within it, or correct the file.",
+            )
 
 
 def _assume_ranges(limits: dict[str, dict[str, float]], moving: Mapping[str, Moving]) -> tuple[str, ...]:

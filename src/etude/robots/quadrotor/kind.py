@@ -137,12 +137,19 @@ class QuadrotorKind:
         motion: Trajectory,
         pose: Array,
     ) -> tuple[Trajectory, Trajectory] | None:
-        """From hover to hover: to where the plan begins, and back from where it ends. A pilot, or the
-        vehicle's own controller, takes off and lands.
+        """From rest to where the plan begins, in motion or not, and back from where it ends; with take-off
+        and landing from a pose on the ground.
         """
         from etude.robots.quadrotor.room import ways
 
         return ways(spec, motion, pose)
+
+    def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
+        """On the ground, below the middle of the room."""
+        from etude.robots.quadrotor.room import home
+        from etude.robots.quadrotor.ways import standing
+
+        return {"ground": standing(spec, home(spec))}
 
     def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
         return config.data.inputs()  # type: ignore[no-any-return]

@@ -11,23 +11,20 @@ from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
-from etude.limits.unseen import COMMANDS
+from etude.limits.unseen import COMMANDS, SPEED
 from etude.robots.quadrotor.channels import AXES
 from etude.robots.quadrotor.family import FlightConfig, flight_family
 from etude.robots.quadrotor.flatness import LEAST_LIFT
 from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.robots.quadrotor.vehicle import GRAVITY
-from etude.trajectories.splined import Splined
+from etude.robots.quadrotor.ways import RoomLimit
+from etude.robots.quadrotor.ways import ways as ways_of
 
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
-PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
-"""Of a septic from rest to rest over length and time 1."""
-UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
-"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
 
 
 def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple[Limit, ...]:
@@ -41,8 +38,8 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
     found: list[Limit] = [
-        AxisLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins),
-        NormLimit("speed", 1, PLACES, spec.speed, margins=margins, rest=config.rest),
+        RoomLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins, ground=spec.floor),
+        NormLimit("speed", 1, PLACES, spec.speed, margins=margins, rest=config.rest, looks_at=(SPEED,)),
     ]
     if spec.radius is not None:
         found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=spec.margin, margins=margins))
@@ -81,19 +78,9 @@ def home(spec: QuadrotorSpec) -> Array:
     return np.asarray(place)
 
 
-def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Splined, Splined]:
-    """Straight septics from rest to rest: their jerk begins and ends at nothing, so that attitudes do too."""
-    first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
-    return _septic(spec, pose, first), _septic(spec, last, pose)
-
-
-def _septic(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
-    length = float(np.linalg.norm(end - start))
-    slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
-    lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
-    points = np.zeros((4, 2, 3))
-    points[0] = start, end
-    return Splined(np.array([0.0, lasting]), points)
+def ways(spec: QuadrotorSpec, motion: Trajectory, pose: Array) -> tuple[Trajectory, Trajectory]:
+    """From the pose to where the plan begins and back, with take-off and landing from the ground."""
+    return ways_of(spec, motion, pose, float(home(spec)[2]), limits(spec, FlightConfig(), {}))
 
 
 def trial_flights(

@@ -27,6 +27,7 @@ class QuadrotorSpec:
         thrust: least and largest thrust per mass, m/s^2; None without limits.
         margin: room kept for the tracking error, off the side walls of box and cylinder, m.
         vertical_margin: the same off floor and ceiling, m; None: as much.
+        ground: height of its centre where it stands, m; None: the bottom of the box.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
     """
@@ -45,6 +46,7 @@ class QuadrotorSpec:
     thrust: tuple[float, float] | None = None
     margin: float = 0.5
     vertical_margin: float | None = None
+    ground: float | None = None
     vehicle: Vehicle | None = None
     plant: str | None = None
 
@@ -53,6 +55,11 @@ class QuadrotorSpec:
         """Along x, y and z, m."""
         vertical = self.margin if self.vertical_margin is None else self.vertical_margin
         return self.margin, self.margin, vertical
+
+    @property
+    def floor(self) -> float:
+        """m, of its centre where it stands."""
+        return self.lower[2] if self.ground is None else self.ground
 
     @property
     def table_rate(self) -> float:

@@ -12,6 +12,7 @@ upper = [10.0, 10.0, 5.0]
 speed = 6.0                      # largest |v|, m/s
 margin = 0.5                     # m kept from every wall for the tracking error
 vertical_margin = 0.3            # optional: the same from floor and ceiling, m
+ground = 0.05                    # optional: height of its centre where it stands, m
 radius = 1.5                     # optional: of a cylinder about the z axis, m
 tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
@@ -56,6 +57,7 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     speed: float
     margin: float
     vertical_margin: float | None = None
+    ground: float | None = None
     radius: float | None = None
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
@@ -104,6 +106,7 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         thrust=table.thrust,
         margin=table.margin,
         vertical_margin=table.vertical_margin,
+        ground=table.ground,
         vehicle=vehicle,
         plant=table.plant,
     )
@@ -180,6 +183,13 @@ def _check_room(spec: QuadrotorSpec, where: str) -> None:
                 where=f"{where} margin",
                 next_step="Give it more room, or a smaller margin that its controller can keep.",
             )
+    kept = spec.lower[2] + spec.margins[2]
+    if spec.ground is not None and not (math.isfinite(spec.ground) and spec.ground < kept):
+        raise UsageError(
+            f"the ground at {spec.ground:g} m is not below {kept:g} m, the lowest that a flight may be",
+            where=f"{where} ground",
+            next_step="It is the height of the vehicle's centre where it stands.",
+        )
     if spec.radius is not None and spec.radius <= spec.margin:
         raise UsageError(
             f"the margin of {spec.margin:g} m fills the cylinder of radius {spec.radius:g} m",
@@ -227,6 +237,7 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         speed=spec.speed,
         margin=spec.margin,
         vertical_margin=spec.vertical_margin,
+        ground=spec.ground,
         radius=spec.radius,
         tilt=spec.tilt,
         thrust=spec.thrust,

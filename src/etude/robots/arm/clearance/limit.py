@@ -13,9 +13,10 @@ from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, 
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
 from etude.limits.tracking import ASSUMED
+from etude.limits.unseen import COLLISIONS
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
-from etude.robots.arm.clearance.proof import Nearest, nearest
+from etude.robots.arm.clearance.proof import QUICK, Nearest, nearest
 from etude.robots.arm.clearance.stance import ROOM
 from etude.robots.arm.clearance.tracked import lost
 from etude.robots.arm.clearance.way import Way, way_of
@@ -54,6 +55,7 @@ class Clearance:
     upper: Array
     margins: Margins = field(default_factory=dict)
     not_looked_at: tuple[str, ...] = ()
+    looks_at: tuple[str, ...] = (COLLISIONS,)
     name: str = "clearance"
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
     _words: dict[str, bool] = field(default_factory=dict, repr=False)
@@ -105,9 +107,13 @@ class Clearance:
         if key not in self._words:
             if len(self._words) >= KEPT:
                 self._words.clear()
-            way = way_of(piece)
-            found = self._distances(way.at(way.knots[::LOOK])[0], self._error(piece)[0])
-            self._words[key] = bool(np.all(found >= self._wanted + np.minimum(ROOM, 0.5 * self._wanted)))
+            way, error = way_of(piece), self._error(piece)[0]
+            wanted = self._wanted + np.minimum(ROOM, 0.5 * self._wanted)
+            x = way.knots[::LOOK]
+            first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
+            self._words[key] = all(
+                bool(np.all(self._distances(way.at(some)[0], error) >= wanted)) for some in (first, others)
+            )
         return self._words[key]
 
     @cached_property

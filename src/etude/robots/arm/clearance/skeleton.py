@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.contracts import Array, Index, Mask
 from etude.errors import UsageError
+from etude.robots.arm.space.reach import reaches
 
 if TYPE_CHECKING:
     import mujoco
@@ -84,12 +85,7 @@ class Skeleton:
 
     @cached_property
     def reaches(self) -> Array:
-        """(G, k) L: no point of that shape is ever farther from that joint's axis; 0 where it is not moved.
-
-        Of a slide it is 1. Else along the chain from the joint to the shape: the next anchor's distance from
-        the axis, the lengths between further anchors, the farthest point from the last one, and what slides
-        in between can add.
-        """
+        """(G, k) L: no point of that shape is ever farther from that joint's axis, or 0."""
         import mujoco
 
         data = mujoco.MjData(self.model)
@@ -97,17 +93,12 @@ class Skeleton:
         anchors, axes = data.xanchor[self.joints], data.xaxis[self.joints]
         start = data.qpos[self.addresses]
         added = np.where(self.slides, np.maximum(np.abs(self.lower - start), np.abs(self.upper - start)), 0.0)
-        found = np.zeros((len(self.shapes), len(self.joints)))
-        for row, shape in zip(found, self.shapes, strict=True):
+        found = []
+        for shape in self.shapes:
             world = shape.points @ data.geom_xmat[shape.geom].reshape(3, 3).T + data.geom_xpos[shape.geom]
-            outside, beyond = world, np.full(len(world), shape.radius)
-            for j in self.chain(shape.part)[::-1]:
-                row[j] = (
-                    1.0 if self.slides[j] else float((_across(outside - anchors[j], axes[j]) + beyond).max())
-                )
-                far = np.linalg.norm(outside - anchors[j], axis=1) + beyond
-                outside, beyond = anchors[[j]], np.array([far.max() + added[j]])
-        return found
+            beyond = np.full(len(world), shape.radius)
+            found.append(reaches(world, beyond, self.chain(shape.part), (anchors, axes), self.slides, added))
+        return np.reshape(found, (len(self.shapes), len(self.joints)))
 
     def chain(self, part: int) -> list[int]:
         """Places of the joints that move a part, the innermost first."""
@@ -202,9 +193,3 @@ def _corners(points: Array) -> Array:
         return corners
     except (QhullError, ValueError):
         return points
-
-
-def _across(vectors: Array, axis: Array) -> Array:
-    """(V,) lengths of the vectors (V, 3) across a unit axis."""
-    across: Array = np.linalg.norm(np.cross(vectors, axis), axis=1)
-    return across

@@ -19,6 +19,7 @@ from etude.contracts import Array, Index, Mask
 from etude.robots.arm.clearance.gaps import Gaps, unit
 from etude.robots.arm.clearance.skeleton import Shape
 from etude.robots.arm.clearance.surroundings import Column
+from etude.robots.arm.physics.kinematics import cross
 
 FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""
@@ -74,15 +75,15 @@ class Scene:
 
         skeleton = gaps.skeleton
         model, data, ends = skeleton.model, mujoco.MjData(skeleton.model), np.zeros(6)
+        geoms = [tuple(skeleton.shapes[k].geom for k in (gap.one, gap.other)) for gap in gaps.sensed]
         frames, normals = [], np.zeros((len(poses), len(gaps.sensed), 3))
         for t, pose in enumerate(poses):
             data.qpos[skeleton.addresses] = pose
             mujoco.mj_kinematics(model, data)
             joints = data.xanchor[skeleton.joints], data.xaxis[skeleton.joints]
             frames.append((data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy(), *joints))
-            for i in np.flatnonzero(near[t, : len(gaps.sensed)]):
-                one, other = (skeleton.shapes[k].geom for k in (gaps.sensed[i].one, gaps.sensed[i].other))
-                mujoco.mj_geomDistance(model, data, one, other, FARTHEST, ends)
+            for i in np.flatnonzero(near[t, : len(gaps.sensed)]).tolist():
+                mujoco.mj_geomDistance(model, data, *geoms[i], FARTHEST, ends)
                 normals[t, i] = ends[3:] - ends[:3]
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), TINY)
         places, turns, anchors, axes = (np.stack(part) for part in zip(*frames, strict=True))
@@ -119,7 +120,7 @@ class Scene:
             if skeleton.slides[j]:
                 height = height - error[j] * np.abs((axis * normal).sum(axis=1))[:, None]
             else:
-                across = np.cross(normal, axis)
+                across = cross(normal, axis)
                 height = height - error[j] * np.abs(self._along(shape, across, self.anchors[at, j], at))
         L, before, slack = skeleton.reaches[number], 0.0, 0.0
         for j in own:

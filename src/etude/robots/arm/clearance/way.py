@@ -73,7 +73,7 @@ def _of_series(piece: FourierTrajectory) -> Way:
     return Way(
         np.linspace(0.0, span, FIRST + 1),
         lambda x: _two(path, x),
-        _largest(path, 2),
+        largest(path, 2),
         np.full(piece.axes, np.inf),
         lambda x: np.interp(x, reached, times),
     )
@@ -110,11 +110,11 @@ def _of_time(piece: Trajectory) -> Way:
     if getattr(piece, "held", False):
         return _of_points(piece)
     try:
-        bend = _largest(piece, 2)
+        bend = largest(piece, 2)
     except UsageError:  # a form whose velocity jumps
-        bend = np.full_like(_largest(piece, 1), np.inf)
+        bend = np.full_like(largest(piece, 1), np.inf)
     knots = np.linspace(0.0, piece.duration, FIRST + 1)
-    return Way(knots, lambda x: _two(piece, x), bend, _largest(piece, 1), lambda x: x)
+    return Way(knots, lambda x: _two(piece, x), bend, largest(piece, 1), lambda x: x)
 
 
 def _of_points(piece: Any) -> Way:
@@ -134,7 +134,7 @@ def _two(piece: Trajectory, x: Array) -> tuple[Array, Array]:
     return orders[0], orders[1]
 
 
-def _largest(piece: Trajectory, order: int) -> Array:
+def largest(piece: Trajectory, order: int) -> Array:
     """(k,) bound of the size of a derivative at all times."""
     values, amplitudes, kappa = piece.bound(order, 1)
     if not np.isfinite(values).all():

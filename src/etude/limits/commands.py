@@ -1,0 +1,279 @@
+"""What a motion asks of the drives: commands through a model with its deviation, and their rates.
+
+A command along a motion is no polynomial and its model is learned, so nothing is proved for all times: it is
+looked at every few milliseconds, and a row says so. Between two samples a command with second derivative c
+stays within c h^2/8 of the line through them, and its rate within c h/2 of that line's slope. c is taken from
+the second differences of the samples themselves, twice as large as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from statistics import NormalDist
+
+import numpy as np
+
+from etude.contracts import Array, Cone, Family, Model, Motion, Proof, Trajectory
+from etude.errors import UsageError
+from etude.limits.unseen import COMMANDS
+
+SPACING, COARSE = 0.005, 0.04
+"""s between samples of the mean, and of its deviation."""
+LOOK, CLOSE = 0.1, 0.99
+"""s between samples in searches, and the part of each limit that these use."""
+SURE = 0.95
+"""That all commands stay within the row at once, as far as the model's deviations are true."""
+LONGEST = 120.0
+"""s, of motions for which rest at home is looked at."""
+DECORRELATED = 0.5
+"""s after which a deviation is another one."""
+CAUTION = 2.0
+"""On second differences: what they bend by between samples is not known."""
+STEP = 1e-4
+"""Of the penalty's differences, in SI units."""
+KEPT = 256
+"""Proofs that are remembered: a certificate asks for each several times."""
+
+Answer = Callable[[Motion], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class CommandLimit:
+    """A limit of `contracts`: lower <= mean - b deviation and mean + b deviation <= upper, |rate| <= rate.
+
+    Attributes:
+        quantity: "torque" or "command". unit: of the commands.
+        names: of the J commands.
+        lower, upper: (J,). rate: (J,) per s, infinite where there is no limit.
+        mean: motion -> (T, J). deviation: motion -> (T, J); None: the mean is all that is known.
+        source: whose word it is, for the certificate.
+        orders: of motion that these look at.
+        said: sentences for the certificate, what this leaves open.
+    """
+
+    quantity: str
+    unit: str
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    rate: Array
+    mean: Answer
+    deviation: Answer | None
+    source: str
+    orders: int = 3
+    said: tuple[str, ...] = ()
+    looks_at: tuple[str, ...] = (COMMANDS,)
+    _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+
+    @property
+    def name(self) -> str:
+        return self.quantity
+
+    @property
+    def not_looked_at(self) -> tuple[str, ...]:
+        """What is left open."""
+        return self.said
+
+    @property
+    def rated(self) -> list[int]:
+        """Places of the commands whose rate is limited."""
+        return [int(j) for j in np.flatnonzero(np.isfinite(self.rate))]
+
+    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
+        """None: a command bounds no parameter by itself."""
+        return ()
+
+    def beyond(self, duration: float) -> float:
+        """b, by which all deviations along a motion are multiplied: a union bound over what is independent.
+
+        maths: Phi^-1(1 - (1 - SURE)/(2 n)) for n independent deviations.
+        """
+        count = max(1.0, duration / DECORRELATED) * len(self.names)
+        return NormalDist().inv_cdf(1.0 - (1.0 - SURE) / (2.0 * count))
+
+    def penalty(self, motion: Motion) -> tuple[float, Array]:
+        """Mean square of what commands exceed, in parts of half a limit; gradient by differences."""
+        spread = self._spread(motion, float(np.ptp(motion.t)))
+        over = self._over(motion, spread)
+        gradient = np.zeros_like(motion.orders)
+        at = np.flatnonzero(over.any(axis=1))
+        if not len(at):
+            return 0.0, gradient
+        value, near = float((over**2).mean()), Motion(motion.t[at], motion.orders[:, at])
+        for order in range(min(self.orders, len(motion.orders))):
+            for axis in range(motion.orders.shape[2]):
+                ends = []
+                for sign in (-1.0, 1.0):
+                    orders = near.orders.copy()
+                    orders[order, :, axis] += sign * STEP
+                    ends.append((self._over(Motion(near.t, orders), spread[at]) ** 2).sum(axis=1))
+                gradient[order, at, axis] = (ends[1] - ends[0]) / (2.0 * STEP * over.size)
+        return value, gradient
+
+    def keeps(self, piece: Trajectory) -> bool:
+        """Whether samples keep all that: for searches, whose result is then looked at closely."""
+        motion = self._along(piece, LOOK)
+        mean, spread = self.mean(motion), self._spread(motion, piece.duration)
+        rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        kept = np.all(np.abs(mean - middle) + spread <= CLOSE * half)
+        return bool(kept and np.all(rates <= CLOSE * self.rate))
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """A row for each command, and one for each rate that is limited; all of them "sampled".
+
+        UsageError of a curve that gives no accelerations, and of set-points that are held.
+        """
+        key = piece.to_json()
+        if key not in self._proofs:
+            if len(self._proofs) >= KEPT:
+                self._proofs.clear()
+            self._proofs[key] = self._rows(piece)
+        return self._proofs[key]
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, J + rates) the mean, and the slopes from sample to sample."""
+        mean = self.mean(motion)
+        slopes = np.gradient(mean, motion.t, axis=0) if len(motion.t) > 1 else np.zeros_like(mean)
+        return np.concatenate([mean, slopes[:, self.rated]], axis=1)
+
+    def _rows(self, piece: Trajectory) -> tuple[Proof, ...]:
+        if getattr(piece, "held", False):
+            raise UsageError(f"the {self.quantity} between set-points that are held is the receiver's own")
+        piece.bound(self.orders - 1, 1)  # refuses curves that do not have it
+        motion = self._along(piece, SPACING)
+        step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
+        spread, bend = self._spread(motion, piece.duration), _bend(mean)
+        low, high = (mean - spread - bend / 8.0).min(axis=0), (mean + spread + bend / 8.0).max(axis=0)
+        text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
+        rows = []
+        for j, name in enumerate(self.names):
+            method = f"{text}; between them at most {bend[:, j].max() / 8.0:.2g} {self.unit} more"
+            rows.append(_row(name, self.quantity, (self.lower[j], self.upper[j]), (low[j], high[j]), method))
+        slope, more = np.abs(np.diff(mean, axis=0)) / step, bend / (2.0 * step)
+        steepest = (slope + np.maximum(more[:-1], more[1:])).max(axis=0)
+        for j in self.rated:
+            method = f"{text}, its mean; between them at most {more[:, j].max():.2g} {self.unit}/s more"
+            ends = (-self.rate[j], self.rate[j]), (-steepest[j], steepest[j])
+            rows.append(_row(self.names[j], f"{self.quantity} rate", *ends, method))
+        return tuple(rows)
+
+    def _whose(self, piece: Trajectory) -> str:
+        if self.deviation is None:
+            return self.source
+        return f"{self.source} and {self.beyond(piece.duration):.2g} of its deviations"
+
+    def _along(self, piece: Trajectory, spacing: float) -> Motion:
+        count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
+        return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
+
+    def _spread(self, motion: Motion, duration: float) -> Array:
+        """(T, J) deviations times b: from samples `COARSE` apart, the larger of two that are neighbours."""
+        if self.deviation is None:
+            return np.zeros((len(motion.t), len(self.names)))
+        step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else COARSE
+        every = max(1, math.floor(COARSE / step + 1e-9))
+        places = np.unique(np.append(np.arange(0, len(motion.t), every), len(motion.t) - 1))
+        found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
+        left = np.minimum(
+            np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
+        )
+        right = np.minimum(left + 1, len(places) - 1)
+        return np.asarray(self.beyond(duration) * np.maximum(found[left], found[right]))
+
+    def _over(self, motion: Motion, spread: Array) -> Array:
+        """(T, J) parts of half a limit by which commands exceed it, 0 inside."""
+        mean, half = self.mean(motion), 0.5 * (self.upper - self.lower)
+        outside = np.maximum(mean + spread - self.upper, self.lower - mean + spread)
+        return np.asarray(np.maximum(outside, 0.0) / half)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCommands:
+    """Commands that nobody can look at, and why: a limit without rows, which says so on the certificate."""
+
+    said: tuple[str, ...]
+    looks_at: tuple[str, ...] = (COMMANDS,)
+    name: str = "commands"
+
+    @property
+    def not_looked_at(self) -> tuple[str, ...]:
+        """The reason."""
+        return self.said
+
+    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
+        """None."""
+        return ()
+
+    def penalty(self, motion: Motion) -> tuple[float, Array] | None:  # noqa: ARG002
+        """None."""
+        return None
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:  # noqa: ARG002
+        """No row."""
+        return ()
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, 0)."""
+        return np.zeros((len(motion.t), 0))
+
+
+def by_model(
+    model: Model, quantity: str, unit: str, names: Sequence[str], ends: tuple[Array, Array], rate: Array
+) -> CommandLimit:
+    """Commands by what was learned: its mean, and its deviations with noise and calibration.
+
+    Args:
+        model: the newest. quantity, unit, names: of its commands.
+        ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
+    """
+    inputs, cheap = model.inputs, getattr(model, "mean", None)
+
+    def mean(motion: Motion) -> Array:
+        log = inputs.states(motion)
+        return np.asarray(model.predict(log)[0] if cheap is None else cheap(log))
+
+    def deviation(motion: Motion) -> Array:
+        return np.asarray(np.sqrt(model.predict(inputs.states(motion))[1]))
+
+    source = "the learned model"
+    return CommandLimit(quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders)
+
+
+def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
+    """The limit; or, where standing still at `home` (k,) is beyond it already, why it cannot be looked at.
+
+    Then no motion keeps it, and what is wrong is the model's numbers or its deviation, not the motion.
+    """
+    still = Motion(np.zeros(1), np.zeros((limit.orders, 1, len(home))))
+    still.orders[0, 0] = home
+    mean, spread = limit.mean(still)[0], limit._spread(still, LONGEST)[0]
+    over = np.maximum(mean + spread - limit.upper, limit.lower - mean + spread)
+    if not np.any(over > 0.0):
+        return limit
+    j = int(np.argmax(over / (limit.upper - limit.lower)))
+    most = f"{mean[j]:.3g} {limit.unit}" + (f" with a deviation of {spread[j]:.2g}" if spread.any() else "")
+    return OpenCommands(
+        (
+            f"Whether the drives can give the forces: {limit.source} says {most} of {limit.names[j]} at "
+            f"rest at home, beyond {limit.lower[j]:.3g}..{limit.upper[j]:.3g}; one of them is wrong.",
+        )
+    )
+
+
+def _row(
+    axis: str, quantity: str, limit: tuple[float, float], found: tuple[float, float], method: str
+) -> Proof:
+    low, high = map(float, limit)
+    least, most = map(float, found)
+    return Proof(axis, quantity, low, high, least, most, f"{method} by second differences", "sampled")
+
+
+def _bend(mean: Array) -> Array:
+    """(T, J) |second difference| of the samples around each, with caution."""
+    bend = np.zeros_like(mean)
+    bend[1:-1] = CAUTION * np.abs(np.diff(mean, 2, axis=0))
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return np.maximum(bend, np.maximum(np.roll(bend, 1, axis=0), np.roll(bend, -1, axis=0)))

@@ -1,0 +1,114 @@
+"""Take-off, approach, return and landing: from where a vehicle stands or hovers to a plan's start, and back.
+
+All are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
+its ends; the way then leads from rest into that motion, and out of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.contracts import Array, Limit, Proof, Trajectory
+from etude.limits.certificate import certify, use
+from etude.limits.library import AxisLimit
+from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude.trajectories.chain import Chain
+from etude.trajectories.splined import Splined
+
+PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
+"""Of a septic from rest to rest over length and time 1."""
+UNHURRIED, GENTLE, SHORTEST = 0.3, 0.5, 2.0
+"""Of ways: part of the speed limit, m/s^2, and s that one lasts at least."""
+ORDERS = 4
+STILL = 1e-9
+"""m/s, m/s^2, ...: less is rest."""
+UPRIGHT, SETTLED = 1e-4, 1e-3
+"""m that a way to or from the ground may go sideways or begin beside it, and the m/s, m/s^2 at its ends that
+count as rest: receivers play single precision.
+"""
+LASTING = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+"""Times of that of a straight way, in which one into a motion is tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoomLimit(AxisLimit):
+    """The box less its margins; a way straight up from the ground, or down to it, may be below these.
+
+    Attributes:
+        ground: m, of the vehicle's centre where it stands.
+    """
+
+    ground: float = 0.0
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row for each axis; of a take-off or landing the one of z begins at the ground."""
+        rows = list(super().prove(piece))
+        ends = piece.motion(np.array([0.0, piece.duration]), 3).orders
+        sideways = max(row.proved_upper - row.proved_lower for row in rows[:2])
+        stands = np.abs(ends[0, :, 2] - self.ground) <= UPRIGHT
+        still = np.abs(ends[1:]).max() <= SETTLED
+        if sideways <= UPRIGHT and stands.any() and still:
+            rows[2] = replace(rows[2], lower=self.ground - UPRIGHT, margin=0.0, confidence=1.0)
+        return rows
+
+
+def standing(spec: QuadrotorSpec, over: Array) -> Array:
+    """(3,) the vehicle on the ground, below a place (3,)."""
+    return np.array([over[0], over[1], spec.floor])
+
+
+def ways(
+    spec: QuadrotorSpec, motion: Trajectory, pose: Array, height: float, limits: Sequence[Limit]
+) -> tuple[Trajectory, Trajectory]:
+    """From the pose to where the plan begins, and back from where it ends.
+
+    Args:
+        spec: the vehicle. motion: the plan.
+        pose: (3,) m, where it hovers; or stands, if that is lower than a flight may be.
+        height: m, to which it takes off.
+        limits: by which ways into a motion are chosen.
+    """
+    first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
+    low = spec.lower[2] + spec.margins[2]
+    hover = np.array(pose, dtype=float)
+    if pose[2] >= low:
+        return _way(spec, at_rest(hover), first, limits), _way(spec, last, at_rest(hover), limits)
+    hover[2] = height
+    up, down = _straight(spec, pose, hover), _straight(spec, hover, pose)
+    there = _way(spec, at_rest(hover), first, limits)
+    back = _way(spec, last, at_rest(hover), limits)
+    return Chain((("take-off", up), ("approach", there))), Chain((("return", back), ("landing", down)))
+
+
+def at_rest(place: Array) -> Array:
+    """(4, 3) position to jerk of hover."""
+    return np.concatenate([place[None], np.zeros((ORDERS - 1, 3))])
+
+
+def _way(spec: QuadrotorSpec, start: Array, end: Array, limits: Sequence[Limit]) -> Splined:
+    """From state to state (4, 3): straight between two of rest, else what leaves most of the limits."""
+    straight = _straight(spec, start[0], end[0])
+    if max(np.abs(start[1:]).max(), np.abs(end[1:]).max()) <= STILL:
+        return straight
+    tried = [
+        Splined(np.array([0.0, _whole(spec, part * straight.duration)]), np.stack([start, end], axis=1))
+        for part in LASTING
+    ]
+    return min(tried, key=lambda way: max(use(row) for row in certify(way, limits).rows))
+
+
+def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
+    length = float(np.linalg.norm(end - start))
+    slow = PEAK_SPEED * length / (UNHURRIED * spec.speed)
+    lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
+    points = np.stack([at_rest(start), at_rest(end)], axis=1)
+    return Splined(np.array([0.0, _whole(spec, lasting)]), points)
+
+
+def _whole(spec: QuadrotorSpec, seconds: float) -> float:
+    """At least so long, and a whole number of set-points."""
+    return math.ceil(seconds * spec.table_rate - 1e-9) / spec.table_rate

@@ -1,0 +1,135 @@
+"""Commands along a motion: what rows say against dense samples, slack, deviation, penalty, and who cannot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from etude.contracts import Array, Motion
+from etude.errors import UsageError
+from etude.limits.certificate import certify, spare
+from etude.limits.commands import COARSE, SPACING, CommandLimit, OpenCommands, by_model, kept_at
+from etude.limits.unseen import COMMANDS
+from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.splined import Splined
+
+NAMES = ("a", "b")
+
+
+def pendulum(motion: Motion) -> Array:
+    """Inertia, gravity, and a friction that turns round within a tenth of a second."""
+    q, qd, qdd = motion.orders[:3]
+    return np.asarray(0.7 * qdd + 4.0 * np.sin(q) + 2.0 * np.tanh(qd / 0.05))
+
+
+LIMIT = CommandLimit(
+    "torque", "N m", NAMES, -np.full(2, 8.0), np.full(2, 8.0), np.full(2, np.inf), pendulum, None, "a formula"
+)
+RATED = replace(LIMIT, rate=np.array([60.0, np.inf]), _proofs={})
+SWING = FourierTrajectory(np.array([[0.1, -0.3], [0.5, 0.2], [0.3, -0.4]]), 0.9, 7.0)
+
+
+def dense(motion: FourierTrajectory, times: int) -> tuple[Array, Array]:
+    t = np.linspace(0.0, motion.duration, times * round(motion.duration / SPACING) + 1)
+    values = pendulum(motion.motion(t, 3))
+    return values, np.diff(values, axis=0) / np.diff(t)[:, None]
+
+
+def test_rows_hold_what_a_hundred_times_as_many_samples_show() -> None:
+    values, rates = dense(SWING, 100)
+    torque, other, rate = RATED.prove(SWING)
+    for row, own in ((torque, values[:, 0]), (other, values[:, 1])):
+        assert row.proved_lower <= own.min()
+        assert own.max() <= row.proved_upper <= own.max() + 0.01, "and say little more"
+    most = np.abs(rates[:, 0]).max()
+    assert most <= rate.proved_upper <= 1.3 * most
+    assert {row.status for row in (torque, other, rate)} == {"sampled"}
+    assert "5 ms of a formula" in torque.method
+    assert (rate.axis, rate.quantity, rate.upper) == ("a", "torque rate", 60.0)
+    assert RATED.of_motion(SWING.motion(np.linspace(0.0, 7.0, 50))).shape == (50, 3)
+
+
+def test_a_certificate_says_that_commands_are_looked_at_and_what_is_left_open() -> None:
+    found = certify(SWING, [replace(LIMIT, said=("Friction is not in it.",))])
+    assert COMMANDS not in found.not_looked_at
+    assert "Friction is not in it." in found.not_looked_at
+    assert found.ok == bool(min(map(spare, found.rows)) >= 0.0)
+    weak = replace(LIMIT, upper=np.full(2, 0.5), lower=-np.full(2, 0.5), _proofs={})
+    assert not certify(SWING, [weak]).ok
+
+
+def test_deviations_count_as_often_as_all_commands_need() -> None:
+    """b for 28 independent ones at 95 %: 1 - 0.05/56 = Phi(3.1235)."""
+
+    def deviation(motion: Motion) -> Array:
+        return np.stack([0.1 + 0.0 * motion.t, 0.1 * motion.t], axis=1)
+
+    known = replace(LIMIT, deviation=deviation, _proofs={})
+    assert known.beyond(7.0) == pytest.approx(3.1235, abs=1e-3)
+    plain, wide = LIMIT.prove(SWING)[0], known.prove(SWING)[0]
+    assert wide.proved_upper == pytest.approx(plain.proved_upper + 0.31235, abs=1e-3)
+    assert "3.1 of its deviations" in wide.method
+    spread = known._spread(SWING.motion(np.linspace(0.0, 7.0, 1401)), 7.0)[:, 1]
+    t = np.linspace(0.0, 7.0, 1401)
+    assert np.all(spread >= 3.1 * 0.1 * t - 1e-9), "never less than it is there"
+    assert np.all(spread <= 3.13 * 0.1 * (t + COARSE) + 1e-9)
+
+
+def test_the_penalty_is_zero_inside_and_has_its_gradient_outside() -> None:
+    t = np.linspace(0.2, 6.8, 30)
+    motion = SWING.motion(t)
+    assert replace(LIMIT, upper=np.full(2, 50.0), lower=-np.full(2, 50.0)).penalty(motion)[0] == 0.0
+    weak = replace(LIMIT, upper=np.full(2, 2.0), lower=-np.full(2, 2.0))
+    value, gradient = weak.penalty(motion)
+    assert value > 0.0
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        way = 1e-5 * rng.standard_normal(motion.orders.shape)
+        ends = [weak.penalty(Motion(t, motion.orders + sign * way))[0] for sign in (-1.0, 1.0)]
+        assert (gradient * way).sum() == pytest.approx(0.5 * (ends[1] - ends[0]), rel=1e-3)
+
+
+def test_searches_ask_what_the_proof_will_say() -> None:
+    most = max(row.proved_upper for row in LIMIT.prove(SWING))
+    for part, kept in ((1.05, True), (0.9, False)):
+        own = replace(LIMIT, upper=np.full(2, part * most), lower=-np.full(2, 20.0), _proofs={})
+        assert own.keeps(SWING) == kept
+        assert certify(SWING, [own]).ok == kept
+
+
+def test_where_rest_at_home_is_beyond_it_nothing_is_looked_at_and_it_says_why() -> None:
+    weak = replace(LIMIT, upper=np.full(2, 1.0), lower=-np.full(2, 1.0))
+    assert kept_at(weak, np.zeros(2)) is weak
+    found = kept_at(weak, np.array([0.0, 1.2]))
+    assert isinstance(found, OpenCommands)
+    certificate = certify(SWING, [found])
+    assert not certificate.rows
+    assert "3.73 N m of b at rest at home" in " ".join(certificate.not_looked_at)
+    vague = replace(LIMIT, deviation=lambda motion: np.full((len(motion.t), 2), 2.1))
+    assert vague._spread(SWING.motion(np.zeros(1)), 1.0).max() < 8.0
+    assert isinstance(kept_at(vague, np.zeros(2)), OpenCommands), "a longer motion needs more deviations"
+
+
+def test_a_model_is_asked_along_the_plan() -> None:
+    def predict(log: Array) -> tuple[Array, Array]:
+        return 2.0 * log, np.full_like(log, 0.04)
+
+    inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
+    model = SimpleNamespace(inputs=inputs, predict=predict)
+    ends = -np.full(2, 9.0), np.full(2, 9.0)
+    limit = by_model(model, "torque", "N m", NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
+    row = limit.prove(SWING)[0]
+    path = SWING.motion(np.linspace(0.0, 7.0, 7001), 1).orders[0][:, 0]
+    assert row.proved_upper == pytest.approx(2.0 * path.max() + 0.2 * limit.beyond(7.0), abs=1e-3)
+
+
+def test_curves_without_accelerations_are_refused() -> None:
+    lines = Splined(np.array([0.0, 1.0]), np.zeros((1, 2, 2)))
+    for piece in (lines, replace(lines, held=True, points=np.zeros((3, 2, 2)))):
+        with pytest.raises(UsageError):
+            LIMIT.prove(piece)
+    assert math.isfinite(LIMIT.prove(replace(lines, points=np.zeros((3, 2, 2))))[0].proved_upper)
