@@ -31,6 +31,9 @@ CAUSES: dict[Cause, str] = {
     "friction": "friction has changed: the errors follow the sign of the velocity",
     "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts on one axis "
     "in poses much alike",
+    "gain": "a sensor of one command is out of scale: the errors are in proportion to that command",
+    "encoder": "a position sensor has a new offset: the errors are what all commands change by with it",
+    "stuck": "a sensor is stuck: it shows the same value while the joint moves",
     "unknown": "which part of it cannot be told from the errors",
 }
 STEP = (

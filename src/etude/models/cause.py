@@ -1,7 +1,8 @@
-"""What has changed: which of load, friction and a sensor's offset the errors of a changed robot follow."""
+"""What has changed: which of load, friction and a broken sensor the errors of a changed robot follow."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,20 +18,45 @@ ALONE = 0.8
 SLOW = 0.05
 """Of the largest velocity, within which friction turns round."""
 
-Cause = Literal["load", "friction", "offset", "unknown"]
+Cause = Literal["load", "friction", "offset", "gain", "encoder", "stuck", "unknown"]
+SENSOR: tuple[Cause, ...] = ("offset", "gain", "encoder", "stuck")
+"""Causes that are a sensor's."""
 
 
-def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array, Array]) -> Cause:
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What the model says of the commands, by which the errors of a broken sensor are known.
+
+    Attributes:
+        mean: (n, J) predicted commands; those of a sensor that is out of scale are in proportion to them.
+        bends: (k, n, J) their derivative in each position: what an encoder leaves that reads too much.
+    """
+
+    mean: Array
+    bends: Array
+
+
+def cause(
+    error: Array,
+    deviation: Array,
+    use: Mask,
+    motion: tuple[Array, Array, Array],
+    expected: Expected | None = None,
+) -> Cause:
     """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
 
     Friction follows the sign of the velocity and the velocity, an offset is constant. A load follows gravity
     and acceleration; in poses much alike its gravity is constant, too. Then it is taken for a load if several
-    outputs are off at once, all with gravity or all against it, and else for an offset.
+    outputs are off at once, all with gravity or all against it, and else for an offset. A command's sensor
+    that is out of scale errs in proportion to one command alone, an encoder with an offset in all commands as
+    they would change with that position; each has one number, and is named where it leaves no more than load
+    and friction do with several.
 
     Args:
         deviation: (n, J) predicted, by which outputs are weighed.
         use: (n, J) samples that say something.
         motion: static part (n, J), velocity (n, J) and acceleration (n, J).
+        expected: None: no scale and no encoder is looked at.
     """
     left, squares, along = np.zeros(3), np.zeros(use.shape[1]), np.zeros(use.shape[1])
     for j, own in enumerate(use.T):
@@ -43,12 +69,29 @@ def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array,
         squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[own, j]))
     total = squares.sum()
     load, friction, constant = left / total if total > 0.0 else np.ones(3)
+    if expected is not None and total > 0.0:
+        sensor, leaves = _sensor(error / deviation, deviation, use, expected, squares)
+        if leaves <= NAMED * total and leaves <= min(load, friction) * total:
+            return sensor
     if friction <= NAMED and friction <= AHEAD * load:
         return "friction"
     if load > NAMED or load > AHEAD * friction:
         return "unknown"
     several = squares.max() < ALONE * total and abs(along @ squares) >= ALONE * total
     return "load" if several or load <= AHEAD * constant else "offset"
+
+
+def _sensor(z: Array, deviation: Array, use: Mask, expected: Expected, squares: Array) -> tuple[Cause, float]:
+    """Which sensor's fault leaves least of the squares, and what it leaves."""
+    j, total = int(np.argmax(squares)), float(squares.sum())
+    found: list[tuple[float, Cause]] = []
+    if squares[j] >= ALONE * total:
+        own = use[:, j]
+        scale = _left(z[own, j], (expected.mean[own, j] / deviation[own, j])[:, None])
+        found.append((total - float(squares[j]) + scale, "gain"))
+    found += [(_left(z[use], (bend / deviation)[use][:, None]), "encoder") for bend in expected.bends]
+    leaves, name = min(found, default=(np.inf, "unknown"))
+    return name, leaves
 
 
 def alone(error: Array, deviation: Array, use: Mask) -> int | None:

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.contracts import Array, Samples
-from etude.models.cause import Cause, alone, cause
+from etude.models.cause import Cause, Expected, alone, cause
 from etude.models.changed import ALARM, evidence, first_alarm, scores
 from etude.models.model import LearnedModel
+from etude.models.stuck import stuck
+
+STEP = 1e-4
+"""Of a position's range in the log, by which it is moved to see how the commands change with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +22,8 @@ class Judged:
 
     Attributes:
         evidence: (n,) after each sample, nats.
-        alarm: the first sample with enough of it; None if there is none.
+        alarm: the first sample with enough of it, or by which a sensor is certainly stuck; None if there is
+            none.
         z2: mean square of the errors over their predicted deviations.
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
@@ -43,12 +48,30 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     z = error / deviation
     found = evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
     z2 = float(np.mean(z[use] ** 2)) if use.any() else 0.0
-    at = first_alarm(found, ALARM)
+    at, held = first_alarm(found, ALARM), stuck(samples)
+    if held is not None:
+        return Judged(found, held[1] if at is None else min(at, held[1]), z2, "stuck", held[0])
     if at is None:
         return Judged(found, None, z2)
     motion = _motion(model, samples)
-    what: Cause = "unknown" if motion is None else cause(error, deviation, use, motion)
+    what: Cause = "unknown"
+    if motion is not None:
+        what = cause(error, deviation, use, motion, Expected(mean, _bends(model, samples)))
     return Judged(found, at, z2, what, alone(error, deviation, use))
+
+
+def _bends(model: LearnedModel, samples: Samples) -> Array:
+    """(k, n, J) how each command changes with each position."""
+    log, found = samples.log, []
+    channel = log.channels[log.channels["command"].acts_on]
+    q = log[channel.name]
+    for i, span in enumerate(np.ptp(q, axis=0).tolist()):
+        step = np.zeros_like(q)
+        step[:, i] = STEP * span
+        if span > 0.0:
+            ends = (model.mean(log.put(channel, q + sign * step)) for sign in (1.0, -1.0))
+            found.append(np.subtract(*ends) / (2.0 * STEP * span))
+    return np.stack(found) if found else np.zeros((0, *samples.command.shape))
 
 
 def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array] | None:
