@@ -18,6 +18,7 @@ _PLACES = {
     "untell": "etude.campaign.untell",
     "promote": "etude.campaign.promote",
     "rollback": "etude.campaign.promote",
+    "watch": "etude.campaign.watch",
     "status": "etude.campaign.status",
     "simulate": "etude.campaign.simulate",
     "read_log": "etude.campaign.reading",
@@ -45,6 +46,7 @@ __all__ = [
     "tell",
     "testing",
     "untell",
+    "watch",
 ]
 
 

@@ -83,6 +83,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "quadrotor": "etude_studies.flight_orders:run",
         "quadrotor_loop": "etude_studies.flight_loop:run",
         "thesis": "etude_studies.thesis.study:STUDY",
+        "watch": "etude_studies.watch:run",
         "bench_changed": "etude_studies.bench_changed:run",
         "bench_crazyflie": "etude_studies.crazyflie:run",
         "bench_gp": "etude_studies.bench_gp:run",

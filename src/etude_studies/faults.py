@@ -1,4 +1,4 @@
-"""Broken sensors of a simulated robot: of a command, in its log; an encoder that reads too much, in the loop."""
+"""Broken sensors of a simulated robot: of a command, in its log; an encoder with an offset, in the loop."""
 
 from __future__ import annotations
 

@@ -70,6 +70,7 @@ def ask(
     formats: Sequence[str] = (),
     effort: bool = False,
     start: str = "",
+    confirm: bool = False,
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Proposal:
@@ -85,6 +86,7 @@ def ask(
         effort: with the learned command where the format has a place for it.
         start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
             way there and back is then written too, and other formats hold approach, motion and return.
+        confirm: a motion never trained on instead, to be run without and with the learned feedforward.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
@@ -96,15 +98,21 @@ def ask(
     motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
     for name in formats:
         plugins.load(GROUP, name)  # a name that is wrong is said before anything is asked
+    if confirm and (tasks or start or speed != 100):
+        raise UsageError("a motion that confirms takes no --tasks, --from or --speed", where="--confirm")
     with campaign.writing():
         learn_pending(campaign, learner, say)
+        if confirm:
+            from etude.campaign.confirm import ask_to_confirm
+
+            return ask_to_confirm(campaign, new=new, formats=formats, effort=effort, say=say)
         state = campaign.state()
         if state.proposals and not new:
             number, made, status = state.proposals[-1].number, False, "asked for before, still open"
         else:
             number, made = state.next_number, True
             status = _propose(campaign, state, number, motions, tasks, go_on, say)
-        found = _present(campaign, number, made, status, speed)
+        found = present(campaign, number, made, status, speed)
         motion = stored_trajectory(campaign, number, speed)
         way = _way(campaign, number, motion, found.folder, start) if start else None
         if way is not None and way.whole is not None:
@@ -204,7 +212,8 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
         )
 
 
-def _present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+def present(campaign: Campaign, number: int, new: bool, status: str, speed: int) -> Proposal:
+    """An asked trajectory as it lies in its folder, held against the journal; slowed if that is wanted."""
     exported = _check_files(campaign, number, speed)
     full = stored_trajectory(campaign, number)
     folder = speed_folder(campaign, number, speed)

@@ -17,7 +17,7 @@ from etude.campaign.state import CHANGED, State
 from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.cause import Cause
+from etude.models.cause import SENSOR, Cause
 from etude.models.judged import judged
 from etude.models.model import LearnedModel
 
@@ -36,6 +36,8 @@ CAUSES: dict[Cause, str] = {
     "stuck": "a sensor is stuck: it shows the same value while the joint moves",
     "unknown": "which part of it cannot be told from the errors",
 }
+KINDS: dict[Cause, str] = {"load": "payload", "friction": "friction", **dict.fromkeys(SENSOR, "sensor")}
+"""In a word; what is not in it is unknown."""
 STEP = (
     f"Say what it is: {FLAG} new learns from this log and those to come alone, {FLAG} forget sets this log "
     f"aside (the change was for a while), {FLAG} same learns it with the others."

@@ -41,6 +41,8 @@ class How(TypedDict, total=False):
         degrees: the file's angles are degrees.
         accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
         topics: of a file that holds several; none: those that campaign.toml names.
+        confirm: which run of a motion that confirms it is: "without" or "with" the feedforward; it is
+            measured and not learned from.
     """
 
     foreign: bool
@@ -48,6 +50,7 @@ class How(TypedDict, total=False):
     accept: Sequence[str]
     repair: Sequence[str]
     topics: Sequence[str]
+    confirm: str
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ class Told:
         warnings: what the newest training has to say: inputs that logs lack, for example.
         findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
         held: it is stored and waits for an answer before it is learned.
+        run: of a motion that confirms, "without" or "with" the feedforward; nothing learns from it.
     """
 
     number: int
@@ -73,6 +77,7 @@ class Told:
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     held: bool = False
+    run: str = ""
 
 
 def tell(
@@ -126,6 +131,10 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
     digest = sha256_of_log(path)
     state = campaign.state()
+    if how.get("confirm"):
+        from etude.campaign.confirmed import take_run
+
+        return take_run(campaign, state, path, digest, number, how)
     known = state.round_of_log(digest)
     if known is not None:
         check_same_number(known, number, path)
@@ -164,7 +173,7 @@ def _identify(
         check_asked(state, number)
         candidates = [number]
     else:
-        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned]
+        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned and not r.confirms]
         candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
     refused: DataError | None = None
     for candidate in candidates:
@@ -173,13 +182,17 @@ def _identify(
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)
-                return _aligned(campaign, log, trajectory), candidate, speed
+                return aligned_with(campaign, log, trajectory), candidate, speed
             except DataError as error:
                 refused = refused or error
             except UsageError:
                 # a proposal that was given up because its file is damaged must not stop all other logs
                 if candidate in open_numbers or candidate == number:
                     raise
+    if number is None:
+        from etude.campaign.confirmed import check_no_confirmation
+
+        check_no_confirmation(campaign, state, log, path)
     if refused is None or (number is None and not open_numbers):
         return start_at_zero(log), None, 100
     raise DataError(
@@ -189,7 +202,8 @@ def _identify(
     )
 
 
-def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
+def aligned_with(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
+    """The log by the trajectory's clock, with its plan. DataError: it is of another motion."""
     expected = campaign.kind.expected(campaign.spec)
     path = campaign.kind.path
     return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)

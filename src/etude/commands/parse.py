@@ -27,6 +27,7 @@ from etude.commands.status import Status
 from etude.commands.study import Study
 from etude.commands.tell import Tell
 from etude.commands.untell import Untell
+from etude.commands.watch import Watch
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
@@ -43,6 +44,7 @@ AnyCommand = (
     | Annotated[Abandon, tyro.conf.subcommand("abandon")]
     | Annotated[Promote, tyro.conf.subcommand("promote")]
     | Annotated[Rollback, tyro.conf.subcommand("rollback")]
+    | Annotated[Watch, tyro.conf.subcommand("watch")]
     | Annotated[Status, tyro.conf.subcommand("status")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]

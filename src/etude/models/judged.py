@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from etude.contracts import Array, Samples
+from etude.contracts import Array, Mask, Samples
 from etude.models.cause import Cause, Expected, alone, cause
 from etude.models.changed import ALARM, evidence, first_alarm, scores
+from etude.models.manner import block_sizes
 from etude.models.model import LearnedModel
 from etude.models.stuck import stuck
 
-STEP = 1e-4
-"""Of a position's range in the log, by which it is moved to see how the commands change with it."""
+MOST_ROWS = 200
+"""Enough to name a cause by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,7 @@ class Judged:
         z2: mean square of the errors over their predicted deviations.
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
+        sizes: (B,) root mean squares of the errors over their deviations, in blocks of `manner.BLOCK_S`.
     """
 
     evidence: Array
@@ -34,6 +36,7 @@ class Judged:
     z2: float
     cause: Cause = "unknown"
     output: int | None = None
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def judged(model: LearnedModel, samples: Samples) -> Judged:
@@ -46,32 +49,44 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
     z = error / deviation
-    found = evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
+    found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
     z2 = float(np.mean(z[use] ** 2)) if use.any() else 0.0
     at, held = first_alarm(found, ALARM), stuck(samples)
+    quiet = Judged(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
     if held is not None:
-        return Judged(found, held[1] if at is None else min(at, held[1]), z2, "stuck", held[0])
+        first = held[1] if at is None else min(at, held[1])
+        return replace(quiet, alarm=first, cause="stuck", output=held[0])
     if at is None:
-        return Judged(found, None, z2)
+        return quiet
     motion = _motion(model, samples)
     what: Cause = "unknown"
     if motion is not None:
-        what = cause(error, deviation, use, motion, Expected(mean, _bends(model, samples)))
-    return Judged(found, at, z2, what, alone(error, deviation, use))
+        rows = np.unique(np.linspace(0, len(samples) - 1, MOST_ROWS).astype(np.int64))
+        static, velocity, acceleration = (part[rows] for part in motion)
+        expected = _expected(model, samples.take(rows), mean[rows])
+        own = static, velocity, acceleration
+        what = cause(error[rows], deviation[rows], use[rows], own, expected)
+    return replace(quiet, cause=what, output=alone(error, deviation, use))
 
 
-def _bends(model: LearnedModel, samples: Samples) -> Array:
-    """(k, n, J) how each command changes with each position."""
-    log, found = samples.log, []
+def _expected(model: LearnedModel, samples: Samples, mean: Array) -> Expected:
+    """What the model says of the commands, if positions were others."""
+    log = samples.log
     channel = log.channels[log.channels["command"].acts_on]
     q = log[channel.name]
-    for i, span in enumerate(np.ptp(q, axis=0).tolist()):
-        step = np.zeros_like(q)
-        step[:, i] = STEP * span
-        if span > 0.0:
-            ends = (model.mean(log.put(channel, q + sign * step)) for sign in (1.0, -1.0))
-            found.append(np.subtract(*ends) / (2.0 * STEP * span))
-    return np.stack(found) if found else np.zeros((0, *samples.command.shape))
+
+    def without(i: int, d: float) -> Array:
+        return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
+
+    return Expected(mean, np.ptp(q, axis=0), without)
+
+
+def _evidence(z: Array, worth: Array, use: Mask) -> Array:
+    """(n,) of all outputs together, or of one alone where that is more: its odds are one in so many, and
+    whatever happens in one of seven joints, six others speak against it.
+    """
+    alone = [evidence(z[:, [j]], worth[[j]], use[:, [j]]) for j in range(z.shape[1])]
+    return np.asarray(np.maximum(evidence(z, worth, use), np.max(alone, axis=0) - np.log(len(alone))))
 
 
 def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array] | None:
