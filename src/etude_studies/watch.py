@@ -29,7 +29,7 @@ from etude_studies.watch_recovery import recovery_cells
 from etude_studies.watch_rows import rows_of
 
 STREAM, FAULT_STREAM, ROW_STREAM = 8, 9, 11
-ROWS = 4
+ROWS = 1
 """The first so many seeds have rows of runs."""
 GROWING = tuple(1.0 + 0.25 * (FRICTION - 1.0) * (k + 1) for k in range(4))
 SUDDEN = (1.0, 1.0, FRICTION, FRICTION)
@@ -41,12 +41,13 @@ def run(*, json: bool, seed: int, seeds: int, folder: Path) -> None:
     for s in range(seed, seed + seeds):
         for robot, own in cells.items():
             own.append(kept(folder / f"{robot}_{s:04d}.json", partial(measured, robot, s)))
+    recovery = recovery_cells(seed, seeds, folder, kept)
     several = [
         kept(folder / f"rows_{robot}_{s:04d}.json", partial(several_runs, robot, s))
         for s in range(seed, seed + min(seeds, ROWS))
         for robot in ROBOTS
     ]
-    rows = rows_of(cells, several, recovery_cells(seed, seeds, folder, kept))
+    rows = rows_of(cells, several, recovery)
     if json:
         print(rows_json(rows, f"etude study watch --seed {seed} --seeds {seeds}"))  # noqa: T201
     else:

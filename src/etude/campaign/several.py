@@ -28,6 +28,8 @@ class ToldFile:
         if self.told is None:
             assert self.refused is not None
             return f"refused: {self.refused.fact}"
+        if self.told.run:
+            return f"run {self.told.run} the feedforward of {self.told.number}, not learned"
         first = "told before" if self.told.repeated else "foreign" if self.told.foreign else "answered"
         number = f"{first} {self.told.number}" if first == "answered" else f"{first}, as {self.told.number}"
         return number + ("; waits for an answer" if self.told.held else "")

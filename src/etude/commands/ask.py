@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from etude.limits.certificate import Certificate
 
 ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
+FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
+FEEDFORWARD = "feedforward.csv"
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 
@@ -42,6 +44,9 @@ class Ask(Common):
     start: Annotated[str, tyro.conf.arg(name="from")] = ""
     """Where the robot stands: home, joint=value,... or a CSV whose last row it is. The way to the start and
     back is then certified and written too; other formats hold approach, motion and return in one."""
+    confirm: bool = False
+    """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
+    both logs with --confirm."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
@@ -60,11 +65,10 @@ class Ask(Common):
             formats=self.format,
             effort=self.effort,
             start=self.start,
+            confirm=self.confirm,
             say=say,
         )
-        files = [
-            str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
-        ]
+        files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
@@ -77,7 +81,7 @@ class Ask(Common):
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
-            f"Run it, then: etude tell {self.folder} LOG",
+            *_then(self.folder, self.confirm),
         ]
         data = {
             "number": found.number,
@@ -94,6 +98,15 @@ class Ask(Common):
             "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+
+def _then(folder: Path, confirm: bool) -> list[str]:
+    if not confirm:
+        return [f"Run it, then: etude tell {folder} LOG"]
+    return [
+        f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
+        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
+    ]
 
 
 def _way(way: Approached) -> list[str]:
