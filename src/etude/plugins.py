@@ -90,6 +90,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "bench_models": "etude_studies.bench_models:run",
         "bench_quadrotor": "etude_studies.bench_quadrotor:run",
         "bench_truth": "etude_studies.bench_truth:run",
+        "bench_watch": "etude_studies.bench_watch:run",
     },
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""

@@ -1,10 +1,10 @@
 """How long after a change the tracking error is back: with the frozen model, one that learns on line, and one
 learned from the new logs alone.
 
-A simulated arm repeats a motion that the model has not seen; before the second pass it takes up a load, or its
-friction grows. Errors are those of ten seconds over those of the same ten seconds before it. They are back from
-the first window on after which none is over a quarter larger. The batch model is learned from the first 20 s
-(what `etude watch` proposes is as long), 60 s or 120 s after the change, and runs the motion again.
+A simulated arm repeats a motion that the model has not seen; before the second pass it takes up a load, or
+its friction grows. Errors are those of ten seconds over those of the same ten seconds before it. They are
+back from the first window on after which none is over a quarter larger. The batch model is learned from the
+first 20 s (what `etude watch` proposes is as long), 60 s or 120 s after it, and runs the motion again.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def read_left_out(path: Path) -> LeftOut:
         DataError: no such file, or a damaged one.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
         return LeftOut(**{**found, "rung": str(found["rung"])})
     except DAMAGE as error:
