@@ -23,7 +23,7 @@ from etude_studies.changed_robot import FRICTION, LOAD, Plant
 from etude_studies.online import CHANGE_S, PASS_S, PASSES, run_rule, start_model
 from etude_studies.world import World, one_period
 
-ROBOTS, CHANGES = ("arm4", "arm4_rough"), ("payload", "friction")
+ROBOTS, CHANGES = ("arm4",), ("payload", "friction")
 SEEDS = 1
 """The first so many of the study's."""
 STREAM = 10

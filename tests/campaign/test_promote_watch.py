@@ -176,6 +176,8 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     without = shifted(write_log(tmp_path / "without.csv", motion, 1), 0.02)
     with pytest.raises(DataError, match="never learned from"):
         tell(fresh, without)
+    with pytest.raises(DataError, match="never learned from"):
+        tell(fresh, without, foreign=True, number=90)
     with pytest.raises(UsageError, match="no such run"):
         tell(fresh, without, confirm="perhaps")
     told = tell(fresh, without, confirm="without")

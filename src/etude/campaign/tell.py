@@ -189,7 +189,7 @@ def _identify(
                 # a proposal that was given up because its file is damaged must not stop all other logs
                 if candidate in open_numbers or candidate == number:
                     raise
-    if number is None:
+    if number is None or foreign:
         from etude.campaign.confirmed import check_no_confirmation
 
         check_no_confirmation(campaign, state, log, path)
