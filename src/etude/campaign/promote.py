@@ -16,9 +16,8 @@ from etude.campaign.state import State
 from etude.contracts import Array, Samples
 from etude.errors import DataError, UsageError
 from etude.models.compared import (
-    LEAST_OF_WIDE,
+    LEAST_COVERED,
     LEAST_SEGMENTS,
-    MOST_OF_NARROW,
     Compared,
     by_segment,
     compared,
@@ -141,7 +140,7 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
         return Promotion(number, digest, True, forced=True, refused=(f"not compared: {error.fact}",))
     narrow, wide = coverage(left_out.error, left_out.variance)
     calibrated = bool((state.trained[-1].trained or {}).get("calibrated", True))
-    refused = (*_reasons(found), *_misfits(campaign.command.parts, narrow, wide, calibrated))
+    refused = (*_reasons(found), *_misfits(campaign.command.parts, wide, calibrated))
     parts = tuple(jsonable(narrow)), tuple(jsonable(wide))
     return Promotion(
         number, digest, force or not refused, False, bool(refused) and force, tuple(found), *parts, refused
@@ -216,19 +215,12 @@ def _reasons(found: Sequence[Compared]) -> list[str]:
     return out
 
 
-def _misfits(commands: Sequence[str], narrow: Array, wide: Array, calibrated: bool) -> list[str]:
-    """Sentences about intervals that are not as wide as the errors."""
+def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[str]:
+    """Sentences about intervals that are narrower than the errors."""
     out = [] if calibrated else ["too few trajectories were held out for its intervals to be calibrated"]
-    for places, parts, width, words in zip(
-        uncalibrated(narrow, wide),
-        (wide, narrow),
-        ("95 %", "50 %"),
-        (f"at least {LEAST_OF_WIDE:.0%}", f"at most {MOST_OF_NARROW:.0%}"),
-        strict=True,
-    ):
-        told = ", ".join(f"{commands[j]} {parts[j]:.0%}" for j in places)
-        out += [f"its {width} intervals hold {told} of held-out commands, {words} are wanted"] if told else []
-    return out
+    told = ", ".join(f"{commands[j]} {wide[j]:.0%}" for j in uncalibrated(wide))
+    wanted = f"of held-out commands, at least {LEAST_COVERED:.0%} are wanted"
+    return [*out, f"its 95 % intervals hold {told} {wanted}"] if told else out
 
 
 def _facts(found: Promotion, reason: str) -> dict[str, Any]:
