@@ -23,6 +23,9 @@ from etude.campaign.status import status
 from etude.campaign.watch import watch
 from etude.cli import main
 from etude.errors import DataError, UsageError
+from etude.report.markup import number
+from etude.report.record import read_record
+from etude.report.sections.confirmation import confirmation
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +195,10 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     ratio = np.array(found["forecast_ratio"])
     np.testing.assert_allclose(found["forecast"], ratio * found["without"])
     assert np.all((ratio > 0.0) & (ratio < 1.0))
+    page = str(confirmation(read_record(fresh.path)))
+    assert f"Trajectory {made.number}." in page
+    assert number(found["without"][0]) in page
+    assert number(found["forecast"][1]) in page
     assert (fresh.model_folder(5) / "model.npz").read_bytes() == before
     assert fresh.state().pending == []
     assert [r.number for r in fresh.state().learned] == [1, 2, 3, 4, 5]
