@@ -25,13 +25,14 @@ class InUse:
     Attributes:
         model: it.
         number: of the log that its training ended with.
-        sha256: of its file.
+        path: its file. sha256: of that.
         promoted: False where nothing was promoted yet, and the newest model stands in.
         sentence: which model it is, for people.
     """
 
     model: LearnedModel
     number: int
+    path: Path
     sha256: str
     promoted: bool
     sentence: str
@@ -47,12 +48,14 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
     state = campaign.state() if state is None else state
     if not state.promoted:
         model, number = newest_model(campaign, state), state.trained[-1].number
-        digest = sha256_of(campaign.model_folder(number) / MODEL)
+        path = campaign.model_folder(number) / MODEL
+        digest = sha256_of(path)
         said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
-        return InUse(model, number, digest, False, said)
+        return InUse(model, number, path, digest, False, said)
     facts = state.promoted[-1]
     said = f"The promoted model is used, of log {facts['number']} ({facts['sha256'][:12]})."
-    return InUse(promoted_model(campaign, facts), facts["number"], facts["sha256"], True, said)
+    model, path = promoted_model(campaign, facts), pinned(campaign, facts["sha256"])
+    return InUse(model, facts["number"], path, facts["sha256"], True, said)
 
 
 def promoted_model(campaign: Campaign, facts: Mapping[str, Any]) -> LearnedModel:
