@@ -16,6 +16,9 @@ _PLACES = {
     "ask": "etude.campaign.ask",
     "tell": "etude.campaign.several",
     "untell": "etude.campaign.untell",
+    "promote": "etude.campaign.promote",
+    "rollback": "etude.campaign.promote",
+    "watch": "etude.campaign.watch",
     "status": "etude.campaign.status",
     "simulate": "etude.campaign.simulate",
     "read_log": "etude.campaign.reading",
@@ -35,12 +38,15 @@ __all__ = [
     "load_model",
     "load_robot",
     "open_campaign",
+    "promote",
     "read_log",
+    "rollback",
     "simulate",
     "status",
     "tell",
     "testing",
     "untell",
+    "watch",
 ]
 
 

@@ -84,12 +84,14 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "quadrotor": "etude_studies.flight_orders:run",
         "quadrotor_loop": "etude_studies.flight_loop:run",
         "thesis": "etude_studies.thesis.study:STUDY",
+        "watch": "etude_studies.watch:run",
         "bench_changed": "etude_studies.bench_changed:run",
         "bench_crazyflie": "etude_studies.crazyflie:run",
         "bench_gp": "etude_studies.bench_gp:run",
         "bench_models": "etude_studies.bench_models:run",
         "bench_quadrotor": "etude_studies.bench_quadrotor:run",
         "bench_truth": "etude_studies.bench_truth:run",
+        "bench_watch": "etude_studies.bench_watch:run",
     },
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""

@@ -15,7 +15,8 @@ from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
-from etude.campaign.tell import Told, tell
+from etude.campaign.tell import tell
+from etude.campaign.told import Told
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 

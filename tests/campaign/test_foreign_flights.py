@@ -10,7 +10,7 @@ import pytest
 
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.learn import load_model, told_samples
-from etude.campaign.tell import read
+from etude.campaign.told import read
 from etude.cli import main
 from etude.logs.log_file import write_log
 

@@ -10,7 +10,8 @@ from small_robot import random_motion, stub_learner, write_log
 
 import etude
 from etude.campaign.folder import Campaign
-from etude.campaign.tell import Told, tell
+from etude.campaign.tell import tell
+from etude.campaign.told import Told
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import read_log_file

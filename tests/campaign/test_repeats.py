@@ -14,7 +14,8 @@ from etude.campaign.folder import Campaign
 from etude.campaign.learn import _scores, told_samples
 from etude.campaign.repeats import CHECK, planned_states, share_within
 from etude.campaign.status import status
-from etude.campaign.tell import Told, tell
+from etude.campaign.tell import tell
+from etude.campaign.told import Told
 from etude.commands.status import _lines as lines
 from etude.contracts import Trajectory
 from etude.logs.log_file import read_log_file

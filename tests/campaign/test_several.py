@@ -18,7 +18,7 @@ from etude.campaign.journal import damaged_files
 from etude.campaign.several import ToldMany, tell
 from etude.campaign.state import replay
 from etude.campaign.status import status
-from etude.campaign.tell import Told
+from etude.campaign.told import Told
 from etude.campaign.untell import untell
 from etude.cli import main
 from etude.errors import DataError, UsageError

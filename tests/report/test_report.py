@@ -30,8 +30,8 @@ from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.uncertainty import deviation_maps, map_panel
 
-JOINTS = set(CONTENTS) - {"paths", "motion"}
-"""Sections of a robot without a model file, whose path is no path through space."""
+JOINTS = set(CONTENTS) - {"paths", "motion", "confirmation"}
+"""Sections of a robot without a model file, whose path is none through space, where nothing was confirmed."""
 
 
 @pytest.fixture(scope="module")

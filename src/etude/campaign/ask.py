@@ -105,7 +105,7 @@ def ask(
         else:
             number, kept = state.next_number, kept_now(campaign, state)
             made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
-        found = _present(campaign, number, kept, made, speed)
+        found = present(campaign, number, kept, made, speed)
         motion = stored_trajectory(campaign, number, speed)
         way = approached(campaign, number, motion, found.folder, start, kept) if start else None
         if way is not None and way.whole is not None:
@@ -202,10 +202,13 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
         )
 
 
-def _present(
+def present(
     campaign: Campaign, number: int, kept: Kept, made: tuple[TrajectoryFiles, str] | None, speed: int
 ) -> Proposal:
-    """The proposal at that speed; `made`: its files and status, if it is new."""
+    """An asked trajectory as it lies in its folder, held against the journal; slowed if that is wanted.
+
+    made: its files and status, if it is new.
+    """
     exported = _check_files(campaign, number, speed)
     folder = speed_folder(campaign, number, speed)
     if made is None or speed != 100:

@@ -17,7 +17,7 @@ from etude.campaign.state import CHANGED, State
 from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.models.cause import Cause
+from etude.models.cause import SENSOR, Cause
 from etude.models.judged import judged
 from etude.models.model import LearnedModel
 
@@ -31,8 +31,13 @@ CAUSES: dict[Cause, str] = {
     "friction": "friction has changed: the errors follow the sign of the velocity",
     "offset": "the errors are constant: a sensor or a current has a new offset, or a load acts on one axis "
     "in poses much alike",
+    "gain": "a sensor of one command is out of scale: the errors are in proportion to that command",
+    "encoder": "a position sensor has a new offset: the errors are what all commands change by with it",
+    "stuck": "a sensor is stuck: it shows the same value while the joint moves",
     "unknown": "which part of it cannot be told from the errors",
 }
+KINDS: dict[Cause, str] = {"load": "payload", "friction": "friction", **dict.fromkeys(SENSOR, "sensor")}
+"""In a word; what is not in it is unknown."""
 STEP = (
     f"Say what it is: {FLAG} new learns from this log and those to come alone, {FLAG} forget sets this log "
     f"aside (the change was for a while), {FLAG} same learns it with the others."

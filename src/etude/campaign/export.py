@@ -7,8 +7,8 @@ from pathlib import Path
 
 from etude import plugins
 from etude.campaign.folder import Campaign
+from etude.campaign.in_use import model_in_use
 from etude.campaign.journal import Event, require_intact
-from etude.campaign.learn import newest_model
 from etude.campaign.tracking import kept_then
 from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, commanded
@@ -83,7 +83,7 @@ def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
             f"commands of {campaign.spec.name!r} are in {unit or 'no force'}, an effort is in N m or N",
             next_step="Export without --effort.",
         )
-    return commanded(trajectory, newest_model(campaign, campaign.state()))
+    return commanded(trajectory, model_in_use(campaign).model)
 
 
 def _committed(campaign: Campaign, number: int, path: Path) -> list[Event]:

@@ -38,7 +38,7 @@ def forecast(
         own = list(view.commands)
         latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
         noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
-        expected[own] = [_expected(model, j, X) for j in own]
+        expected[own] = [expected_variance(model, j, X) for j in own]
     return {
         "forecast_deviation": np.sqrt(expected).tolist(),
         "latent_deviation": latent.tolist(),
@@ -47,7 +47,7 @@ def forecast(
     }
 
 
-def _expected(model: LearnedModel, command: int, X: Array) -> float:
+def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
     """Mean squared error expected of a command at model inputs X (r, D), without the noise of samples."""
     found = 0.0
     for candidate in model.candidates:

@@ -28,6 +28,9 @@ EVENTS = (
     "trained",
     "evaluated",
     "abandoned",
+    "promoted",
+    "rolled_back",
+    "confirmed",
 )
 
 

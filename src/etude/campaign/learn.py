@@ -19,14 +19,16 @@ from etude.logs.log_file import read_log_file
 from etude.models.held_out import held_out_blocks, split_blocks
 from etude.models.ladder import Ladder, prequential, train_ladder
 from etude.models.lagrangian.compilation import first_use
+from etude.models.left_out import left_out_of
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.score import Score, score
 from etude.models.store import load_model as read_model
 from etude.models.store import save_model
 from etude.progress import part
+from etude.storage import write_atomic
 
-MODEL = "model.npz"
+MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 LINEAR, MIXED = "linear", "mixed"
@@ -121,6 +123,8 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
     path = campaign.model_folder(number) / MODEL
     save_model(path, ladder.model)
+    left_out = campaign.model_folder(number) / LEFT_OUT
+    write_atomic(left_out, left_out_of(ladder).to_bytes())
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
@@ -139,7 +143,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     if foreign:
         with part(0.5):
             facts["held_out"] = _held_out(campaign, told_samples(campaign, [number]), rng)
-    return Learned([path], facts)
+    return Learned([path, left_out], facts)
 
 
 def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
@@ -150,14 +154,14 @@ def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
     """
     logs = [read_log_file(campaign.run_file(number)) for number in numbers]
     groups = []
-    for log, own in zip(logs, _groups(campaign, numbers).values(), strict=True):
+    for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
         place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
         groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
     return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
 
 
-def _groups(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
-    """Of each of those logs, when its segments start, s, and their groups."""
+def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
+    """Of each of those logs, when its segments start, s, and their groups; a repeated one has its own."""
     rounds, count = campaign.state().rounds, 0
     found: dict[int, list[tuple[float, int]]] = {}
     for number in numbers:
@@ -243,7 +247,7 @@ def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) ->
 
 def _known(campaign: Campaign, numbers: Sequence[int]) -> int:
     """How many groups those logs make."""
-    return len({group for own in _groups(campaign, numbers).values() for _, group in own})
+    return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
 
 
 def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int) -> dict[str, Any]:

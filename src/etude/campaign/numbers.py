@@ -22,6 +22,11 @@ def check_asked(state: State, number: int) -> None:
     if found is None or found.asked is None:
         known = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
         raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {known}.")
+    if found.confirms:
+        raise UsageError(
+            f"trajectory {number} confirms, nothing is learned from it",
+            next_step="Say which run its log is of: --confirm without, or --confirm with.",
+        )
     if found.told is not None and not found.abandoned:
         raise UsageError(
             f"trajectory {number} has a log already",

@@ -9,8 +9,9 @@ from typing import Unpack, overload
 
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner
-from etude.campaign.tell import How, Told, finished, newest_warnings, take
+from etude.campaign.tell import finished, newest_warnings, take
 from etude.campaign.tell import tell as tell_one
+from etude.campaign.told import How, Told
 from etude.errors import DataError, UsageError
 
 
@@ -28,6 +29,8 @@ class ToldFile:
         if self.told is None:
             assert self.refused is not None
             return f"refused: {self.refused.fact}"
+        if self.told.run:
+            return f"run {self.told.run} the feedforward of {self.told.number}, not learned"
         first = "told before" if self.told.repeated else "foreign" if self.told.foreign else "answered"
         number = f"{first} {self.told.number}" if first == "answered" else f"{first}, as {self.told.number}"
         return number + ("; waits for an answer" if self.told.held else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,36 @@ def simulate(
             where=str(campaign.path),
             next_step=f"The feedback cannot follow: lower the limits in {ROBOT}, or leave more room.",
         )
+
+
+def simulate_confirmation(
+    campaign: Campaign, engine: str = "", say: Say = lambda _: None, change: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Asks for a motion that is never trained on, runs it without and with the model in use, and tells both.
+
+    Returns:
+        what `status` says of it.
+
+    Raises:
+        UsageError: no simulated plant, or nothing was learned yet. DataError: a run cannot be used.
+    """
+    from etude.campaign.confirm import ask_to_confirm
+    from etude.campaign.confirmed import RUNS, confirmed
+    from etude.campaign.in_use import model_in_use
+
+    loop = _Loop.of(campaign, engine, change or {}, None)
+    number = ask_to_confirm(campaign, say=say).number
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    alone = next(iter(loop.baselines.values()), None)
+    learned = kind.controller(spec, config, model_in_use(campaign).model)
+    for run, controller in zip(RUNS, (alone, learned), strict=True):
+        say(f"Running trajectory {number} on the simulated {campaign.name}, {run} the feedforward.")
+        rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
+        log = loop.tried(stored_trajectory(campaign, number), controller, rng)
+        path = campaign.path / "simulated" / f"{number:04d}.{run}.parquet"
+        write_log(path, log)
+        tell(campaign, path, number=number, confirm=run, accept=CERTAIN, say=say)
+    return confirmed(campaign, campaign.round(number))
 
 
 def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
@@ -210,11 +241,11 @@ class _Loop:
             facts = known_evaluation(self.campaign, name, number, baseline)
             if facts is None:
                 rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-                facts = self._commit(number, baseline, name, self._tried(motion, made(), rng))
+                facts = self._commit(number, baseline, name, self.tried(motion, made(), rng))
             errors[name], unit = measured(facts)
         return errors, unit
 
-    def _tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+    def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
         """A test run: to its end, however badly it goes, where the robot knows how."""
         run = getattr(self.robot, "test", self.robot.run)
         log: Log = run(motion, controller, rng)

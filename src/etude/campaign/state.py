@@ -27,6 +27,7 @@ class Round:
         untold: its log was taken back.
         aside: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
         held: its log waits for the answer to whether the robot has changed.
+        runs: of a motion that confirms: facts of its logs, "without" and "with" the feedforward.
     """
 
     number: int
@@ -38,6 +39,12 @@ class Round:
     untold: bool = False
     aside: bool = False
     held: bool = False
+    runs: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def confirms(self) -> bool:
+        """It was asked for to be run without and with the feedforward, and is never learned from."""
+        return bool(self.asked and self.asked.get("confirm"))
 
     @property
     def learned(self) -> bool:
@@ -47,7 +54,7 @@ class Round:
     @property
     def open(self) -> bool:
         """Asked for, and its log is still awaited."""
-        return self.asked is not None and self.told is None and not self.abandoned
+        return self.asked is not None and self.told is None and not self.abandoned and not self.confirms
 
 
 @dataclass(frozen=True)
@@ -58,12 +65,14 @@ class State:
         seed: the campaign's seed.
         rounds: by number.
         evaluated: facts of `evaluated` events, oldest first (simulated campaigns only).
+        promoted: facts of the promotions that were not rolled back, the one in use last.
         events: how many events were replayed.
     """
 
     seed: int = 0
     rounds: dict[int, Round] = field(default_factory=dict)
     evaluated: tuple[dict[str, Any], ...] = ()
+    promoted: tuple[dict[str, Any], ...] = ()
     events: int = 0
 
     @property
@@ -106,6 +115,11 @@ class State:
         return [r for _, r in sorted(self.rounds.items()) if r.open]
 
     @property
+    def confirmations(self) -> list[Round]:
+        """Motions that confirm and were not given up, by number."""
+        return [r for _, r in sorted(self.rounds.items()) if r.confirms and not r.abandoned]
+
+    @property
     def next_number(self) -> int:
         return max(self.rounds, default=0) + 1
 
@@ -129,6 +143,10 @@ def _apply(state: State, event: Event) -> State:
         return replace(state, seed=int(event.facts["seed"]))
     if event.event == "evaluated":
         return replace(state, evaluated=(*state.evaluated, {**facts, "number": event.number}))
+    if event.event == "promoted":
+        return replace(state, promoted=(*state.promoted, {**facts, "number": event.number}))
+    if event.event == "rolled_back":
+        return replace(state, promoted=state.promoted[:-1])
     if event.number is None:
         return state
     if event.event in ("abandoned", "untold"):
@@ -148,6 +166,7 @@ def _apply(state: State, event: Event) -> State:
         "abandoned": {"abandoned": True},
         "exported": {},
         "changed": {},
+        "confirmed": {"runs": {**old.runs, str(event.facts.get("run")): facts}},
     }
     return replace(state, rounds={**state.rounds, event.number: replace(old, **changes[event.event])})
 

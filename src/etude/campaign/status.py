@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from etude.campaign.confirmed import confirmed
 from etude.campaign.folder import Campaign
 from etude.campaign.history import calibration_factor, seen_by_the_rule
 from etude.campaign.journal import damaged_files
@@ -20,7 +21,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
     trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
     learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
     choice (by which part the design of the newest proposal left less variance than the median random motion),
-    held_out (of the newest log without proposal), verdict, problems.
+    held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
+    confirmed (tracking errors of the motions that confirm), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()
@@ -50,6 +52,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "next_gain": evidence[-1].gain if evidence else None,
         "choice": _choice(state),
         "held_out": _held_out(state),
+        "in_use": _in_use(state),
+        "confirmed": [confirmed(campaign, one) for one in state.confirmations],
         "verdict": {
             "stop": verdict.stop,
             "rule": verdict.rule,
@@ -58,6 +62,15 @@ def status(campaign: Campaign) -> dict[str, Any]:
         },
         "problems": damaged_files(campaign.path, events),
     }
+
+
+def _in_use(state: State) -> dict[str, Any] | None:
+    """The promotion in force, and whether something newer was learned since."""
+    if not state.promoted:
+        return None
+    facts = state.promoted[-1]
+    newest = state.trained[-1].number if state.trained else None
+    return {name: facts[name] for name in ("number", "sha256", "forced")} | {"newest": newest}
 
 
 def _trajectory(round_: Round) -> dict[str, Any]:
@@ -75,6 +88,8 @@ def _trajectory(round_: Round) -> dict[str, Any]:
 def _standing(round_: Round) -> str:
     if round_.abandoned:
         return "abandoned"
+    if round_.confirms:
+        return f"confirms, {len(round_.runs)} of 2 runs"
     if round_.told is None:
         return "open" if round_.asked is not None else "taken back"
     if round_.aside:

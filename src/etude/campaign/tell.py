@@ -5,74 +5,32 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
 from etude.campaign.ask import speed_folder, stored_trajectory
 from etude.campaign.changed import answer, change_found
+from etude.campaign.confirmed import check_no_confirmation, take_run
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.numbers import check_asked, check_same_number, free_number
-from etude.campaign.questions import Answers, Asked, Given, answers_of
+from etude.campaign.questions import Asked, Given, answers_of
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
+from etude.campaign.told import How, Told, aligned_with, read
 from etude.campaign.tracking import errors_told
-from etude.contracts import Finding, Log, Trajectory
+from etude.contracts import Finding, Log
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import bytes_of_log, sha256_of_log
-from etude.logs.identity import align
 from etude.logs.log_file import log_bytes
-from etude.logs.read import read_log
 from etude.logs.units import start_at_zero
 from etude.storage import write_atomic
 from etude.trajectories.chain import segment_starts
-
-
-class How(TypedDict, total=False):
-    """How a log is to be taken in; every word may be left out.
-
-    Attributes:
-        foreign: the log answers no proposal.
-        degrees: the file's angles are degrees.
-        accept, repair: checks whose questions are answered so: the log is taken as it is, or put right.
-        topics: of a file that holds several; none: those that campaign.toml names.
-    """
-
-    foreign: bool
-    degrees: bool
-    accept: Sequence[str]
-    repair: Sequence[str]
-    topics: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Told:
-    """What became of a log.
-
-    Attributes:
-        number: the trajectory it answers, or its own number if it answers none.
-        repeated: it had been told before; nothing was stored again.
-        foreign: it answers no proposal.
-        repairs: one sentence for each repair made while reading it.
-        learned: numbers of the logs that were learned now.
-        warnings: what the newest training has to say: inputs that logs lack, for example.
-        findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
-        held: it is stored and waits for an answer before it is learned.
-    """
-
-    number: int
-    repeated: bool
-    foreign: bool
-    repairs: tuple[str, ...]
-    learned: tuple[int, ...]
-    warnings: tuple[str, ...] = ()
-    findings: tuple[Finding, ...] = ()
-    held: bool = False
 
 
 def tell(
@@ -126,6 +84,8 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
     digest = sha256_of_log(path)
     state = campaign.state()
+    if how.get("confirm"):
+        return take_run(campaign, state, path, digest, number, how)
     known = state.round_of_log(digest)
     if known is not None:
         check_same_number(known, number, path)
@@ -164,7 +124,7 @@ def _identify(
         check_asked(state, number)
         candidates = [number]
     else:
-        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned]
+        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned and not r.confirms]
         candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
     refused: DataError | None = None
     for candidate in candidates:
@@ -173,13 +133,15 @@ def _identify(
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)
-                return _aligned(campaign, log, trajectory), candidate, speed
+                return aligned_with(campaign, log, trajectory), candidate, speed
             except DataError as error:
                 refused = refused or error
             except UsageError:
                 # a proposal that was given up because its file is damaged must not stop all other logs
                 if candidate in open_numbers or candidate == number:
                     raise
+    if number is None or foreign:
+        check_no_confirmation(campaign, state, log, path)
     if refused is None or (number is None and not open_numbers):
         return start_at_zero(log), None, 100
     raise DataError(
@@ -187,46 +149,6 @@ def _identify(
         where=refused.where or str(path),
         next_step=f"{refused.next_step} If it answers no proposal at all, tell it with --foreign.".strip(),
     )
-
-
-def _aligned(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:
-    expected = campaign.kind.expected(campaign.spec)
-    path = campaign.kind.path
-    return align(log, trajectory, campaign.channels, path, expected.scale, rest=expected.rest)
-
-
-def read(
-    campaign: Campaign,
-    path: Path,
-    *,
-    degrees: bool = False,
-    topics: Sequence[str] = (),
-    asked: Asked | None = None,
-) -> Log:
-    """The cleaned log in a file, by its own clock.
-
-    Args:
-        topics: of a file that holds several; none: those that campaign.toml names.
-        asked: the questions that it may raise, with their answers; it keeps those that were of use.
-
-    Raises:
-        DataError: it cannot be used; by the doctor of all logs, by the truth tests, or by what the kind
-            looks for.
-    """
-    expected = campaign.kind.expected(campaign.spec)
-    asked = asked or Asked(campaign.kind, campaign.spec, Answers())
-    log = read_log(
-        path,
-        campaign.channels,
-        rate=expected.rate,
-        degrees=degrees,
-        limits=expected.limits,
-        topics=topics,
-        config=campaign.config.log,
-        own_clock=True,
-        settle=asked.whole,
-    )
-    return asked.cleaned(log)
 
 
 def _store(

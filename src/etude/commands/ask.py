@@ -12,14 +12,19 @@ import tyro
 
 from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
+from etude.errors import UsageError
 
 if TYPE_CHECKING:
+    from etude.campaign.ask import Proposal
     from etude.campaign.export import Exported
+    from etude.campaign.folder import Campaign
     from etude.campaign.ways import Approached
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
 
 ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
+FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
+FEEDFORWARD = "feedforward.csv"
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 
@@ -43,29 +48,18 @@ class Ask(Common):
     """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
     way to the start and back is then certified and written too, of flights with take-off and landing; other
     formats hold all of it in one."""
+    confirm: bool = False
+    """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
+    both logs with --confirm."""
     new: bool = False
     """Ask for another trajectory although one is open."""
     go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
     """Ask although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ask import ask
-
         campaign = opened(self.folder, say)
-        found = ask(
-            campaign,
-            new=self.new,
-            go_on=self.go_on,
-            speed=self.speed,
-            tasks=self.tasks,
-            formats=self.format,
-            effort=self.effort,
-            start=self.start,
-            say=say,
-        )
-        files = [
-            str(found.folder / name) for name in ("trajectory.csv", "trajectory.json", "certificate.json")
-        ]
+        found = self._found(campaign, say)
+        files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
@@ -78,7 +72,7 @@ class Ask(Common):
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
-            f"Run it, then: etude tell {self.folder} LOG",
+            *_then(self.folder, self.confirm),
         ]
         data = {
             "number": found.number,
@@ -95,6 +89,38 @@ class Ask(Common):
             "not_looked_at": list(found.certificate.not_looked_at),
         }
         return Outcome("\n".join(lines), data)
+
+    def _found(self, campaign: Campaign, say: Say) -> Proposal:
+        if self.confirm:
+            from etude.campaign.confirm import ask_to_confirm
+
+            if self.tasks or self.start or self.speed != 100:
+                raise UsageError(
+                    "a motion that confirms takes no --tasks, --from or --speed", where="--confirm"
+                )
+            return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
+        from etude.campaign.ask import ask
+
+        return ask(
+            campaign,
+            new=self.new,
+            go_on=self.go_on,
+            speed=self.speed,
+            tasks=self.tasks,
+            formats=self.format,
+            effort=self.effort,
+            start=self.start,
+            say=say,
+        )
+
+
+def _then(folder: Path, confirm: bool) -> list[str]:
+    if not confirm:
+        return [f"Run it, then: etude tell {folder} LOG"]
+    return [
+        f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
+        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
+    ]
 
 
 def _way(way: Approached) -> list[str]:

@@ -19,12 +19,15 @@ from etude.commands.init import Init
 from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
 from etude.commands.plugins import Plugins
+from etude.commands.promote import Promote
 from etude.commands.report import Report
+from etude.commands.rollback import Rollback
 from etude.commands.simulate import Simulate
 from etude.commands.status import Status
 from etude.commands.study import Study
 from etude.commands.tell import Tell
 from etude.commands.untell import Untell
+from etude.commands.watch import Watch
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
@@ -39,6 +42,9 @@ AnyCommand = (
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
     | Annotated[Untell, tyro.conf.subcommand("untell")]
     | Annotated[Abandon, tyro.conf.subcommand("abandon")]
+    | Annotated[Promote, tyro.conf.subcommand("promote")]
+    | Annotated[Rollback, tyro.conf.subcommand("rollback")]
+    | Annotated[Watch, tyro.conf.subcommand("watch")]
     | Annotated[Status, tyro.conf.subcommand("status")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -38,9 +38,11 @@ class Simulate(Common):
     """Test each model also while it goes on learning, behind its guard."""
     method: str = "variance"
     """With --online: variance, error, ssgp or sogp."""
+    confirm: bool = False
+    """Then run a motion that is never trained on, without and with the learned feedforward."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.simulate import simulate
+        from etude.campaign.simulate import simulate, simulate_confirmation
         from etude.errors import UsageError
 
         if self.rounds < 0:
@@ -52,6 +54,9 @@ class Simulate(Common):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
+        confirmed = None
+        if self.confirm:
+            confirmed = simulate_confirmation(campaign, self.engine, say, _changes(self.change))
         state = campaign.state()
         baselines, unit = _baselines(state.evaluated, len(campaign.axes))
         data = {
@@ -60,8 +65,21 @@ class Simulate(Common):
             "rounds": [_figures(done) for done in rounds],
             "baselines": baselines,
             "waiting": [r.number for r in state.held],
+            "confirmed": confirmed,
         }
-        return Outcome(_table(baselines, rounds, unit), data)
+        told = [] if confirmed is None else [_confirmed(confirmed)]
+        return Outcome("\n".join([_table(baselines, rounds, unit), *told]), data)
+
+
+def _confirmed(found: Mapping[str, Any]) -> str:
+    """What both runs of the motion that confirms left."""
+    none = [None] * len(found["axes"])
+    rows = [
+        [name, *("-" if value is None else f"{value:.3f}" for value in found[key] or none)]
+        for name, key in (("without", "without"), ("with", "with"), ("with, forecast", "forecast"))
+    ]
+    unit = found["units"][0]
+    return table([f"trajectory {found['number']}, feedforward, {unit}", *found["axes"]], rows)
 
 
 def _learning(method: str) -> OnlineConfig:

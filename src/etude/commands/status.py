@@ -35,6 +35,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         *_held_out(found),
         *_prequential(found),
     ]
+    lines += [*_model_in_use(found), *_confirmed(found)]
     if found["calibration_factor"] is not None:
         factor = found["calibration_factor"]
         lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
@@ -103,6 +104,34 @@ def _prequential(found: Mapping[str, Any]) -> list[str]:
             found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}
         ),
     ]
+
+
+def _model_in_use(found: Mapping[str, Any]) -> list[str]:
+    used = found["in_use"]
+    if used is None:
+        return []
+    forced = ", by force" if used["forced"] else ""
+    newer = "" if used["number"] == used["newest"] else f"; newest: of log {used['newest']}, not promoted"
+    return [f"Promoted: the model of log {used['number']} ({used['sha256'][:12]}){forced}{newer}."]
+
+
+def _confirmed(found: Mapping[str, Any]) -> list[str]:
+    """Tracking errors of the motions that confirm, beside the forecast."""
+    lines = []
+    for one in found["confirmed"]:
+        if one["units"] is None:
+            continue
+        none = [None] * len(one["axes"])
+        unit = one["units"][0] if len(set(one["units"])) == 1 else "own units"
+        rows = [
+            [name, *("-" if value is None else f"{value:.3g}" for value in one[key] or none)]
+            for name, key in (("without", "without"), ("with", "with"), ("with, forecast", "forecast"))
+        ]
+        lines += [
+            f"Trajectory {one['number']}, never learned from: mean tracking error ({unit}), feedforward",
+            table(["", *one["axes"]], rows),
+        ]
+    return lines
 
 
 def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ from etude.commands.outcome import Outcome, Say
 
 if TYPE_CHECKING:
     from etude.campaign.several import ToldFile, ToldMany
-    from etude.campaign.tell import Told
+    from etude.campaign.told import Told
 
 UNUSABLE = 3
 """Exit code where a file was refused, as for a single one."""
@@ -48,6 +48,10 @@ class Tell(Common):
     """The answer for a log that is not of the robot that the model knows: new learns from it and those to
     come alone, forget sets it aside, same learns it with the others. Without a log: for those that wait."""
 
+    confirm: Literal["without", "with", ""] = ""
+    """The log is of a motion that confirms (etude ask --confirm), run without or with the feedforward: it is
+    measured, and nothing learns from it."""
+
     def run(self, say: Say) -> Outcome:
         from etude.campaign.several import tell, tell_many
         from etude.errors import UsageError
@@ -62,6 +66,7 @@ class Tell(Common):
             "repair": self.repair,
             "topics": self.topic,
             "changed": self.changed,
+            "confirm": self.confirm,
             "say": say,
         }
         following = f"Next: etude status {self.folder}, etude ask {self.folder}"
@@ -80,6 +85,9 @@ class Tell(Common):
 
 
 def _lines(found: Told) -> list[str]:
+    if found.run:
+        told = " was told before" if found.repeated else ""
+        return [f"Run {found.run} the feedforward of trajectory {found.number}{told}: measured, not learned."]
     what = "a recording of its own" if found.foreign else "the answer to that proposal"
     first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
     lines = [first or f"Log {found.number} stored, {what}."]
@@ -124,6 +132,7 @@ def _data(found: Told) -> dict[str, Any]:
         "learned": found.learned,
         "warnings": found.warnings,
         "held": found.held,
+        "run": found.run,
         "findings": [asdict(finding) for finding in found.findings],
     }
 

@@ -9,6 +9,7 @@ PUBLIC = (
     "judged",
     "ladder",
     "linear",
+    "manner",
     "model",
     "score",
     "student_t",

@@ -1,7 +1,9 @@
-"""What has changed: which of load, friction and a sensor's offset the errors of a changed robot follow."""
+"""What has changed: which of load, friction and a broken sensor the errors of a changed robot follow."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,20 +19,50 @@ ALONE = 0.8
 SLOW = 0.05
 """Of the largest velocity, within which friction turns round."""
 
-Cause = Literal["load", "friction", "offset", "unknown"]
+SHARES = tuple(0.4 * 1.7**-k for k in range(8))
+"""Of a position's range, offsets of its encoder that are tried: from two fifths down to one per cent."""
+
+Cause = Literal["load", "friction", "offset", "gain", "encoder", "stuck", "unknown"]
+SENSOR: tuple[Cause, ...] = ("offset", "gain", "encoder", "stuck")
+"""Causes that are a sensor's."""
 
 
-def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array, Array]) -> Cause:
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What the model says of the commands, by which the errors of a broken sensor are known.
+
+    Attributes:
+        mean: (n, J) predicted commands; errors of a sensor that is out of scale are in proportion to them.
+        ranges: (k,) of the positions.
+        without: (i, d) -> (n, J) commands predicted if position i were d less: what is true if its encoder
+            reads d too much.
+    """
+
+    mean: Array
+    ranges: Array
+    without: Callable[[int, float], Array]
+
+
+def cause(
+    error: Array,
+    deviation: Array,
+    use: Mask,
+    motion: tuple[Array, Array, Array],
+    expected: Expected | None = None,
+) -> Cause:
     """What the errors (n, J) of a changed robot follow most, or "unknown" where two are alike.
 
     Friction follows the sign of the velocity and the velocity, an offset is constant. A load follows gravity
     and acceleration; in poses much alike its gravity is constant, too. Then it is taken for a load if several
-    outputs are off at once, all with gravity or all against it, and else for an offset.
+    outputs are off at once, all with gravity or all against it, and else for an offset. A command's sensor
+    that is out of scale errs in proportion to one command alone, an encoder with an offset in all commands as
+    they change with that position. Each has one number where load and friction have several.
 
     Args:
         deviation: (n, J) predicted, by which outputs are weighed.
         use: (n, J) samples that say something.
         motion: static part (n, J), velocity (n, J) and acceleration (n, J).
+        expected: None: no scale and no encoder is looked at.
     """
     left, squares, along = np.zeros(3), np.zeros(use.shape[1]), np.zeros(use.shape[1])
     for j, own in enumerate(use.T):
@@ -43,12 +75,54 @@ def cause(error: Array, deviation: Array, use: Mask, motion: tuple[Array, Array,
         squares[j], along[j] = z @ z, np.sign(z @ (static / deviation[own, j]))
     total = squares.sum()
     load, friction, constant = left / total if total > 0.0 else np.ones(3)
+    if expected is not None and total > 0.0:
+        sensor, leaves = _sensor(error, deviation, use, expected, squares)
+        leaves, best = leaves / total, min(load, friction)
+        if leaves <= NAMED and leaves <= AHEAD * best:
+            return sensor
+        if best > AHEAD * leaves:
+            return "unknown"
     if friction <= NAMED and friction <= AHEAD * load:
         return "friction"
     if load > NAMED or load > AHEAD * friction:
         return "unknown"
     several = squares.max() < ALONE * total and abs(along @ squares) >= ALONE * total
     return "load" if several or load <= AHEAD * constant else "offset"
+
+
+def _sensor(
+    error: Array, deviation: Array, use: Mask, expected: Expected, squares: Array
+) -> tuple[Cause, float]:
+    """Which sensor's fault leaves least of the squares, and what it leaves."""
+    j, total = int(np.argmax(squares)), float(squares.sum())
+    found: list[tuple[float, Cause]] = [(_encoder(error, deviation, use, expected), "encoder")]
+    if squares[j] >= ALONE * total:
+        own = use[:, j]
+        scale = (expected.mean[own, j] / deviation[own, j])[:, None]
+        left = _left(error[own, j] / deviation[own, j], scale)
+        found.append((total - float(squares[j]) + left, "gain"))
+    leaves, name = min(found)
+    return name, leaves
+
+
+def _encoder(error: Array, deviation: Array, use: Mask, expected: Expected) -> float:
+    """What the likeliest offset of one encoder leaves.
+
+    Commands may be no straight line within it (a ripple), so offsets are tried, and the best is refined.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def left(i: int, d: float) -> float:
+        z = (error - expected.without(i, d) + expected.mean) / deviation
+        return float(np.sum(z[use] ** 2))
+
+    moved = np.flatnonzero(expected.ranges > 0.0).tolist()
+    tried = [(i, s * share * float(expected.ranges[i])) for i in moved for share in SHARES for s in (1, -1)]
+    if not tried:
+        return np.inf
+    i, d = min(tried, key=lambda pair: left(*pair))
+    ends = sorted((d / 1.5, d * 1.5))
+    return float(minimize_scalar(lambda x: left(i, x), bounds=ends, method="bounded").fun)
 
 
 def alone(error: Array, deviation: Array, use: Mask) -> int | None:

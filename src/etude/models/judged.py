@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from etude.contracts import Array, Samples
-from etude.models.cause import Cause, alone, cause
+from etude.contracts import Array, Mask, Samples
+from etude.models.cause import Cause, Expected, alone, cause
 from etude.models.changed import ALARM, evidence, first_alarm, scores
+from etude.models.manner import block_sizes
 from etude.models.model import LearnedModel
+from etude.models.stuck import stuck
+
+MOST_ROWS = 200
+"""Enough to name a cause by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,10 +23,12 @@ class Judged:
 
     Attributes:
         evidence: (n,) after each sample, nats.
-        alarm: the first sample with enough of it; None if there is none.
+        alarm: the first sample with enough of it, or by which a sensor is certainly stuck; None if there is
+            none.
         z2: mean square of the errors over their predicted deviations.
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
+        sizes: (B,) root mean squares of the errors over their deviations, in blocks of `manner.BLOCK_S`.
     """
 
     evidence: Array
@@ -29,6 +36,7 @@ class Judged:
     z2: float
     cause: Cause = "unknown"
     output: int | None = None
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def judged(model: LearnedModel, samples: Samples) -> Judged:
@@ -41,14 +49,44 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
     z = error / deviation
-    found = evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
+    found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
     z2 = float(np.mean(z[use] ** 2)) if use.any() else 0.0
-    at = first_alarm(found, ALARM)
+    at, held = first_alarm(found, ALARM), stuck(samples)
+    quiet = Judged(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
+    if held is not None:
+        first = held[1] if at is None else min(at, held[1])
+        return replace(quiet, alarm=first, cause="stuck", output=held[0])
     if at is None:
-        return Judged(found, None, z2)
+        return quiet
     motion = _motion(model, samples)
-    what: Cause = "unknown" if motion is None else cause(error, deviation, use, motion)
-    return Judged(found, at, z2, what, alone(error, deviation, use))
+    what: Cause = "unknown"
+    if motion is not None:
+        rows = np.unique(np.linspace(0, len(samples) - 1, MOST_ROWS).astype(np.int64))
+        static, velocity, acceleration = (part[rows] for part in motion)
+        expected = _expected(model, samples.take(rows), mean[rows])
+        own = static, velocity, acceleration
+        what = cause(error[rows], deviation[rows], use[rows], own, expected)
+    return replace(quiet, cause=what, output=alone(error, deviation, use))
+
+
+def _expected(model: LearnedModel, samples: Samples, mean: Array) -> Expected:
+    """What the model says of the commands, if positions were others."""
+    log = samples.log
+    channel = log.channels[log.channels["command"].acts_on]
+    q = log[channel.name]
+
+    def without(i: int, d: float) -> Array:
+        return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
+
+    return Expected(mean, np.ptp(q, axis=0), without)
+
+
+def _evidence(z: Array, worth: Array, use: Mask) -> Array:
+    """(n,) of all outputs together, or of one alone where that is more: its odds are one in so many, and
+    whatever happens in one of seven joints, six others speak against it.
+    """
+    alone = [evidence(z[:, [j]], worth[[j]], use[:, [j]]) for j in range(z.shape[1])]
+    return np.asarray(np.maximum(evidence(z, worth, use), np.max(alone, axis=0) - np.log(len(alone))))
 
 
 def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array] | None:

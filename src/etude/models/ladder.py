@@ -50,12 +50,16 @@ class Ladder:
         errors: by rung, (J,) held-out error that decided; "linear" is there even if it was not offered.
         held_out: by rung, what it says of each sample without having seen its trajectory.
         scores: by rung, of the same.
+        left_out: of the choice, the same as `held_out`, its variances calibrated.
+        samples: those that it is of, in their order.
     """
 
     model: LearnedModel
     errors: dict[str, Array]
     held_out: dict[str, HeldOut]
     scores: dict[str, Score]
+    left_out: HeldOut
+    samples: Samples
 
     @property
     def chosen(self) -> tuple[str, ...]:
@@ -259,7 +263,7 @@ def _assembled(
         rung: _score(folds.samples, own.error, calibrated.get(rung, own.variance), trivial)
         for rung, own in held.items()
     }
-    return Ladder(model, errors, held, scores)
+    return Ladder(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
 
 
 def _weighed(candidate: Offered, share: Array, chosen: Sequence[str]) -> Offered:

@@ -13,6 +13,7 @@ from etude.report.live import INDEX, Pages, digest_of
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
 from etude.report.sections.calibration import calibration
+from etude.report.sections.confirmation import confirmation
 from etude.report.sections.headline import headline
 from etude.report.sections.ladder import ladder
 from etude.report.sections.learning import learning
@@ -32,6 +33,7 @@ SECTIONS = (
     motion,
     paths,
     tracking,
+    confirmation,
     prediction,
     uncertainty,
     calibration,
@@ -49,6 +51,7 @@ CONTENTS = {
     "motion": "the robot in motion",
     "paths": "paths in space",
     "tracking": "desired against actual",
+    "confirmation": "proof on the robot",
     "prediction": "predicted against measured",
     "uncertainty": "uncertainty",
     "calibration": "calibration",

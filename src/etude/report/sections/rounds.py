@@ -79,6 +79,8 @@ def _gains(before: Evaluation | None, after: Evaluation | None, cost: float) -> 
 def _state(entry: Round) -> str:
     if entry.abandoned and not entry.told:
         return "abandoned"
+    if entry.confirms:
+        return "confirms, never learned"
     if entry.learned:
         return "learned" if entry.learned_with is None else f"learned with {entry.learned_with}"
     if entry.untold:

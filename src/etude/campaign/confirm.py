@@ -1,0 +1,158 @@
+"""The proof on the robot: a motion never trained on, run without and with the learned feedforward.
+
+Its logs are not told as others are: nothing learns from them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from etude import plugins
+from etude.campaign.ask import Proposal, present, stored_trajectory
+from etude.campaign.export import GROUP, export
+from etude.campaign.folder import Campaign, Say
+from etude.campaign.forecast import expected_variance
+from etude.campaign.in_use import model_in_use
+from etude.campaign.learn import learn_pending
+from etude.campaign.motions import typical_motions
+from etude.campaign.state import State
+from etude.campaign.tracking import Kept, kept_now, kept_then
+from etude.contracts import Limit, Trajectory
+from etude.deploy.commanded import commanded
+from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
+from etude.errors import UnsafeTrajectoryError
+from etude.models.model import LearnedModel
+from etude.storage import write_atomic
+
+CONFIRM_STREAM = 6
+"""Separates the random numbers of these motions from those of asks and of the tests."""
+FEEDFORWARD = "feedforward.csv"
+"""The same table as trajectory.csv, with a column for each command."""
+DRAWS, SPEEDS = 3, (100, 90, 80)
+"""Tries, and per cent of the speed at which each is tried, to leave room for what tracking may add."""
+
+
+def ask_to_confirm(
+    campaign: Campaign,
+    *,
+    new: bool = False,
+    formats: Sequence[str] = (),
+    effort: bool = False,
+    say: Say = lambda _: None,
+) -> Proposal:
+    """The open motion that confirms, or another one: to be run without and with the learned feedforward.
+
+    Args:
+        campaign: the folder.
+        new: ask for another one although one is open.
+        formats: also write it for these receivers, names among `etude.exporters`.
+        effort: with the learned command where the format has a place for it.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: nothing was learned yet, a file was changed, or an unknown format.
+        UnsafeTrajectoryError: no such motion inside the limits.
+    """
+    for name in formats:
+        plugins.load(GROUP, name)  # a name that is wrong is said before anything is asked
+    with campaign.writing():
+        learn_pending(campaign, say=say)
+        return _asked(campaign, new, formats, effort, say)
+
+
+def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, say: Say) -> Proposal:
+    state = campaign.state()
+    open_ones = [r for r in state.confirmations if len(r.runs) < 2]
+    if open_ones and not new:
+        number, made = open_ones[-1].number, None
+        kept = kept_then(campaign.round(number).asked)
+    else:
+        number, kept = state.next_number, kept_now(campaign, state)
+        made = _propose(campaign, state, number, kept, say)
+    found = present(campaign, number, kept, made, 100)
+    motion = stored_trajectory(campaign, number)
+    written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
+    return replace(found, exported=tuple(written))
+
+
+def _propose(
+    campaign: Campaign, state: State, number: int, kept: Kept, say: Say
+) -> tuple[TrajectoryFiles, str]:
+    """Files of the motion, committed, and how it was found."""
+    used = model_in_use(campaign, state)
+    say(used.sentence)
+    seed = [state.seed, number, CONFIRM_STREAM]
+    files, status = _drawn(campaign, np.random.default_rng(seed), kept)
+    folder = campaign.proposal(number)
+    table = folder / FEEDFORWARD
+    write_atomic(table, feedforward_bytes(campaign, files, used.model))
+    facts: dict[str, Any] = {
+        "confirm": True,
+        "status": status,
+        "gain": None,
+        "seed": seed,
+        "learned": len(state.trained),
+        "active_limits": [list(pair) for pair in files.certificate.active()],
+        "model_sha256": used.sha256,
+        "forecast": _forecast(campaign, used.model, files.trajectory),
+        **kept.of(files.trajectory).as_facts(),
+    }
+    campaign.commit("asked", number, [*files.write(folder), table], **facts)
+    return files, status
+
+
+def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[TrajectoryFiles, str]:
+    """The first motion drawn as tests are that is certified; else a random one inside the limits."""
+    limits = kept.limits(campaign)
+    for motion, speed in _candidates(campaign, rng):
+        slower = motion if speed == 100 else motion.slowed(100 / speed)
+        try:
+            files = _rendered(campaign, slower, limits, kept)
+        except UnsafeTrajectoryError:
+            continue
+        slow = "" if speed == 100 else f", at {speed} % of its speed"
+        return files, f"to confirm: drawn as the tests are{slow}, never trained on"
+    motion = typical_motions(campaign, rng, 1, limits, grown=True)[0]
+    return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"
+
+
+def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[Trajectory, int]]:
+    for _ in range(DRAWS):
+        for motion in campaign.kind.tests(campaign.spec, campaign.config, rng).values():
+            yield from ((motion, speed) for speed in SPEEDS)
+
+
+def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Kept) -> TrajectoryFiles:
+    return render(motion, campaign.kind, campaign.spec, campaign.config, limits, kept.of(motion).unheld)
+
+
+def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:
+    """trajectory.csv with the model's command beside each set-point, in the robot's command unit."""
+    names, rows = read_table(files.table)
+    command = commanded(files.trajectory, model).command(rows[:, 0])
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow([*names, *column_names(campaign.command)])
+    text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())
+    return text.getvalue().encode()
+
+
+def _forecast(campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> list[float] | None:
+    """(k,) expected error with the feedforward over that without; None where commands are not one an axis.
+
+    What feedback has to make up for without it is the whole command, and with it what the model does not
+    know; a linear feedback's errors are in proportion. Noise of the samples is not among them.
+    """
+    channel = campaign.command
+    if channel.acts_on != campaign.kind.path or len(channel.parts) != len(campaign.axes):
+        return None
+    t = np.arange(0.0, trajectory.duration, 0.1)
+    states = model.inputs.states(trajectory.motion(t, model.inputs.orders))
+    X, mean = model.inputs.of_log(states), model.mean(states)
+    left = np.sqrt([expected_variance(model, j, X) for j in range(len(channel.parts))])
+    return [float(v) for v in left / np.maximum(np.sqrt(np.mean(mean**2, axis=0) + left**2), 1e-300)]

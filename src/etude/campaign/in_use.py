@@ -1,0 +1,93 @@
+"""The model in use: the one that was promoted, pinned by the hash of its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etude.campaign.folder import Campaign
+from etude.campaign.learn import MODEL, newest_model
+from etude.campaign.state import State
+from etude.errors import UsageError
+from etude.models.model import LearnedModel
+from etude.models.store import load_model as read_model
+from etude.storage import sha256_of, write_atomic
+
+FOLDER = "promoted"
+
+
+@dataclass(frozen=True, eq=False)
+class InUse:
+    """What leaves for the robot.
+
+    Attributes:
+        model: it.
+        number: of the log that its training ended with.
+        path: its file. sha256: of that.
+        promoted: False where nothing was promoted yet, and the newest model stands in.
+        sentence: which model it is, for people.
+    """
+
+    model: LearnedModel
+    number: int
+    path: Path
+    sha256: str
+    promoted: bool
+    sentence: str
+
+
+def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
+    """The promoted model; the newest one, and a sentence that says so, where nothing was promoted yet.
+
+    Raises:
+        UsageError: nothing was learned yet, or the model's file is missing or was changed.
+        DataError: the file cannot be read.
+    """
+    state = campaign.state() if state is None else state
+    if not state.promoted:
+        model, number = newest_model(campaign, state), state.trained[-1].number
+        path = campaign.model_folder(number) / MODEL
+        digest = sha256_of(path)
+        said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
+        return InUse(model, number, path, digest, False, said)
+    facts = state.promoted[-1]
+    said = f"The promoted model is used, of log {facts['number']} ({facts['sha256'][:12]})."
+    model, path = promoted_model(campaign, facts), pinned(campaign, facts["sha256"])
+    return InUse(model, facts["number"], path, facts["sha256"], True, said)
+
+
+def promoted_model(campaign: Campaign, facts: Mapping[str, Any]) -> LearnedModel:
+    """The model of a promotion, from its own copy of the file. Errors as `model_in_use`."""
+    path = pinned(campaign, facts["sha256"])
+    check_pinned(campaign, facts)
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+
+
+def check_pinned(campaign: Campaign, facts: Mapping[str, Any]) -> None:
+    """Holds the file of a promoted model against the journal. UsageError: it is missing or was changed."""
+    path = pinned(campaign, facts["sha256"])
+    if path.is_file() and sha256_of(path) == facts["sha256"]:
+        return
+    what = "was changed after it was promoted" if path.is_file() else "is missing"
+    raise UsageError(
+        f"the promoted model of log {facts['number']} {what}",
+        where=str(path),
+        next_step=f"Do not use it. Restore the file from a copy, or go back: etude rollback {campaign.path}.",
+    )
+
+
+def pinned(campaign: Campaign, digest: str) -> Path:
+    """Where the copy of a promoted model lies: later trainings do not write there."""
+    return campaign.path / FOLDER / f"{digest[:12]}.npz"
+
+
+def pin(campaign: Campaign, path: Path) -> tuple[Path, str]:
+    """Copies a model's file to its place, whole or not at all; the path and the hash."""
+
+    digest = sha256_of(path)
+    copy = pinned(campaign, digest)
+    write_atomic(copy, path.read_bytes())
+    return copy, digest

@@ -1,0 +1,66 @@
+"""etude promote"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from etude.commands.common import Common, Folder, opened
+from etude.commands.outcome import Outcome, Say, table
+
+if TYPE_CHECKING:
+    from etude.campaign.promote import Promotion
+
+REFUSED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Promote(Common):
+    """Put the newest model in use, if it beats the one in use and physics alone unseen. Exit code 3:
+    it does not, or nothing is decided.
+    """
+
+    folder: Folder
+    force: bool = False
+    """Put it in use whatever was measured; recorded in the journal, with the reason."""
+    reason: str = ""
+    """Why; needed with --force."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.promote import promote
+
+        campaign = opened(self.folder, say)
+        found = promote(campaign, force=self.force, reason=self.reason, say=say)
+        data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
+        text = "\n".join(_lines(found, campaign.command.parts))
+        return Outcome(text, data, 0 if found.promoted else REFUSED)
+
+
+def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
+    model = f"The model of log {found.number} ({found.sha256[:12]})"
+    if found.repeated:
+        return [f"{model} is in use already."]
+    rows = [
+        [
+            one.against,
+            str(one.segments),
+            f"{one.ratio:.3f}",
+            f"{one.lower:.3f} .. {one.upper:.3f}",
+            *(f"{ratio:.3f}" for ratio in one.by_command),
+            one.decision,
+        ]
+        for one in found.compared
+    ]
+    lines = ["Errors on segments that neither has seen, over those of:"] if rows else []
+    lines += [table(["", "segments", "ratio", "95 %", *commands, ""], rows)] if rows else []
+    if found.wide:
+        parts = [
+            [name, *("-" if part is None else f"{100 * part:.0f} %" for part in own)]
+            for name, own in (("50 %", found.narrow), ("95 %", found.wide))
+        ]
+        lines += ["Held-out commands inside its intervals:", table(["interval", *commands], parts)]
+    lines += [f"{sentence[:1].upper()}{sentence[1:]}." for sentence in found.refused]
+    if not found.promoted:
+        return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
+    return [*lines, f"{model} is in use now{', forced' if found.forced else ''}."]

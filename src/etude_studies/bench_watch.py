@@ -1,0 +1,64 @@
+"""`etude bench watch --logs FOLDER`: the test of a changed robot on the flights of CrazyPAD.
+
+Of each machine the first half of its normal flights teaches; the other half, and every flight with a weight,
+tape or a cut propeller, is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from etude.contracts import joined_samples
+from etude.errors import UsageError
+from etude.models.config import ModelConfig
+from etude.models.judged import Judged, judged
+from etude.models.ladder import train_ladder
+from etude_studies.crazypad import MOTORS, NORMAL, Flight, Inputs, flights
+from etude_studies.rows import Row, rows_json, table
+
+MODEL = ModelConfig(kernel="ard_se", candidates=("default",), points=600)
+
+
+def run(*, json: bool = False, seed: int = 0, logs: Path | None = None) -> list[Row]:
+    """Judges all flights and prints the rows.
+
+    Raises:
+        UsageError: no folder, or the file is not in it.
+    """
+    if logs is None:
+        raise UsageError("CrazyPAD is not part of the project", where="--logs", next_step="Name its folder.")
+    every = flights(logs)
+    found: dict[str, list[Judged]] = {}
+    for machine in dict.fromkeys(flight.machine for flight in every):
+        for condition, one in of_machine([f for f in every if f.machine == machine], seed):
+            found.setdefault(condition, []).append(one)
+    rows = [row for condition, own in found.items() for row in rows_of(condition, own)]
+    if json:
+        print(rows_json(rows, "etude bench watch --logs FOLDER --json"))  # noqa: T201
+    else:
+        table(rows, "CrazyPAD: is it the machine that the model knows?")
+    return rows
+
+
+def of_machine(own: Sequence[Flight], seed: int) -> list[tuple[str, Judged]]:
+    """Condition and test of each flight that taught nothing."""
+    normal = [f for f in own if f.condition == NORMAL]
+    known = normal[: (len(normal) + 1) // 2]
+    if len(known) < 2:
+        return []
+    samples = joined_samples([f.samples for f in known])
+    rng, limit = np.random.default_rng(seed), np.ones(len(MOTORS))
+    model = train_ladder(samples, Inputs(), {}, limit, MODEL, rng).model  # type: ignore[arg-type]
+    return [(f.condition, judged(model, f.samples)) for f in own if f not in known]
+
+
+def rows_of(condition: str, found: Sequence[Judged]) -> list[Row]:
+    """How many flights alarm, and how large their errors are."""
+    alarms = sum(one.alarm is not None for one in found)
+    return [
+        Row(f"alarms_{condition}", alarms, "1", f"of {len(found)} flights"),
+        Row(f"z2_{condition}", float(np.median([one.z2 for one in found])), "1", "median"),
+    ]

@@ -1,0 +1,105 @@
+"""Rows of the study of watching: false alarms, what was noticed and named, and how soon it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from etude.models.cause import SENSOR
+from etude_studies.broken_sensors import FAULTS
+from etude_studies.changed_rows import SOON
+from etude_studies.rows import Row
+from etude_studies.thesis.statistics import wilson
+
+KINDS = {"load": "payload", "friction": "friction"} | dict.fromkeys(SENSOR, "sensor")
+CHANGES = ("payload", "friction", "sensor")
+WAYS = ("frozen", "online", "batch_20", "batch_60", "batch_120")
+Cells = Sequence[Mapping[str, Any]]
+
+
+def rows_of(cells: Mapping[str, Cells], several: Cells, recovery: Cells) -> list[Row]:
+    """Of each robot, and of all."""
+    every = {**cells, "all": [c for own in cells.values() for c in own]}
+    rows = [row for robot, own in every.items() for row in _robot(robot, own)]
+    return [*rows, *_faults(every["all"]), *_manners(several), *_recovery(recovery)]
+
+
+def _robot(robot: str, cells: Cells) -> list[Row]:
+    same = [c[name] for c in cells for name in c if name.startswith("unchanged")]
+    alarms = sum(own["alarm_s"] is not None for own in same)
+    rows = [
+        Row(f"false_alarms_{robot}", alarms, "1", f"of {len(same)}; {_interval(alarms, len(same))}"),
+        Row(f"largest_unchanged_{robot}", max(own["largest"] for own in same), "nats"),
+    ]
+    totals = {"right": 0, "unknown": 0, "wrong": 0, "not noticed": 0}
+    for change in CHANGES:
+        told = [_told(change, c[change]) for c in cells]
+        soon = sum((c[change]["alarm_s"] or np.inf) <= SOON for c in cells)
+        rows.append(Row(f"{change}_soon_{robot}", soon, "1", f"within {SOON:g} s, {_of(soon, len(cells))}"))
+        for word in totals:
+            totals[word] += told.count(word)
+            rows.append(
+                Row(f"{change}_{word.replace(' ', '_')}_{robot}", told.count(word), "1", f"of {len(cells)}")
+            )
+    count = len(CHANGES) * len(cells)
+    rows += [
+        Row(f"changes_{word.replace(' ', '_')}_{robot}", n, "1", _of(n, count)) for word, n in totals.items()
+    ]
+    return rows
+
+
+def _manners(cells: Cells) -> list[Row]:
+    """How often a drift was told from a change that came at once."""
+    rows = []
+    for name, right in (("growing", "little by little"), ("sudden", "at once")):
+        wins = sum(c[name] == right for c in cells)
+        rows.append(Row(f"{name}_told", wins, "1", _of(wins, len(cells))))
+    return rows
+
+
+def _told(change: str, found: Mapping[str, Any]) -> str:
+    if found["alarm_s"] is None:
+        return "not noticed"
+    named = KINDS.get(found["named"], "unknown")
+    return "unknown" if named == "unknown" else "right" if named == change else "wrong"
+
+
+def _faults(cells: Cells) -> list[Row]:
+    """Of each kind of broken sensor, how often it was said to be one."""
+    rows = []
+    for fault in FAULTS:
+        own = [c["sensor"] for c in cells if c["sensor"]["fault"] == fault]
+        wins = sum(_told("sensor", found) == "right" for found in own)
+        rows.append(Row(f"sensor_{fault}_right", wins, "1", _of(wins, len(own)) if own else "of 0"))
+    return rows
+
+
+def _recovery(cells: Cells) -> list[Row]:
+    """Seconds until the error is back, medians; and what the error is over that before the change."""
+    rows = []
+    for robot, change in dict.fromkeys((c["robot"], c["change"]) for c in cells):
+        own = [c for c in cells if (c["robot"], c["change"]) == (robot, change)]
+        name = f"{robot}_{change}"
+        rows.append(Row(f"error_at_once_{name}", float(np.median([c["at_once"] for c in own])), "1", "times"))
+        for way in WAYS:
+            seconds = [np.inf if c[way]["seconds"] is None else c[way]["seconds"] for c in own]
+            back = sum(np.isfinite(seconds))
+            middle = float(np.median(seconds))
+            rows.append(Row(f"back_{way}_{name}", middle, "s", f"median; {back} of {len(own)} came back"))
+            rows.append(
+                Row(
+                    f"ratio_{way}_{name}", float(np.median([c[way]["ratio"] for c in own])), "1", "at the end"
+                )
+            )
+    return rows
+
+
+def _of(wins: int, n: int) -> str:
+    return f"of {n}; {_interval(wins, n)}"
+
+
+def _interval(wins: int, n: int) -> str:
+    low, high = wilson(wins, n)
+    return f"95 %: {low:.3f} to {high:.3f}"

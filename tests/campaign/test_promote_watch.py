@@ -1,0 +1,259 @@
+"""Promote, roll back, confirm, watch: what leaves for the robot, and what its logs say of it afterwards."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_robot import command_of, make_campaign, random_motion, write_log
+from test_changed_robot import CHANGES, write_changed
+from test_learning import CONFIG
+
+from etude.campaign.ask import stored_trajectory
+from etude.campaign.confirm import ask_to_confirm
+from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.in_use import model_in_use, pinned
+from etude.campaign.journal import read_events
+from etude.campaign.learn import newest_model
+from etude.campaign.promote import promote, rollback
+from etude.campaign.several import tell
+from etude.campaign.status import status
+from etude.campaign.watch import watch
+from etude.cli import main
+from etude.errors import DataError, UsageError
+from etude.report.markup import number
+from etude.report.record import read_record
+from etude.report.sections.confirmation import confirmation
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Five logs of the pair, learned together."""
+    folder = tmp_path_factory.mktemp("watched")
+    campaign = make_campaign(folder, config=CONFIG)
+    logs = [write_log(folder / f"{n}.csv", random_motion(campaign, n), n) for n in range(1, 6)]
+    tell(campaign, logs, foreign=True)
+    return campaign
+
+
+@pytest.fixture
+def fresh(known: Campaign, tmp_path: Path) -> Campaign:
+    shutil.copytree(known.path, tmp_path / "lab")
+    return open_campaign(tmp_path / "lab")
+
+
+def one_more(campaign: Campaign, folder: Path, seed: int) -> None:
+    tell(campaign, write_log(folder / f"{seed}.csv", random_motion(campaign, seed), seed), foreign=True)
+
+
+def test_the_newest_model_stands_in_until_one_is_promoted(fresh: Campaign) -> None:
+    used = model_in_use(fresh)
+    assert not used.promoted
+    assert used.number == 5
+    assert "Nothing was promoted yet: the newest model" in used.sentence
+
+
+def test_a_model_that_beats_physics_is_promoted_and_stays_while_others_are_learned(
+    fresh: Campaign, tmp_path: Path
+) -> None:
+    found = promote(fresh)
+    assert found.promoted
+    assert not found.forced
+    assert found.refused == ()
+    (physics,) = found.compared
+    assert (physics.against, physics.segments, physics.decision) == ("linear regression", 5, "better")
+    assert physics.upper < 1.0
+    event = read_events(fresh.path)[-1]
+    assert (event.event, event.number, event.facts["forced"]) == ("promoted", 5, False)
+    assert event.files == {f"promoted/{found.sha256[:12]}.npz": found.sha256}
+    assert promote(fresh).repeated
+    one_more(fresh, tmp_path, 6)
+    used = model_in_use(fresh)
+    assert used.promoted
+    assert (used.number, used.sha256) == (5, found.sha256)
+    assert status(fresh)["in_use"] == {
+        "number": 5,
+        "sha256": found.sha256,
+        "forced": False,
+        "newest": 6,
+    }
+
+
+def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
+    fresh: Campaign, tmp_path: Path
+) -> None:
+    promote(fresh)
+    one_more(fresh, tmp_path, 6)
+    found = promote(fresh)
+    physics, used = found.compared
+    assert not found.promoted
+    assert (physics.segments, used.segments) == (6, 1)
+    assert used.decision == "not decided"
+    assert "the model in use, of log 5" in found.refused[0]
+    # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
+    from etude.campaign.learn import LEFT_OUT, told_samples
+    from etude.models.left_out import read_left_out
+    from etude.models.rows import in_order
+
+    left_out = read_left_out(fresh.model_folder(6) / LEFT_OUT)
+    own = left_out.group == left_out.group.max()
+    samples = in_order(told_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
+    error = samples.command - model_in_use(fresh).model.predict(samples.log)[0]
+    knee = np.isfinite(left_out.error[own][:, 1])
+    rms = [np.sqrt(np.mean(e[knee, 1] ** 2)) for e in (left_out.error[own], error)]
+    assert used.by_command[1] == pytest.approx(rms[0] / rms[1])
+
+
+def test_force_says_why_and_is_recorded(fresh: Campaign, tmp_path: Path) -> None:
+    promote(fresh)
+    one_more(fresh, tmp_path, 6)
+    with pytest.raises(UsageError, match="says why"):
+        promote(fresh, force=True)
+    found = promote(fresh, force=True, reason="a demonstration")
+    assert found.promoted
+    assert found.forced
+    assert found.refused
+    facts = read_events(fresh.path)[-1].facts
+    assert (facts["forced"], facts["reason"], facts["refused"]) == (
+        True,
+        "a demonstration",
+        list(found.refused),
+    )
+    assert rollback(fresh, reason="over") == (6, 5)
+    assert model_in_use(fresh).number == 5
+    assert read_events(fresh.path)[-1].event == "rolled_back"
+    assert (fresh.path / "promoted" / f"{found.sha256[:12]}.npz").exists()
+    with pytest.raises(UsageError, match="no model was in use before"):
+        rollback(fresh)
+
+
+def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path: Path) -> None:
+    path = pinned(fresh, promote(fresh).sha256)
+    path.write_bytes(path.read_bytes() + b"\0")
+    log = write_log(tmp_path / "7.csv", random_motion(fresh, 7), 7)
+    for use in (
+        lambda: model_in_use(fresh),
+        lambda: watch(fresh, [log]),
+        lambda: ask_to_confirm(fresh),
+        lambda: promote(fresh),
+    ):
+        with pytest.raises(UsageError, match="was changed after it was promoted"):
+            use()
+    assert status(fresh)["problems"] == [f"promoted/{path.name} was changed after it was committed"]
+    path.unlink()
+    with pytest.raises(UsageError, match="is missing"):
+        model_in_use(fresh)
+
+
+def test_nothing_learned_nothing_promoted(tmp_path: Path) -> None:
+    campaign = make_campaign(tmp_path)
+    with pytest.raises(UsageError, match="nothing has been learned"):
+        promote(campaign)
+    with pytest.raises(UsageError, match="nothing was promoted"):
+        rollback(campaign)
+
+
+def shifted(path: Path, shift: float) -> Path:
+    """The same log with the hip read so much higher, rad."""
+    lines = path.read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    text = [",".join([row[0], repr(float(row[1]) + shift), *row[2:]]) for row in rows]
+    path.write_text("\n".join([lines[0], *text]) + "\n")
+    return path
+
+
+def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_path: Path) -> None:
+    made = ask_to_confirm(fresh)
+    assert made.new
+    assert made.certificate.ok
+    motion = stored_trajectory(fresh, made.number)
+    header, first = (made.folder / "feedforward.csv").read_text().splitlines()[:2]
+    assert header.endswith("command_hip,command_knee")
+    states = newest_model(fresh, fresh.state()).inputs.states(motion.motion(np.zeros(1), 3))
+    wanted = newest_model(fresh, fresh.state()).mean(states)[0]
+    np.testing.assert_allclose([float(v) for v in first.split(",")[-2:]], wanted, rtol=1e-9)
+
+    before = (fresh.model_folder(5) / "model.npz").read_bytes()
+    without = shifted(write_log(tmp_path / "without.csv", motion, 1), 0.02)
+    with pytest.raises(DataError, match="never learned from"):
+        tell(fresh, without)
+    with pytest.raises(DataError, match="never learned from"):
+        tell(fresh, without, foreign=True, number=90)
+    with pytest.raises(UsageError, match="no such run"):
+        tell(fresh, without, confirm="perhaps")
+    told = tell(fresh, without, confirm="without")
+    assert (told.number, told.run, told.learned) == (made.number, "without", ())
+    assert tell(fresh, without, confirm="without").repeated
+    assert ask_to_confirm(fresh).number == made.number
+    tell(fresh, write_log(tmp_path / "with.csv", motion, 2), confirm="with")
+    (found,) = status(fresh)["confirmed"]
+    assert found["without"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
+    assert max(found["with"]) < 0.02
+    assert found["units"] == ["deg", "deg"]
+    ratio = np.array(found["forecast_ratio"])
+    np.testing.assert_allclose(found["forecast"], ratio * found["without"])
+    assert np.all((ratio > 0.0) & (ratio < 1.0))
+    page = str(confirmation(read_record(fresh.path)))
+    assert f"Trajectory {made.number}." in page
+    assert number(found["without"][0]) in page
+    assert number(found["forecast"][1]) in page
+    assert (fresh.model_folder(5) / "model.npz").read_bytes() == before
+    assert fresh.state().pending == []
+    assert [r.number for r in fresh.state().learned] == [1, 2, 3, 4, 5]
+    assert fresh.state().proposals == []
+    with pytest.raises(DataError, match="not the log of the proposed"):
+        tell(fresh, write_log(tmp_path / "o.csv", random_motion(fresh, 9), 9), confirm="with")
+
+
+@pytest.mark.parametrize(("words", "kind"), [("a load was", "payload"), ("friction has", "friction")])
+def test_watch_names_a_change_and_proposes_a_motion(
+    fresh: Campaign, tmp_path: Path, words: str, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change = next(own for name, own in CHANGES.items() if name.startswith(words))
+    same = write_log(tmp_path / "same.csv", random_motion(fresh, 8), 8)
+    other = write_changed(tmp_path / "other.csv", fresh, 9, change)
+    told = [r.number for r in fresh.state().told]
+    assert main(["watch", str(fresh.path), str(same), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["changed"] is False
+    assert main(["watch", str(fresh.path), str(same), str(other), "--json"]) == 6
+    data = json.loads(capsys.readouterr().out)
+    assert [one["verdict"] for one in data["logs"]] == ["unchanged", "changed"]
+    assert data["kind"] == kind
+    assert data["logs"][1]["kind"] == kind
+    assert data["proposal"]["duration"] <= 20.0
+    state = open_campaign(fresh.path).state()
+    assert [r.number for r in state.told] == told
+    assert [r.number for r in state.proposals] == [data["proposal"]["number"]]
+    # asked again, the open one is shown
+    assert watch(open_campaign(fresh.path), [other]).proposal.number == data["proposal"]["number"]  # type: ignore[union-attr]
+
+
+def test_watch_says_sensor_unknown_and_refused(fresh: Campaign, tmp_path: Path) -> None:
+    motion = random_motion(fresh, 8)
+    path = write_log(tmp_path / "stuck.csv", motion, 8)
+    lines = path.read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows[200:]:
+        row[4] = rows[200][4]
+    path.write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
+    odd = write_changed(
+        tmp_path / "odd.csv",
+        fresh,
+        9,
+        lambda q, qd, qdd: command_of(q, qd, qdd) + 2.0 * np.sin(9.0 * q) * np.cos(7.0 * qd),
+    )
+    empty = tmp_path / "empty.csv"
+    empty.write_text("time,q_hip\n0,1\n")
+    found = watch(fresh, [path, odd, empty], propose=False)
+    assert [(one.verdict, one.kind) for one in found.logs] == [
+        ("changed", "sensor"),
+        ("changed", "unknown"),
+        ("refused", ""),
+    ]
+    assert found.logs[0].command == "knee"
+    assert found.proposal is None
+    with pytest.raises(UsageError, match="no log to watch"):
+        watch(fresh, [])
