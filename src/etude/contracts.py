@@ -11,7 +11,7 @@ it is named in a sentence, never stubbed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -637,3 +637,19 @@ Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
 # `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
 # `recognises(path, head)`
 Reader = Callable[[Any, Sequence[str]], Mapping[str, Log]]
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """A model as another program takes it: files by name (with folders: "a/b.h"), sentences for people and
+    facts for machines about them.
+    """
+
+    files: Mapping[str, bytes]
+    said: tuple[str, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+# `etude.targets`: (model, kind, spec, options) -> files of a model that leaves. options: those of the command
+# that were given, and "model_hash"; a name that the target does not know is a UsageError
+Target = Callable[[Any, Kind, Any, Mapping[str, Any]], Delivered]

@@ -66,6 +66,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "crazyflie": "etude.deploy.exporters.poly4d:POLY4D",
         "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
     },
+    # a model that leaves: `etude export --to`
+    "etude.targets": {
+        "c": "etude.deploy.c99.target:C99",
+    },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",
