@@ -30,9 +30,6 @@ Margins = Mapping[
     str, tuple[Array, Array | float]
 ]  # by Trajectory.form: (O, k), NaN where not held, and its confidence, 0 where assumed: (O, k) or one number
 Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the channel itself; "tanh", ...)
-Code = tuple[
-    Mapping[str, Array], int, str
-]  # C99 of a function: static data, words of memory, body over `real`
 
 
 @dataclass(frozen=True)
@@ -316,6 +313,29 @@ class Planned:
     X: Array
     gains: Array
     pull: Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """C99 of a function `name` over the type `real` and with the helpers of deploy/c99/prelude.c, no name of
+    its own but such as begin with `name`. body: its definitions, the function last:
+
+    Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
+    Mean: void name(const real *channel, ..., real *command), and name_static, what remains at rest.
+    Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
+    may be 0 then too.
+    data: static tables by name, of real or int; variance: those that variances alone need. reads: the
+    channels, in order; memory: words of it; work: reals on the stack; operations: of real numbers in one
+    call at worst, and those more for variances.
+    """
+
+    body: str
+    data: Mapping[str, Any]
+    variance: Mapping[str, Any] = field(default_factory=dict)
+    reads: tuple[str, ...] = ()
+    memory: int = 0
+    work: int = 0
+    operations: tuple[int, int] = (0, 0)
 
 
 class Inputs(Protocol):

@@ -62,8 +62,11 @@ class RigidBodyMean:
             found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
         return {**found, "desired": np.array(self.desired)}
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it: Newton-Euler in the drives' coordinates."""
+        from etude.robots.arm.c99 import rigid_body_code
+
+        return rigid_body_code(name, self)
 
 
 @dataclass(frozen=True, eq=False)
