@@ -30,10 +30,10 @@ static unsigned @NAME_limited(real *command)
             flags |= @UPPER_NO_ANSWER;
             command[j] = R(0.0);
         }
-        if (command[j] > @NAME_limit[j] || command[j] < -@NAME_limit[j])
+        if (command[j] > @NAME_most[j] || command[j] < @NAME_least[j])
             flags |= @UPPER_LIMITED;
-        command[j] = command[j] > @NAME_limit[j] ? @NAME_limit[j] : command[j];
-        command[j] = command[j] < -@NAME_limit[j] ? -@NAME_limit[j] : command[j];
+        command[j] = command[j] > @NAME_most[j] ? @NAME_most[j] : command[j];
+        command[j] = command[j] < @NAME_least[j] ? @NAME_least[j] : command[j];
     }
     return flags;
 }

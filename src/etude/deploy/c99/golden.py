@@ -65,9 +65,8 @@ def answered(plan: Plan, states: Array) -> Golden:
     deviation = plan.model.prior_deviation
     with np.errstate(divide="ignore", invalid="ignore"):
         faded = trusted(mean, variance, deviation, plan.model.safe(log))
-    limit = plan.limit
-    flags |= LIMITED * np.any(np.abs(mean) > limit, axis=1).astype(int)
-    clipped = [np.clip(values, -limit, limit) for values in (mean, faded, gravity)]
+    flags |= LIMITED * np.any((mean > plan.most) | (mean < plan.least), axis=1).astype(int)
+    clipped = [np.clip(values, plan.least, plan.most) for values in (mean, faded, gravity)]
     return Golden(states, clipped[0], variance, clipped[1], clipped[2], flags)
 
 

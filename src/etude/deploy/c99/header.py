@@ -102,7 +102,8 @@ typedef struct {{
 {memory}}} {own}_state;
 
 /* Ranges that inputs are clamped to, and limits of the commands. */
-extern const {own}_real {own}_low[{upper}_INPUTS], {own}_high[{upper}_INPUTS], {own}_limit[{upper}_COMMANDS];
+extern const {own}_real {own}_low[{upper}_INPUTS], {own}_high[{upper}_INPUTS];
+extern const {own}_real {own}_least[{upper}_COMMANDS], {own}_most[{upper}_COMMANDS];
 
 /* Begins anew: nothing is remembered. */
 void {own}_init({own}_state *state);
@@ -162,7 +163,7 @@ def _commands(plan: Plan, commands: list[str]) -> str:
     lines = []
     for j, (name, old) in enumerate(zip(commands, plan.model.commands, strict=True)):
         told = "" if name == old else f"  ({_plain(old)})"
-        lines.append(f"    {j:3} {name:<28} {plan.units[j] or '1':<8} +-{plan.limit[j]:.6g}{told}")
+        lines.append(f"    {j:3} {name:<28} {plan.units[j] or '1':<8} {plan.least[j]:.6g} .. {plan.most[j]:.6g}{told}")
     return "\n".join(lines)
 
 

@@ -28,7 +28,8 @@ class Plan:
         name: prefix in C. model, candidates: those in use. channels: what is read, in order.
         inputs: code of the feature map. means, processes: code by its function, each once.
         mean_of, process_of: the function of each candidate, "" of no mean.
-        low, high, trained_low, trained_high: (N,) of the states. limit: (J,) of commands.
+        low, high, trained_low, trained_high: (N,) of the states. limit: (J,) how far commands reach.
+        least, most: (J,) of commands.
         still: (N,) whether a state is the rate of another.
     """
 
@@ -46,6 +47,8 @@ class Plan:
     trained_low: Array
     trained_high: Array
     limit: Array
+    least: Array
+    most: Array
     still: tuple[bool, ...]
     units: tuple[str, ...]
 
@@ -83,16 +86,19 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     inputs = _written(model.inputs.c(f"{prefix}_inputs"), "the inputs of this kind of robot")
     means: dict[str, Code] = {}
     processes: dict[str, Code] = {}
-    known: dict[int, str] = {}
+    names: dict[int, str] = {}
     mean_of, process_of = [], []
     for candidate in used:
-        mean_of.append("" if candidate.mean is None else _mean(candidate.mean, prefix, means, known))
-        process_of.append(_process(candidate, prefix, processes, known))
+        mean_of.append("" if candidate.mean is None else _mean(candidate.mean, prefix, means, names))
+        process_of.append(_process(candidate, prefix, processes, names))
     available = {channel.name: channel for channel in kind.channels(spec)}
     reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])
     channels = tuple(available[read] for read in reads)
     low, high, trained_low, trained_high = _ranges(model, channels)
     command = next(c for c in available.values() if c.role == "command")
+    limit = np.asarray(kind.limit(spec), dtype=float)
+    known = kind.expected(spec).limits.get(command.name)
+    least, most = (-limit, limit) if known is None else (np.asarray(side, dtype=float) for side in known)
     still = tuple(bool(c.derivative_of) and c.role in ("state", "plan") for c in channels for _ in c.parts)
     return Plan(
         prefix,
@@ -108,7 +114,9 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
         high,
         trained_low,
         trained_high,
-        np.asarray(kind.limit(spec), dtype=float),
+        limit,
+        least,
+        most,
         still,
         command.units,
     )

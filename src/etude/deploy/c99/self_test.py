@@ -50,6 +50,9 @@ def self_test(plan: Plan, form: Form, vectors: Golden, exact: float) -> str:
 static const unsigned flags[{count}] = {{
     {flags}}};
 
+static const double limits[{upper}_COMMANDS] = {{
+    {", ".join(numbers(plan.limit, False))}}};
+
 static double worst = 0.0;
 
 static void compare(double found, double wanted, double limit)
@@ -87,11 +90,11 @@ def _part(own: str, upper: str, name: str, call: str, count: int) -> str:
         lines.append(f"        (void){own}_{call};")
     lines.append(f"        for (j = 0; j < {upper}_COMMANDS; ++j) {{")
     lines.append(
-        f"            compare(command[j], {wanted}[i * {upper}_COMMANDS + j], {own}_limit[j]);"
+        f"            compare(command[j], {wanted}[i * {upper}_COMMANDS + j], limits[j]);"
     )
     if name == "predict":
         lines.append(
             f"            compare(variance[j], want_variance[i * {upper}_COMMANDS + j],"
-            f" (double){own}_limit[j] * {own}_limit[j]);"
+            f" limits[j] * limits[j]);"
         )
     return "\n".join([*lines, "        }", "    }"])

@@ -45,12 +45,13 @@ typedef {plan.name}_real real;
         for name, values, kind in (
             ("low", plan.low, "const"),
             ("high", plan.high, "const"),
-            ("limit", plan.limit, "const"),
+            ("least", plan.least, "const"),
+            ("most", plan.most, "const"),
             ("trained_low", plan.trained_low, "static const"),
             ("trained_high", plan.trained_high, "static const"),
         )
     ]
-    size += (4 * len(plan.low) + len(plan.limit)) * (4 if form.single else 8)
+    size += (4 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
     return "\n".join([head + prelude(rest), *own, text, rest]), size
 
 
