@@ -88,6 +88,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "quadrotor": "etude_studies.flight_orders:run",
         "quadrotor_loop": "etude_studies.flight_loop:run",
         "thesis": "etude_studies.thesis.study:STUDY",
+        "bench_c99": "etude_studies.bench_c99:run",
         "bench_changed": "etude_studies.bench_changed:run",
         "bench_crazyflie": "etude_studies.crazyflie:run",
         "bench_gp": "etude_studies.bench_gp:run",

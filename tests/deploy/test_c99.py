@@ -55,6 +55,11 @@ CASES = {
     "identified": Case(lambda: alone(arm_model(physics=True), grows=False)),
     "doubted": Case(lambda: alone(arm_model(physics=True), grows=True)),
     "quadrotor": Case(lambda: quadrotor_model("quadrotor"), QUADROTOR, lambda: quadrotor_spec("quadrotor")),
+    "pelican": Case(lambda: quadrotor_model("pelican"), QUADROTOR, lambda: quadrotor_spec("pelican")),
+    "mobile": Case(
+        lambda: arm_model(physics=True, memory=True, spec=arm_spec("mobile_arm")),
+        spec=lambda: arm_spec("mobile_arm"),
+    ),
 }
 EVERYDAY = ("structured", "ssgp_fixed", "fitc")
 

@@ -10,6 +10,7 @@ PUBLIC = (
     "ladder",
     "linear",
     "model",
+    "process",
     "score",
     "student_t",
     "together",

@@ -83,7 +83,7 @@ def _answer(plan: Plan, form: Form) -> str:
     lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
     for k, candidate in enumerate(plan.candidates):
         m = len(candidate.commands)
-        lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}]' if form.variance else ''};")
+        lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}] = {{R(0.0)}}' if form.variance else ''};")
     lines.append(f"    {_call(f'{name}_inputs', plan.inputs.reads, places, 'memory', 'x')};")
     held = [i for i, column in enumerate(plan.model.inputs.columns) if column[3] == "memory"]
     if held:

@@ -370,7 +370,7 @@ def fused(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code
             calls.append(f"    mean[{place}] = own[{i}];")
             calls.append(f"    if (variance) variance[{place}] = spread[{i}];")
     most = max(len(places) for *_, places in parts)
-    head = f"static void {name}(const real *x, real *mean, real *variance)\n{{\n    real own[{most}], spread[{most}];"
+    head = f"static void {name}(const real *x, real *mean, real *variance)\n{{\n    real own[{most}] = {{R(0.0)}}, spread[{most}] = {{R(0.0)}};"
     body = "\n".join([*(code.body for code, *_ in parts), head, *calls, "}", ""])
     data = {key: value for code, *_ in parts for key, value in code.data.items()}
     variance = {key: value for code, *_ in parts for key, value in code.variance.items()}
