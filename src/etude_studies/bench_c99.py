@@ -89,7 +89,7 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
             rows += _measured(case, own, single, bar)
     rows += _beside_onnx(sized("ard_se", 4, 500, seed), rows)
     if json:
-        print(rows_json("c99", rows, seed))
+        print(rows_json(rows, f"etude bench c99 --seed {seed}{' --quick' * quick}"))  # noqa: T201
     else:
         table(rows, "One call of the exported C")
     return rows
@@ -119,8 +119,18 @@ def compiler() -> str:
 def microseconds(made: Files, variance: bool) -> float:
     """Of one call."""
     name = made.plan.name
-    asked = f"{name}_predict(&state, input, command, variance)" if variance else f"{name}_mean(&state, input, command)"
-    words = {"NAME": name, "UPPER": name.upper(), "ASKED": asked, "BATCHES": str(BATCHES), "CALLS": str(CALLS)}
+    asked = (
+        f"{name}_predict(&state, input, command, variance)"
+        if variance
+        else f"{name}_mean(&state, input, command)"
+    )
+    words = {
+        "NAME": name,
+        "UPPER": name.upper(),
+        "ASKED": asked,
+        "BATCHES": str(BATCHES),
+        "CALLS": str(CALLS),
+    }
     main = MAIN
     for word, value in words.items():
         main = main.replace(word, value)

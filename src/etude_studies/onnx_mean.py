@@ -52,5 +52,7 @@ def session(model: LearnedModel, dtype: Any) -> Callable[[Any], Any]:
     onnx.checker.check_model(made)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    found = onnxruntime.InferenceSession(made.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    found = onnxruntime.InferenceSession(
+        made.SerializeToString(), options, providers=["CPUExecutionProvider"]
+    )
     return lambda x: found.run(None, {"x": x})[0]

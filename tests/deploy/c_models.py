@@ -51,7 +51,9 @@ def arm_log(spec: Any, count: int, seed: int = 0) -> Log:
     return Log(np.arange(count) / 25.0, {name: channels[name] for name in values}, values)
 
 
-def fit_data(X: Array, Y: Array, columns: Any, commands: tuple[str, ...], kernel: Any, config: Any) -> FitData:
+def fit_data(
+    X: Array, Y: Array, columns: Any, commands: tuple[str, ...], kernel: Any, config: Any
+) -> FitData:
     every, n = np.ones(Y.shape, dtype=np.bool_), len(X)
     groups = np.repeat(np.arange(3), -(-n // 3))[:n].astype(np.int64)
     return FitData(

@@ -1,4 +1,4 @@
-"""The model in C: agrees with Python for every member, compiler and type; keeps its head whatever comes in."""
+"""The model in C agrees with Python for every member, compiler and type, and keeps its head."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadrotor_model, quadrotor_spec
-from compilers import FAST, SANITIZED, STRICT, run, tool
 
+from compilers import FAST, SANITIZED, STRICT, run, tool
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.target import c_files
 from etude.models.model import LearnedModel

@@ -21,7 +21,7 @@ from etude.trajectories.json_text import from_json
 
 COMMAND, DEVIATION = "command", "deviation"
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
-"""Of [data], where it has them: learning takes some rows of a log and moves commands; here every row counts."""
+"""Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
 
 
 def predict(campaign: Campaign | str | Path, motion: str | Path | Log, *, degrees: bool = False) -> Log:
@@ -71,7 +71,7 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
         motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
-    said = f"{' and '.join(missing)} made of the positions by the filter that learning uses; its ends are cut."
+    said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
     return samples.log.repaired(said[0].upper() + said[1:])
 
 
@@ -111,7 +111,8 @@ def write_table(path: Path, found: Log) -> None:
     if path.suffix != ".csv":
         raise UsageError("commands are written as .csv or .parquet", where=str(path))
     columns = _columns(found)
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist())]
+    rows = np.column_stack([*columns.values()]).tolist()
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 

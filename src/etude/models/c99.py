@@ -48,7 +48,7 @@ def silent_code(name: str, silent: Any) -> Code:
     """A mean of zero, and the variance of `process.Silent`."""
     m = len(silent.least)
     grown = silent.grows and silent.own is not None
-    own = silent.own.c(f"{name}_own") if grown else None
+    own: Code | None = silent.own.c(f"{name}_own") if grown else None
     lines = [f"    mean[{j}] = R(0.0);" for j in range(m)]
     lines += ["    if (variance) {"]
     lines += [f"        {name}_own(x, own, variance);"] if grown else []
@@ -62,8 +62,16 @@ def silent_code(name: str, silent: Any) -> Code:
     lines += ["    }"]
     head = f"static void {name}(const real *x, real *mean, real *variance)\n{{"
     guard = ["#if VARIANCE", f"    real own[{m}];", "#endif"] if grown else ["    (void)x;"]
-    if grown:
-        lines = [*lines[:m], "#if VARIANCE", *lines[m:], "#else", "    (void)x;", "    (void)variance;", "#endif"]
+    if own is not None:
+        lines = [
+            *lines[:m],
+            "#if VARIANCE",
+            *lines[m:],
+            "#else",
+            "    (void)x;",
+            "    (void)variance;",
+            "#endif",
+        ]
         body = "\n".join(["#if VARIANCE", own.body, "#endif", head, *guard, *lines, "}", ""])
         every = {**own.data, **own.variance}
         return Code(body, {}, every, work=own.work + m, operations=(m, sum(own.operations)))

@@ -60,9 +60,7 @@ def built(name: str, files: Mapping[str, bytes], tables: int) -> Built | None:
 
 
 def _run(command: list[str], folder: Path, good: tuple[int, ...] = (0,)) -> str:
-    done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S
-    )
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S)
     if done.returncode not in good:
         raise EtudeError(
             f"{command[0]} does not take the exported model: {done.stderr.strip()[-400:]}",

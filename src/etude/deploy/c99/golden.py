@@ -1,4 +1,4 @@
-"""Golden vectors: states in and beyond the range trained on, in an order, with what the model says of them."""
+"""Golden vectors: states in and beyond the range trained on, in order, with what the model says."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def header(plan: Plan, form: Form) -> str:
 {_commands(plan, commands)}
 
    Flags, as bits of what functions return; 0: the answer is as good as the model.
-     1 {upper}_NOT_A_NUMBER  an input was NaN or infinite: its last good value is used, or the middle of its range
+     1 {upper}_NOT_A_NUMBER  an input was NaN or infinite: its last good value, or the middle, is used
      2 {upper}_CLAMPED       an input was outside the range that it is clamped to
      4 {upper}_UNTRAINED     an input was outside the data that the model was trained on: it extrapolates
      8 {upper}_LIMITED       a command was clamped to its limit
@@ -134,17 +134,19 @@ def _remembers(plan: Plan) -> str:
 
 
 def _more(own: str, form: Form) -> str:
+    state = f"{own}_state *state, const {own}_real *input"
+    rest = f"{state}, {own}_real *command, {own}_real *variance"
     text = ""
     if form.variance:
         text += f"""
 /* The same, with the variance of each command (its unit squared), noise included. */
-unsigned {own}_predict({own}_state *state, const {own}_real *input, {own}_real *command, {own}_real *variance);
+unsigned {own}_predict({rest});
 """
     if form.fade:
         text += f"""
 /* Commands that fade to those of physics, or to zero where the model has none, as the predicted deviation
    comes near that before any data: what to add to a feedback. variance as above. */
-unsigned {own}_faded({own}_state *state, const {own}_real *input, {own}_real *command, {own}_real *variance);
+unsigned {own}_faded({rest});
 """
     return text
 
@@ -154,7 +156,8 @@ def _inputs(plan: Plan, states: list[str]) -> str:
     for i, ((channel, part), label, name) in enumerate(zip(plan.parts, plan.labels, states, strict=True)):
         unit = channel.units[part] or "1"
         told = "" if label == name else f"  ({_plain(label)})"
-        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g} ({plan.trained_low[i]:.6g} .. {plan.trained_high[i]:.6g})"
+        trained = f"{plan.trained_low[i]:.6g} .. {plan.trained_high[i]:.6g}"
+        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g} ({trained})"
         lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{told}")
     return "\n".join(lines)
 
@@ -163,7 +166,9 @@ def _commands(plan: Plan, commands: list[str]) -> str:
     lines = []
     for j, (name, old) in enumerate(zip(commands, plan.model.commands, strict=True)):
         told = "" if name == old else f"  ({_plain(old)})"
-        lines.append(f"    {j:3} {name:<28} {plan.units[j] or '1':<8} {plan.least[j]:.6g} .. {plan.most[j]:.6g}{told}")
+        lines.append(
+            f"    {j:3} {name:<28} {plan.units[j] or '1':<8} {plan.least[j]:.6g} .. {plan.most[j]:.6g}{told}"
+        )
     return "\n".join(lines)
 
 

@@ -89,9 +89,7 @@ def _part(own: str, upper: str, name: str, call: str, count: int) -> str:
     else:
         lines.append(f"        (void){own}_{call};")
     lines.append(f"        for (j = 0; j < {upper}_COMMANDS; ++j) {{")
-    lines.append(
-        f"            compare(command[j], {wanted}[i * {upper}_COMMANDS + j], limits[j]);"
-    )
+    lines.append(f"            compare(command[j], {wanted}[i * {upper}_COMMANDS + j], limits[j]);")
     if name == "predict":
         lines.append(
             f"            compare(variance[j], want_variance[i * {upper}_COMMANDS + j],"

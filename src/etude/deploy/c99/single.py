@@ -11,7 +11,7 @@ from etude.models.model import LearnedModel
 
 
 def single(model: LearnedModel) -> LearnedModel:
-    """The model with, for each command, the candidate that weighs most, which has the best held-out density."""
+    """The model with, for each command, the candidate of most weight: the best held-out density."""
     weights = np.zeros((len(model.candidates), len(model.commands)))
     for k, candidate in enumerate(model.candidates):
         weights[k, list(candidate.commands)] = candidate.weights

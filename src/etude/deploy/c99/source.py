@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
@@ -24,7 +25,8 @@ def source(plan: Plan, form: Form) -> tuple[str, int]:
         data |= code.data
         data |= code.variance if form.variance else {}
     text, size = tables(data, form.single)
-    bodies = "\n".join(code.body for code in plan.codes)
+    words = {"VARIANCE": form.variance, "SINGLE": form.single}
+    bodies = resolved("\n".join(code.body for code in plan.codes), words)
     answer = _answer(plan, form)
     rest = f"{bodies}\n{answer}\n{_functions(plan, form)}"
     head = f"""/* {plan.name}.c: written by a program; {plan.name}.h says how to call it. */
@@ -34,7 +36,6 @@ def source(plan: Plan, form: Form) -> tuple[str, int]:
 #include <stdint.h>
 #include <string.h>
 
-#define SINGLE {int(form.single)}
 #define VARIANCE {int(form.variance)}
 
 typedef {plan.name}_real real;
@@ -52,7 +53,24 @@ typedef {plan.name}_real real;
         )
     ]
     size += (4 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
-    return "\n".join([head + prelude(rest), *own, text, rest]), size
+    return "\n".join([head + resolved(prelude(rest), words), *own, text, rest]), size
+
+
+def resolved(text: str, words: Mapping[str, bool]) -> str:
+    """The text without the parts that `#if WORD`, `#else` and `#endif` leave out: compilers warn of those."""
+    kept: list[str] = []
+    open_parts: list[bool] = []
+    for line in text.splitlines():
+        first, _, word = line.partition(" ")
+        if first == "#if" and word in words:
+            open_parts.append(words[word])
+        elif line == "#else":
+            open_parts[-1] = not open_parts[-1]
+        elif line == "#endif":
+            open_parts.pop()
+        elif all(open_parts):
+            kept.append(line)
+    return "\n".join(kept) + "\n"
 
 
 def prelude(rest: str) -> str:
@@ -107,11 +125,11 @@ def _call(function: str, reads: tuple[str, ...], places: dict[str, int], *rest: 
 
 def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
     """The average of the candidates, and its variance."""
-    model, J, lines = plan.model, len(plan.model.commands), []
+    J, lines = len(plan.model.commands), []
     lines += [f"    command[{j}] = R(0.0);" for j in range(J)]
     lines += [f"    safe[{j}] = R(0.0);" for j in range(J)] if form.fade else []
     for k, candidate in enumerate(plan.candidates):
-        spread = (f"variance ? spread{k} : 0" if form.variance else "0")
+        spread = f"variance ? spread{k} : 0" if form.variance else "0"
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
         physical = candidate.rung.removesuffix("+gp") in PHYSICAL
         for i, j in enumerate(candidate.commands):
@@ -139,10 +157,8 @@ def _spreads(plan: Plan) -> list[str]:
             factor = float(candidate.calibration[i] * candidate.units[1, i] ** 2)
             noise = float(candidate.process.noise_variance[i])
             lines.append(f"        apart = own{k}[{i}] - command[{j}];")
-            lines.append(
-                f"        variance[{j}] += {real(weight)} * ({real(factor)} * (spread{k}[{i}] + {real(noise)})"
-                " + apart * apart);"
-            )
+            noisy = f"{real(factor)} * (spread{k}[{i}] + {real(noise)})"
+            lines.append(f"        variance[{j}] += {real(weight)} * ({noisy} + apart * apart);")
     for j, least in enumerate(model.least if model.least is not None else []):
         if least > 0.0:
             lines.append(f"        apart = {real(least)} + command[{j}] * command[{j}];")

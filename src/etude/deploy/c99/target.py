@@ -122,9 +122,10 @@ def _names(plan: Plan) -> list[str]:
 def _sizes(made: Files, found: Built | None) -> list[str]:
     facts = _facts(made, found)
     code = f" and {facts['code_bytes'] / 1024:.1f} KB of code" if facts["code_bytes"] else ""
+    stack = f"about {facts['stack_bytes'] / 1024:.1f} KB of stack"
     return [
-        f"Flash: {made.tables / 1024:.1f} KB of tables{code}. RAM: {facts['state_bytes']} bytes of state, about "
-        f"{facts['stack_bytes'] / 1024:.1f} KB of stack.",
+        f"Flash: {made.tables / 1024:.1f} KB of tables{code}.",
+        f"RAM: {facts['state_bytes']} bytes of state, {stack}.",
         f"At worst {facts['operations']:,} operations in one call.",
     ]
 
@@ -164,7 +165,11 @@ def _checked(found: Built | None) -> str:
 
 def _facts(made: Files, found: Built | None) -> dict[str, Any]:
     plan, size = made.plan, 4 if made.form.single else 8
-    work = max((code.work for code in plan.codes), default=0) + 4 * len(plan.low) + len(plan.model.inputs.columns)
+    work = (
+        max((code.work for code in plan.codes), default=0)
+        + 4 * len(plan.low)
+        + len(plan.model.inputs.columns)
+    )
     return {
         "name": plan.name,
         "real": made.form.real,

@@ -1,4 +1,4 @@
-"""Kernels and posteriors as C99: loops over blocks of points that lie in columns, so that compilers vectorise.
+"""Kernels and posteriors as C99: loops over blocks of points in columns, so that compilers vectorise.
 
 Points are stored as they are, a table for each column, so that outputs with other hyperparameters share them.
 A mean skips what is linear in x: the sum over all points is made here, once.
@@ -15,6 +15,7 @@ import numpy as np
 from etude.contracts import Array, Code
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.gp.rest import RestNoise
 
 BLOCK = 32
@@ -68,9 +69,7 @@ def real(value: float) -> str:
     return f"R({text if any(c in text for c in '.en') else text + '.0'})"
 
 
-def expanded(
-    name: str, kernel: Kernel, theta: Array, X: Array, weights: Array, factor: Array | None
-) -> Code:
+def expanded(name: str, kernel: Kernel, theta: Array, X: Array, weights: Array, factor: Array | None) -> Code:
     """Means Σ_i w_i k(x, x_i) of outputs with one kernel, and their latent variance k(x, x) - |A k|².
 
     Args:
@@ -84,7 +83,11 @@ def expanded(
     Z = np.concatenate([X, np.tile(X[-1:], (size - n, 1))])
     rest, linear = _without_linear(kernel, theta)
     blocks = Written(name, Z)
-    value = expression(blocks, Sum(tuple(k for k, _ in rest)), np.concatenate([t for _, t in rest])) if rest else ""
+    value = (
+        expression(blocks, Sum(tuple(k for k, _ in rest)), np.concatenate([t for _, t in rest]))
+        if rest
+        else ""
+    )
     data: dict[str, Any] = dict(blocks.data)
     text = [*blocks.body]
     operations = size * (blocks.operations + 2 * m) if rest else 0
@@ -135,8 +138,8 @@ def expression(out: Written, kernel: Kernel, theta: Array) -> str:
         return f"({' + '.join(terms)})"
     if isinstance(kernel, RestNoise):
         return "R(0.0)"
-    own = kernel if isinstance(kernel, BlockKernel) else None
-    if own is None:
+    own = kernel.own if isinstance(kernel, PluginKernel) else kernel
+    if not isinstance(own, BlockKernel):
         raise UnwritableError(_title(kernel))
     return _call(out, own, theta)
 
@@ -237,7 +240,10 @@ def _function(name: str, sizes: tuple[int, int, int, int], curved: bool, linear:
         ]
     else:
         text += ["#if VARIANCE", f"    real k[{size}] = {{R(0.0)}};", "#endif", "    int o;"]
-    text += [f"    for (o = 0; o < {m}; ++o)", f"        mean[o] = {'total(sums[o])' if curved else 'R(0.0)'};"]
+    text += [
+        f"    for (o = 0; o < {m}; ++o)",
+        f"        mean[o] = {'total(sums[o])' if curved else 'R(0.0)'};",
+    ]
     if linear:
         text += [
             f"    for (o = 0; o < {m}; ++o) {{",
@@ -370,8 +376,9 @@ def fused(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code
             calls.append(f"    mean[{place}] = own[{i}];")
             calls.append(f"    if (variance) variance[{place}] = spread[{i}];")
     most = max(len(places) for *_, places in parts)
-    head = f"static void {name}(const real *x, real *mean, real *variance)\n{{\n    real own[{most}] = {{R(0.0)}}, spread[{most}] = {{R(0.0)}};"
-    body = "\n".join([*(code.body for code, *_ in parts), head, *calls, "}", ""])
+    head = f"static void {name}(const real *x, real *mean, real *variance)\n{{"
+    own = f"    real own[{most}] = {{R(0.0)}}, spread[{most}] = {{R(0.0)}};"
+    body = "\n".join([*(code.body for code, *_ in parts), head, own, *calls, "}", ""])
     data = {key: value for code, *_ in parts for key, value in code.data.items()}
     variance = {key: value for code, *_ in parts for key, value in code.variance.items()}
     counts = [sum(code.operations[i] for code, *_ in parts) for i in range(2)]

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from etude.models.lagrangian.process import JointProcess
 
 LANE = 16
+_ADDED = "    {{\n        real added;\n        {}(x, &added, 0);\n        mean[{}] += added;\n    }}"
 FUNCTION = 40
 
 
@@ -49,7 +50,9 @@ def joint_code(name: str, process: JointProcess) -> Code:
         data |= code.data
         variance |= code.variance
         operations += code.operations[0]
-        means.append(f"    {{\n        real added;\n        {more}(x, &added, 0);\n        mean[{j}] += added;\n    }}")
+        means.append(
+            f"    {{\n        real added;\n        {more}(x, &added, 0);\n        mean[{j}] += added;\n    }}"
+        )
         spreads.append(_added(more, j, size, f"{more}_k" in code.body, f"{more}_lines" in code.body))
     text = _text("all_outputs.c", name, J).replace("@MEANS", "\n".join(means))
     text = text.replace("@SPREADS", "\n".join(spreads)).replace("@COUNT", str(size))
@@ -65,7 +68,10 @@ def _added(name: str, j: int, size: int, curved: bool, linear: bool) -> str:
     """C that adds an addition's covariances to those of its command, and its variance."""
     lines = ["        {", f"            real k[{size}] = {{R(0.0)}};"]
     if curved:
-        lines += [f"            for (i = 0; i < {size}; i += BLOCK)", f"                {name}_k(x, i, k + i);"]
+        lines += [
+            f"            for (i = 0; i < {size}; i += BLOCK)",
+            f"                {name}_k(x, i, k + i);",
+        ]
     lines += [f"            {name}_lines(x, k);"] if linear else []
     lines += [
         f"            for (i = 0; i < {size}; ++i)",

@@ -23,7 +23,7 @@ PARAMETERS = 10
 def inputs_code(name: str, inputs: ArmInputs) -> Code:
     """The feature map; memory of each joint: what friction remembers, the position behind the play, begun."""
     J, reads = len(inputs.stick_velocity), inputs.names
-    q, qd, qdd = reads
+    q, qd, _ = reads
     data: dict[str, Any] = {}
     lines = [f"    for (j = 0; j < {J}; ++j) {{"]
     for block, channel in enumerate(reads):
@@ -35,10 +35,20 @@ def inputs_code(name: str, inputs: ArmInputs) -> Code:
         at += J
     memory = 0
     if inputs.presliding is not None and inputs.play is not None and inputs.slow is not None:
-        data |= {f"{name}_play": inputs.play, f"{name}_length": inputs.presliding, f"{name}_slow": inputs.slow}
-        lines += _REMEMBERED.replace("NAME", name).replace("Q_", f"c_{q}").replace("QD_", f"c_{qd}").replace(
-            "HELD_", str(at)
-        ).replace("REST_", str(at + J)).replace("JOINTS_", str(J)).splitlines()
+        data |= {
+            f"{name}_play": inputs.play,
+            f"{name}_length": inputs.presliding,
+            f"{name}_slow": inputs.slow,
+        }
+        lines += (
+            _REMEMBERED.replace("NAME", name)
+            .replace("Q_", f"c_{q}")
+            .replace("QD_", f"c_{qd}")
+            .replace("HELD_", str(at))
+            .replace("REST_", str(at + J))
+            .replace("JOINTS_", str(J))
+            .splitlines()
+        )
         memory = 2 * J + 1
     lines.append("    }")
     lines.append(f"    memory[{memory - 1}] = R(1.0);" if memory else "    (void)memory;")
@@ -102,7 +112,7 @@ def rigid_body_code(name: str, mean: RigidBodyMean) -> Code:
         "site_point": points if len(points) else np.zeros((1, 3)),
     }
     text = resources.files("etude.robots.arm.physics").joinpath("rigid_body.c").read_text(encoding="utf-8")
-    sizes = {"BODIES": B, "JOINTS": J, "EXTRAS": model.extra.shape[1], "MEAN": name}
+    sizes: dict[str, Any] = {"BODIES": B, "JOINTS": J, "EXTRAS": model.extra.shape[1], "MEAN": name}
     for word, value in sizes.items():
         text = text.replace(f"@{word}", str(value))
     scales = ", ".join(real(s) for s in _scales())

@@ -53,7 +53,9 @@ def vehicle_code(name: str, model: VehicleInverse) -> Code:
             f"    command[{rotor}] = {real(slope)} * squares + {real(by_speed)} * SQRT(squares)"
             f" + {real(theta[9 + rotor])};",
         ]
-    return Code(mean_function(name, reads, lines, _hovering(name, reads, call)), {}, reads=reads, operations=(200, 0))
+    return Code(
+        mean_function(name, reads, lines, _hovering(name, reads, call)), {}, reads=reads, operations=(200, 0)
+    )
 
 
 def _loads(model: VehicleInverse, reads: Sequence[str]) -> list[str]:
@@ -109,7 +111,10 @@ def features_code(name: str, model: LinearInverse) -> Code:
     lift = f"{f}[2] / {real(GRAVITY)}"
     lines = [f"    const real lift = {lift};"]
     lines += [f"    const real root = SQRT(lift > {real(LEAST_LIFT)} ? lift : {real(LEAST_LIFT)});"]
-    tables = {f"{name}_centre": model.centre, f"{name}_weights": (model.weights / model.spread[:, None]).T.copy()}
+    tables = {
+        f"{name}_centre": model.centre,
+        f"{name}_weights": (model.weights / model.spread[:, None]).T.copy(),
+    }
     size = len(features)
     lines += [f"    real own[{size}];", "    int i, j;"]
     lines += [f"    own[{i}] = {feature} - {name}_centre[{i}];" for i, feature in enumerate(features)]
@@ -137,4 +142,3 @@ def _hovering(name: str, reads: Sequence[str], call: str) -> list[str]:
         if channel == FORCE or channel in STILL:
             lines.append(f"    c_{channel} = {'weight' if channel == FORCE else 'still'};")
     return [*lines, f"    {name}({call});"]
-
