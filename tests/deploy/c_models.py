@@ -43,7 +43,10 @@ def swings(widths: dict[str, Array], count: int, seed: int = 0) -> dict[str, Arr
 def arm_log(spec: Any, count: int, seed: int = 0) -> Log:
     """States of an arm and commands of a smooth law with friction."""
     speed = np.asarray(spec.velocity)
-    values = swings({"q": 0.6 + 0.0 * speed, "qd": 0.6 * speed, "qdd": 2.0 * speed}, count, seed)
+    low, high = (np.array([getattr(axis, end) for axis in spec.axes]) for end in ("lower", "upper"))
+    values = swings({"q": 0.3 * (high - low), "qd": 0.6 * speed, "qdd": 2.0 * speed}, count, seed)
+    values["q"] = values["q"] + 0.5 * (low + high)
+    values["qd"] = values["qd"] ** 3 / (0.6 * speed) ** 2  # rests for a while, so that friction remembers
     q, qd, qdd = values["q"], values["qd"], values["qdd"]
     law = 0.4 * np.sin(q) + 0.2 * np.tanh(qd / (0.05 * speed)) + 0.05 * qdd / speed + 0.1 * np.cos(q[:, ::-1])
     channels = {c.name: c for c in ARM.channels(spec)}

@@ -90,7 +90,7 @@ def given(**options: Any) -> dict[str, Any]:
     Raises:
         UsageError: `more`, as key=value, that is none.
     """
-    found = {name: value for name, value in options.items() if value not in (None, False, "", ())}
+    found = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
     for word in found.pop("more", ()):
         name, equals, value = word.partition("=")
         if not (name and equals):
