@@ -50,6 +50,7 @@ def table(path: Path, motion: Any, names: tuple[str, ...], orders: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_trajectory_and_its_table_say_the_same(lab: Path, tmp_path: Path) -> None:
     model, source = etude.load_model(lab), lab / "proposals" / "0001" / "trajectory.json"
     trajectory = from_json(source.read_bytes())
@@ -66,6 +67,7 @@ def test_a_trajectory_and_its_table_say_the_same(lab: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(again["command"], found["command"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path: Path) -> None:
     model = etude.load_model(lab)
     trajectory = from_json((lab / "proposals" / "0001" / "trajectory.json").read_bytes())
@@ -82,6 +84,7 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert np.median(np.abs(log["command"] - exact)) < 2.0  # of 255: what the filter takes
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_that_reads_back(
     lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -105,6 +108,7 @@ def test_an_untrained_model_neither_predicts_nor_leaves(
     assert not (tmp_path / "new" / "exports").exists()
 
 
+@pytest.mark.slow
 def test_an_export_is_written_whole_and_replaces_only_its_own(lab: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     found = etude.export(lab, "c", folder, name="arm")
@@ -126,11 +130,12 @@ def test_an_export_is_written_whole_and_replaces_only_its_own(lab: Path, tmp_pat
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "mine", "out"]
 
 
+@pytest.mark.slow
 def test_another_package_s_target_is_a_function(lab: Path, tmp_path: Path) -> None:
     found = export(lab, "test_predict:listing", tmp_path / "list", prefix="- ")
     assert (tmp_path / "list" / "commands.txt").read_text() == "- waist\n- shoulder\n- elbow\n- wrist\n"
     assert found.said == ("4 commands.",)
-    with pytest.raises(UsageError, match="there is no 'd' among etude.targets"):
+    with pytest.raises(UsageError, match="there is no 'd' among etude"):
         export(lab, "d")
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compilers import run, tool
 
+from compilers import run, tool
 from etude.contracts import Array, Motion, Row
 from etude.deploy.c99.plan import Plan
 

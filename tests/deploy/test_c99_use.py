@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from c_library import FLAGS, Library, LibraryController
 from c_models import ARM, arm_model, arm_spec, averaged
-from compilers import FAST, STRICT, run, tool
 
+from compilers import FAST, STRICT, run, tool
 from etude.contracts import Candidate, Delivered
 from etude.deploy.c99.golden import answered, golden
 from etude.deploy.c99.header import Form
@@ -86,12 +86,8 @@ def test_a_missing_number_is_the_last_good_one(fast: Library) -> None:
 
 def test_far_outside_it_says_so_and_stays_at_the_edge(fast: Library) -> None:
     middle = 0.5 * (fast.plan.trained_low + fast.plan.trained_high)
-    for beyond, expected in (
-        (1.0, 0),
-        (1.2, UNTRAINED),
-        (2.5, UNTRAINED | CLAMPED),
-        (1e30, UNTRAINED | CLAMPED),
-    ):
+    both = UNTRAINED | CLAMPED
+    for beyond, expected in ((1.0, 0), (1.2, UNTRAINED), (2.5, both), (1e30, both)):
         fast.begin()
         row = middle + 0.4999999 * beyond * (fast.plan.trained_high - fast.plan.trained_low)
         flags, command, _ = fast.call("mean", row)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-C = """auto break case char const continue default do double else enum extern float for goto if inline
-int long register restrict return short signed sizeof static struct switch typedef union unsigned void volatile
+C = """auto break case char const continue default do double else enum extern float for goto if
+inline int long register restrict return short signed sizeof static struct switch typedef union unsigned
+void volatile
 while bool main"""
-CPP = """catch class delete explicit friend mutable namespace new operator private protected public template
-this throw try typename using virtual"""
+CPP = """catch class delete explicit friend mutable namespace new operator private protected public
+template this throw try typename using virtual"""
 KEYWORDS = frozenset([*C.split(), *CPP.split()])
 
 

@@ -25,8 +25,8 @@ REALS = ("double", "float")
 CLOCK = 1e9
 """Operations a second that times are estimated with: a core of 1 GHz, one operation in each cycle."""
 ROUNDED = 1e-6
-"""Largest deviation in double that can be rounding: exponents of the covariances are made of differences here,
-and of squares in Python."""
+"""Largest deviation in double that can be rounding: exponents are made of differences in C, and of squares in
+Python."""
 LARGEST = 64 * 2**20
 """Bytes of tables beyond which nobody compiles them."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,17 +11,13 @@ from etude.contracts import Array, Code
 from etude.models.gp.c99 import BLOCK, expanded, packed
 from etude.models.lagrangian.joints import Joints
 
-if TYPE_CHECKING:
-    from etude.models.lagrangian.kernel import Lagrangian
-    from etude.models.lagrangian.process import JointProcess
-
 LANE = 16
 _ADDED = "    {{\n        real added;\n        {}(x, &added, 0);\n        mean[{}] += added;\n    }}"
 FUNCTION = 40
 
 
-def kernel_code(name: str, kernel: Lagrangian, theta: Array, Z: Array) -> Code:
-    """`BlockKernel.c_block` of one command's prior."""
+def kernel_code(name: str, kernel: Any, theta: Array, Z: Array) -> Code:
+    """`BlockKernel.c_block` of one command's prior, a `kernel.Lagrangian`."""
     J = kernel.joints.count
     data = _tables(name, kernel.parameters.array(kernel.check(theta)), kernel.joints, Z)
     text = _packed(name, kernel.joints) + _text("one_output.c", name, J).replace("@OWN", str(kernel.own))
@@ -30,8 +26,8 @@ def kernel_code(name: str, kernel: Lagrangian, theta: Array, Z: Array) -> Code:
     return Code(text, data, work=(5 + 17 * J) * LANE, operations=(operations, 0))
 
 
-def joint_code(name: str, process: JointProcess) -> Code:
-    """All commands of one energy, with their additions."""
+def joint_code(name: str, process: Any) -> Code:
+    """All commands of one energy, with their additions: a `process.JointProcess`."""
     J, n = len(process.commands), len(process.X)
     size = -(-n // BLOCK) * BLOCK
     Z = np.concatenate([process.X, np.tile(process.X[-1:], (size - n, 1))])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,17 +12,13 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.robots.arm.spec import PATH, PLAN
 
-if TYPE_CHECKING:
-    from etude.robots.arm.inputs import ArmInputs
-    from etude.robots.arm.physics.mean import RigidBodyMean
-
 FUNCTION = 40
 """Operations of one tanh or exp of the C library."""
 PARAMETERS = 10
 
 
-def inputs_code(name: str, inputs: ArmInputs) -> Code:
-    """The feature map; memory of each joint: what friction remembers, the position behind the play, begun."""
+def inputs_code(name: str, inputs: Any) -> Code:
+    """`ArmInputs`; memory of each joint: what friction remembers, the position behind the play, begun."""
     J, reads = len(inputs.stick_velocity), inputs.names
     q, qd, _ = reads
     data: dict[str, Any] = {}
@@ -74,8 +71,8 @@ _REMEMBERED = """\
         }"""
 
 
-def rigid_body_code(name: str, mean: RigidBodyMean) -> Code:
-    """Newton-Euler with each output's own parameters, in the coordinates of the drives."""
+def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> Code:
+    """A `RigidBodyMean`: Newton-Euler with each output's own parameters, in the coordinates of the drives."""
     from importlib import resources
 
     model, reads = mean.model, PLAN if mean.desired else PATH
@@ -115,7 +112,7 @@ def rigid_body_code(name: str, mean: RigidBodyMean) -> Code:
     sizes: dict[str, Any] = {"BODIES": B, "JOINTS": J, "EXTRAS": model.extra.shape[1], "MEAN": name}
     for word, value in sizes.items():
         text = text.replace(f"@{word}", str(value))
-    scales = ", ".join(real(s) for s in _scales())
+    scales = ", ".join(real(s) for s in friction_scales)
     text = text.replace("@SCALES", scales).replace("@MOVING", "1" if sites[-1] else "0")
     call = [f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, command);"]
     body = text + "\n" + mean_function(name, reads, call)
@@ -123,9 +120,3 @@ def rigid_body_code(name: str, mean: RigidBodyMean) -> Code:
     pairs = int(paths.sum())
     operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
     return Code(body, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0))
-
-
-def _scales() -> tuple[float, ...]:
-    from etude.robots.arm.inputs import FRICTION_SCALES
-
-    return FRICTION_SCALES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +12,12 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.robots.quadrotor.vehicle import GRAVITY
 
-if TYPE_CHECKING:
-    from etude.robots.quadrotor.inputs import QuadrotorInputs
-    from etude.robots.quadrotor.physics.linear_inverse import LinearInverse
-    from etude.robots.quadrotor.physics.vehicle_inverse import VehicleInverse
-
 FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"
 ROTORS = 4
 
 
-def inputs_code(name: str, inputs: QuadrotorInputs) -> Code:
-    """The states one after the other; nothing is remembered."""
+def inputs_code(name: str, inputs: Any) -> Code:
+    """`QuadrotorInputs`: the states one after the other; nothing is remembered."""
     reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
     lines, place = [], 0
     for channel in reads:
@@ -34,8 +29,8 @@ def inputs_code(name: str, inputs: QuadrotorInputs) -> Code:
     return Code(body, {}, reads=reads, operations=(place, 0))
 
 
-def vehicle_code(name: str, model: VehicleInverse) -> Code:
-    """Voltages by Euler's equation, the allocation and steady motors."""
+def vehicle_code(name: str, model: Any, heights: tuple[float, float]) -> Code:
+    """A `VehicleInverse`: voltages by Euler's equation, the allocation and steady motors."""
     vehicle, theta = model.vehicle, model.coefficients
     reads: tuple[str, ...] = (FORCE, RATES, TURNING)
     if theta[:2].any():
@@ -43,7 +38,7 @@ def vehicle_code(name: str, model: VehicleInverse) -> Code:
     if theta[2:4].any():
         reads += ("altitude",)
     call = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
-    lines = _loads(model, reads)
+    lines = _loads(model, reads, heights)
     for rotor, row in enumerate(np.linalg.inv(vehicle.allocation())):
         slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
         by_speed = vehicle.motor_constant * (1.0 + theta[4])
@@ -58,9 +53,7 @@ def vehicle_code(name: str, model: VehicleInverse) -> Code:
     )
 
 
-def _loads(model: VehicleInverse, reads: Sequence[str]) -> list[str]:
-    from etude.robots.quadrotor.physics.vehicle_inverse import FAR, NEAR
-
+def _loads(model: Any, reads: Sequence[str], heights: tuple[float, float]) -> list[str]:
     vehicle, theta = model.vehicle, model.coefficients
     jx, jy, jz = (real(j) for j in vehicle.inertia)
     lines = [
@@ -85,16 +78,14 @@ def _loads(model: VehicleInverse, reads: Sequence[str]) -> list[str]:
         height = f"(c_altitude[0] > R(0.0) ? c_altitude[0] : R(0.0)) / {real(vehicle.arm)}"
         lines += [
             f"    squares = {height};",
-            f"    load[0] -= lift * ({real(theta[2])} * EXP(-squares / {real(NEAR)})"
-            f" + {real(theta[3])} * EXP(-squares / {real(FAR)}));",
+            f"    load[0] -= lift * ({real(theta[2])} * EXP(-squares / {real(heights[0])})"
+            f" + {real(theta[3])} * EXP(-squares / {real(heights[1])}));",
         ]
     return lines
 
 
-def features_code(name: str, model: LinearInverse) -> Code:
-    """Least squares on physical features."""
-    from etude.robots.quadrotor.physics.linear_inverse import LEAST_LIFT
-
+def features_code(name: str, model: Any, least_lift: float) -> Code:
+    """A `LinearInverse`: least squares on physical features."""
     reads = (FORCE, RATES, TURNING, *model.uses)
     f, w, a = (f"c_{channel}" for channel in reads[:3])
     features = [
@@ -110,7 +101,7 @@ def features_code(name: str, model: LinearInverse) -> Code:
         features += [f"c_{channel}[{i}]" for i in range(width)]
     lift = f"{f}[2] / {real(GRAVITY)}"
     lines = [f"    const real lift = {lift};"]
-    lines += [f"    const real root = SQRT(lift > {real(LEAST_LIFT)} ? lift : {real(LEAST_LIFT)});"]
+    lines += [f"    const real root = SQRT(lift > {real(least_lift)} ? lift : {real(least_lift)});"]
     tables = {
         f"{name}_centre": model.centre,
         f"{name}_weights": (model.weights / model.spread[:, None]).T.copy(),

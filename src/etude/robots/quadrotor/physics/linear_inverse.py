@@ -61,7 +61,7 @@ class LinearInverse:
         """C99 of it."""
         from etude.robots.quadrotor.c99 import features_code
 
-        return features_code(name, self)
+        return features_code(name, self, LEAST_LIFT)
 
 
 def physical_features(log: Log, uses: tuple[str, ...]) -> Array:

@@ -88,7 +88,7 @@ class VehicleInverse:
         """C99 of it."""
         from etude.robots.quadrotor.c99 import vehicle_code
 
-        return vehicle_code(name, self)
+        return vehicle_code(name, self, (NEAR, FAR))
 
     def linearised(self, log: Log) -> tuple[Array, Array]:
         """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""
