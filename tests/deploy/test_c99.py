@@ -37,7 +37,7 @@ def default() -> LearnedModel:
 
 
 def lagrangian() -> LearnedModel:
-    own, every = arm_model("exact", "gip_lin"), arm_model("all_lin", together=True)
+    own, every = arm_model("exact", "gip_lin"), arm_model("all_lin", "ard_se", together=True)
     return averaged(arm_model("exact", "structured"), own, every)
 
 

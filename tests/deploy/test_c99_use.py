@@ -111,7 +111,8 @@ def test_what_friction_remembers_is_begun_anew(fast: Library) -> None:
 def test_exponentials_and_circles_are_as_good_as_the_library_s(tmp_path: Path) -> None:
     (tmp_path / "t.c").write_text(
         "#include <math.h>\n#include <stdint.h>\n#include <stdio.h>\n#include <string.h>\n"
-        f"#define SINGLE 0\n#define VARIANCE 1\ntypedef double real;\n{prelude('exponentials( cosines_sines( ')}\n"
+        "#define SINGLE 0\n#define VARIANCE 1\ntypedef double real;\n"
+        f"{prelude('exponentials( cosines_sines( ')}\n"
         """
 int main(void)
 {
