@@ -63,6 +63,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
     new, old = (folder.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{w}-{folder.name}" for w in ("new", "old"))
     try:
         try:
+            for rest in (new, old):  # of an earlier failure
+                shutil.rmtree(rest, ignore_errors=True)
             for name, data in files.items():
                 (new / name).parent.mkdir(parents=True, exist_ok=True)
                 _write_new(new / name, data)

@@ -11,7 +11,8 @@ import numpy as np
 
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.tables import table, tables
+from etude.deploy.c99.tables import finite, table, tables
+from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.trust import TRUSTED, UNKNOWN
 
@@ -19,11 +20,15 @@ PHYSICAL = ("nominal", "identified")
 
 
 def source(plan: Plan, form: Form) -> tuple[str, int]:
-    """NAME.c, and the bytes of its tables."""
+    """NAME.c, and the bytes of its tables. NumericalError if a table holds what is no number."""
     data: dict[str, Any] = {}
     for code in plan.codes:
         data |= code.data
         data |= code.variance if form.variance else {}
+    if not finite(data):
+        raise NumericalError(
+            "the model holds numbers that are not finite", next_step="Train it again; do not run it."
+        )
     text, size = tables(data, form.single)
     words = {"VARIANCE": form.variance, "SINGLE": form.single}
     bodies = resolved("\n".join(code.body for code in plan.codes), words)

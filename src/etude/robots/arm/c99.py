@@ -113,10 +113,10 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     for word, value in sizes.items():
         text = text.replace(f"@{word}", str(value))
     scales = ", ".join(real(s) for s in friction_scales)
-    text = text.replace("@SCALES", scales).replace("@MOVING", "1" if sites[-1] else "0")
+    text = text.replace("@SCALES", scales)
     call = [f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, command);"]
-    body = text + "\n" + mean_function(name, reads, call)
+    whole = text + "\n" + mean_function(name, reads, call)
     data = {f"{name}_{key}": table for key, table in tables.items()}
     pairs = int(paths.sum())
     operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
-    return Code(body, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0))
+    return Code(whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0))
