@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from c_models import ARM, QUADROTOR, alone, arm_model, arm_spec, averaged, quadrotor_model, quadrotor_spec
 
 from compilers import FAST, SANITIZED, STRICT, run, tool
+from etude.deploy.c99.golden import golden, log_of
 from etude.deploy.c99.header import Form
+from etude.deploy.c99.plan import planned
 from etude.deploy.c99.target import c_files
 from etude.models.model import LearnedModel
 
@@ -43,13 +46,13 @@ def lagrangian() -> LearnedModel:
 
 CASES = {
     "structured": Case(default),
-    "exact_shared": Case(lambda: arm_model("exact", "ard_se", together=True)),
+    "exact_shared": Case(lambda: arm_model("exact", "short", together=True)),
     "dictionary": Case(lambda: arm_model("dictionary_variance", "structured")),
     "ssgp_fixed": Case(lambda: arm_model("ssgp_fixed", "ard_se")),
     "ssgp_learned": Case(lambda: arm_model("ssgp_learned", "ard_se")),
     "fitc": Case(lambda: arm_model("fitc", "structured")),
-    "vfe": Case(lambda: arm_model("vfe", "ard_se")),
-    "sogp": Case(lambda: arm_model("sogp", "ard_se")),
+    "vfe": Case(lambda: arm_model("vfe", "short")),
+    "sogp": Case(lambda: arm_model("sogp", "short")),
     "lagrangian": Case(lagrangian),
     "identified": Case(lambda: alone(arm_model(physics=True), grows=False)),
     "doubted": Case(lambda: alone(arm_model(physics=True), grows=True)),
@@ -75,6 +78,18 @@ def agrees(folder: Path, name: str, compiler: str, flags: tuple[str, ...]) -> No
     run(command, folder)
     said = run([f"./{name}_run"], folder)
     assert said.endswith("0 wrong flags\n"), said
+
+
+@pytest.mark.parametrize("name", ["exact_shared", "fitc", "vfe", "sogp", "ssgp_fixed"])
+def test_the_vectors_ask_the_process(name: str) -> None:
+    """Far from all points a process says nothing, and its C could hold anything."""
+    model = CASES[name].make()
+    plan = planned(model, ARM, arm_spec(), name)
+    silent = tuple(replace(c, units=c.units * np.array([[1.0], [0.0]])) for c in model.candidates)
+    log = log_of(plan, golden(plan).inputs)
+    said = np.abs(model.predict(log)[0] - replace(model, candidates=silent).predict(log)[0]) / plan.limit
+    assert (np.median(said, axis=0) > 1e-6).all()
+    assert (said.max(axis=0) > 1e-3).all()
 
 
 @pytest.mark.parametrize("name", EVERYDAY)

@@ -14,6 +14,8 @@ COUNT = 100
 SEED = 20
 BEYOND = 1.15
 """Half ranges that most of the states swing through; single ones leave the range that they are clamped to."""
+LEAST = 0.1
+"""Part of that with which the first swing: far from all points kernels have nothing to say."""
 NOT_A_NUMBER, CLAMPED, UNTRAINED, LIMITED = 1, 2, 4, 8
 
 
@@ -46,7 +48,8 @@ def golden(plan: Plan, count: int = COUNT, seed: int = SEED, *, single: bool = F
     half = np.where(plan.trained_high >= 1e6, 10.0, half)
     t = np.linspace(0.0, 1.0, count)[:, None]
     cycles = rng.uniform(1.0, 9.0, size=len(half))
-    states = middle + BEYOND * half * np.sin(2.0 * np.pi * (cycles * t + rng.uniform(size=len(half))))
+    growing = BEYOND * np.linspace(LEAST, 1.0, count)[:, None]  # the first are near what was trained on
+    states = middle + growing * half * np.sin(2.0 * np.pi * (cycles * t + rng.uniform(size=len(half))))
     states[::17] = middle + half * rng.uniform(-5.0, 5.0, size=states[::17].shape)
     if single:
         states = states.astype(np.float32).astype(float)
