@@ -14,8 +14,8 @@ from etude.commands.ask import Ask
 from etude.commands.bench import Bench
 from etude.commands.demo import Demo
 from etude.commands.doctor import Doctor
-from etude.commands.help_texts import Page, in_words
 from etude.commands.export import Export
+from etude.commands.help_texts import Page, in_words
 from etude.commands.init import Init
 from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
