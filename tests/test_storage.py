@@ -64,6 +64,25 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     assert steps >= 5
 
 
+def test_a_failed_folder_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
+    old, new = ({"mark": b"", "a/b": b"x" * n, "c": b""} for n in (1, 2))
+    for step in range(1, 40):
+        storage.write_folder(tmp_path / "out", old, "mark")
+        with pytest.MonkeyPatch.context() as patch:
+            seen = fail_at(patch, step, full)
+            with contextlib.suppress(EtudeError):
+                storage.write_folder(tmp_path / "out", new, "mark")
+            steps = seen[0]
+        assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".partial-")] == ["out"]
+        assert (tmp_path / "out" / "a" / "b").read_bytes() in (b"x", b"xx")
+        assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["a", "c", "mark"]
+        if steps < step:
+            break
+    assert steps >= 8
+    storage.write_folder(tmp_path / "out", old, "mark")
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
 @pytest.mark.parametrize("error", [full, Stop], ids=["disk full", "killed"])
 def test_a_failed_append_loses_no_earlier_line(tmp_path: Path, error: Callable[[], BaseException]) -> None:
     path = tmp_path / "journal"

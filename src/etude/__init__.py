@@ -24,6 +24,8 @@ _PLACES = {
     "read_log": "etude.campaign.reading",
     "load_robot": "etude.campaign.create",
     "load_model": "etude.campaign.learn",
+    "predict": "etude.campaign.predict",
+    "export": "etude.campaign.model_export",
     "certify": "etude.limits.certificate",
 }
 PUBLIC = ("contracts", "errors", "plugins", "progress", "storage", "testing", "threads")
@@ -35,9 +37,11 @@ __all__ = [
     "contracts",
     "create_campaign",
     "errors",
+    "export",
     "load_model",
     "load_robot",
     "open_campaign",
+    "predict",
     "promote",
     "read_log",
     "rollback",

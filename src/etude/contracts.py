@@ -11,7 +11,7 @@ it is named in a sentence, never stubbed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -30,9 +30,6 @@ Margins = Mapping[
     str, tuple[Array, Array | float]
 ]  # by Trajectory.form: (O, k), NaN where not held, and its confidence, 0 where assumed: (O, k) or one number
 Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the channel itself; "tanh", ...)
-Code = tuple[
-    Mapping[str, Array], int, str
-]  # C99 of a function: static data, words of memory, body over `real`
 
 
 @dataclass(frozen=True)
@@ -316,6 +313,29 @@ class Planned:
     X: Array
     gains: Array
     pull: Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """C99 of a function `name` over the type `real` and with the helpers of deploy/c99/prelude.c, no name of
+    its own but such as begin with `name`. body: its definitions, the function last:
+
+    Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
+    Mean: void name(const real *channel, ..., real *command), and name_static, what remains at rest.
+    Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
+    may be 0 then too.
+    data: static tables by name, of real or int; variance: those that variances alone need. reads: the
+    channels, in order; memory: words of it; work: reals on the stack; operations: of real numbers in one
+    call at worst, and those more for variances.
+    """
+
+    body: str
+    data: Mapping[str, Any]
+    variance: Mapping[str, Any] = field(default_factory=dict)
+    reads: tuple[str, ...] = ()
+    memory: int = 0
+    work: int = 0
+    operations: tuple[int, int] = (0, 0)
 
 
 class Inputs(Protocol):
@@ -637,3 +657,20 @@ Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
 # `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
 # `recognises(path, head)`
 Reader = Callable[[Any, Sequence[str]], Mapping[str, Log]]
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """A model as another program takes it: files by name (with folders: "a/b.h"), sentences for people and
+    facts for machines about them.
+    """
+
+    files: Mapping[str, bytes]
+    said: tuple[str, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+# `etude.targets`: (model, kind, spec, options) -> files of a model that leaves. options: those of the command
+# that were given, and "model_hash"; a name that the target does not know is a UsageError.
+# Attribute `needs`: more that it asks of the campaign, names of `campaign.supplied`, options then too
+Target = Callable[[Any, Kind, Any, Mapping[str, Any]], Delivered]

@@ -66,6 +66,11 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "crazyflie": "etude.deploy.exporters.poly4d:POLY4D",
         "lerobot": "etude.deploy.exporters.lerobot:LEROBOT",
     },
+    # a model that leaves: `etude export --to`
+    "etude.targets": {
+        "online": "etude.deploy.online_folder:ONLINE",
+        "c": "etude.deploy.c99.target:C99",
+    },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",
@@ -85,6 +90,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "quadrotor_loop": "etude_studies.flight_loop:run",
         "thesis": "etude_studies.thesis.study:STUDY",
         "watch": "etude_studies.watch:run",
+        "bench_c99": "etude_studies.bench_c99:run",
         "bench_changed": "etude_studies.bench_changed:run",
         "bench_crazyflie": "etude_studies.crazyflie:run",
         "bench_gp": "etude_studies.bench_gp:run",

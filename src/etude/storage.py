@@ -9,8 +9,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from etude.errors import EtudeError, UsageError
@@ -40,6 +41,50 @@ def write_atomic(path: Path, data: bytes) -> None:
         _sync_folder(path.parent)
     except OSError as error:
         raise _refused(path, error) from error
+
+
+def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
+    """Writes files, by names that may hold folders, so that `folder` is there whole or not at all.
+
+    Args:
+        mark: name of the file that says what the folder is: one that holds it is replaced.
+
+    Raises:
+        UsageError: there is something else of that name.
+        EtudeError: the disk is full or refuses; what was there is untouched.
+    """
+    folder = Path(folder)
+    if folder.is_symlink() or (folder.exists() and not _may_replace(folder, mark)):
+        raise UsageError(
+            "there is something else of that name, which is not replaced",
+            where=str(folder),
+            next_step="Name another folder.",
+        )
+    new, old = (folder.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{w}-{folder.name}" for w in ("new", "old"))
+    try:
+        try:
+            for rest in (new, old):  # of an earlier failure
+                shutil.rmtree(rest, ignore_errors=True)
+            for name, data in files.items():
+                (new / name).parent.mkdir(parents=True, exist_ok=True)
+                _write_new(new / name, data)
+            if folder.exists():
+                os.replace(folder, old)
+            os.replace(new, folder)
+        except BaseException:
+            if old.exists() and not folder.exists():
+                os.replace(old, folder)
+            raise
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+            shutil.rmtree(old, ignore_errors=True)
+        _sync_folder(folder.parent)
+    except OSError as error:
+        raise _refused(folder, error) from error
+
+
+def _may_replace(folder: Path, mark: str) -> bool:
+    return folder.is_dir() and ((folder / mark).is_file() or not any(folder.iterdir()))
 
 
 def append_line(path: Path, line: str) -> None:
@@ -134,8 +179,11 @@ def writer_lock(folder: Path, wait_s: float = 10.0) -> Iterator[None]:
 
 def remove_leftovers(folder: Path) -> None:
     """Deletes temporary files that a killed writer left; only the holder of the lock may call this."""
-    for path in Path(folder).rglob(f"{TEMPORARY_PREFIX}*"):
-        path.unlink(missing_ok=True)
+    for path in list(Path(folder).rglob(f"{TEMPORARY_PREFIX}*")):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _write_new(path: Path, data: bytes) -> None:

@@ -14,11 +14,13 @@ from etude.commands.ask import Ask
 from etude.commands.bench import Bench
 from etude.commands.demo import Demo
 from etude.commands.doctor import Doctor
+from etude.commands.export import Export
 from etude.commands.help_texts import Page, in_words
 from etude.commands.init import Init
 from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
 from etude.commands.plugins import Plugins
+from etude.commands.predict import Predict
 from etude.commands.promote import Promote
 from etude.commands.report import Report
 from etude.commands.rollback import Rollback
@@ -47,6 +49,8 @@ AnyCommand = (
     | Annotated[Watch, tyro.conf.subcommand("watch")]
     | Annotated[Status, tyro.conf.subcommand("status")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Predict, tyro.conf.subcommand("predict")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]

@@ -1,4 +1,4 @@
 """What leaves for the robot: trajectory files and the command expected along them."""
 
-PUBLIC = ()
+PUBLIC = ("c99",)
 """Modules that may be used from outside."""

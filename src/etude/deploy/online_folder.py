@@ -12,7 +12,8 @@ import msgspec
 import numpy as np
 
 from etude import __version__
-from etude.contracts import Kind, Log, Motion
+from etude.contracts import Delivered, Kind, Log, Motion
+from etude.deploy.options import taken
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.online import guard_hedge as hedge
@@ -25,6 +26,7 @@ from etude.models.online.guard_effort import (
     feedback_of,
 )
 from etude.models.online.learner import OnlineConfig
+from etude.models.online.methods import known
 from etude.models.store import model_bytes
 
 MODEL, SETTINGS, CERTIFICATE, README, HASHES = (
@@ -85,6 +87,40 @@ def write(
     files[README] = _readme(model, kind, spec, feedback).encode()
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())}
     return {**files, HASHES: _json({"etude": __version__, "files": hashes})}
+
+
+@dataclass(frozen=True)
+class Told:
+    """Options of the target: what the campaign supplies, how to learn, and what its learners draw."""
+
+    description: Mapping[str, bytes]
+    logs: Sequence[Log]
+    config: Any
+    method: str = "variance"
+    seed: int = 0
+    model_hash: str = ""
+
+
+class Online:
+    """The target `online` (`contracts.Target`): options method and seed."""
+
+    needs = ("config", "logs", "description")
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+        """Errors as `write`; UsageError: an option or a method that there is not."""
+        told = taken(options, Told, "online")
+        own = OnlineOptions(
+            told.description,
+            told.logs,
+            OnlineConfig(known(told.method)),
+            seed=int(told.seed),
+            model_hash=told.model_hash,
+        )
+        said = "Open it on the robot: etude.deploy.runtime.open_online(FOLDER)."
+        return Delivered(write(model, kind, spec, told.config, own), (said,))
+
+
+ONLINE = Online()
 
 
 def stored_feedback(feedback: Feedback) -> dict[str, Any]:

@@ -11,6 +11,7 @@ PUBLIC = (
     "linear",
     "manner",
     "model",
+    "process",
     "score",
     "student_t",
     "together",

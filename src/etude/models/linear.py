@@ -38,9 +38,11 @@ class LinearMean:
         """The weights."""
         return {"weights": self.weights}
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: no C99 of it yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it: a sum for each command."""
+        from etude.models.c99 import linear_code
+
+        return linear_code(name, self.inputs.columns, self.weights)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Inputs, Log, Mean, Posterior
+from etude.contracts import Array, Candidate, Channel, Inputs, Log, Mean, Posterior, Trajectory
 from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
@@ -143,6 +143,23 @@ class LearnedModel:
         """Commands (n, J) alone, without the price of their variances."""
         X, means = self.inputs.of_log(log), _Means(log)
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+
+    def commanded(self, log: Log) -> Log:
+        """Channels "command" and "deviation", (n, J), at each row of a log of states."""
+        mean, variance = self.predict(log)
+        parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
+        channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
+        values = {"command": mean, "deviation": np.sqrt(variance)}
+        return replace(log, channels=channels, values=values)
+
+    def feedforward(self, trajectory: Trajectory, rate: float = 100.0) -> Log:
+        """Commands with deviations along a perfect run of a trajectory, `rate` times a second, its end too.
+
+        Channels "command" and "deviation", (T, J). Take a rate at which the inputs' memory sees where the
+        motion turns (`inputs.rate`).
+        """
+        t = np.minimum(np.arange(int(np.ceil(trajectory.duration * rate)) + 1) / rate, trajectory.duration)
+        return self.commanded(self.inputs.states(trajectory.motion(t, self.inputs.orders)))
 
     def static(self, log: Any) -> Array:
         """The part (n, J) of the commands that remains at rest; states as for `predict`."""

@@ -142,9 +142,11 @@ class Posteriors:
         arrays = {f"{i}.{name}": a for i, p in enumerate(parts) for name, a in posterior_arrays(p).items()}
         return {WORDS: cast("Array", np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)), **arrays}
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: no C99 of it yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it, with variances. UnwritableError if a posterior or a kernel has none."""
+        from etude.models.c99 import posteriors_code
+
+        return posteriors_code(name, self.own)
 
 
 def taught(teaching: Teaching) -> Posteriors:
@@ -229,6 +231,8 @@ class Silent:
         names = ("calibration", "least", "prior")
         return {name: getattr(self, name) for name in names} | {"grows": np.array(float(self.grows))}
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: there is nothing to say in C."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it. Errors as those of `own`."""
+        from etude.models.c99 import silent_code
+
+        return silent_code(name, self)

@@ -85,7 +85,8 @@ def with_process(
         density = held.density(scale)
         if found is None or density > best:
             mean = None if base is None else base.mean
-            candidate = Offered(rung, group, np.zeros(len(group)), mean, process, units, scale)
+            error = held.errors("absolute")
+            candidate = Offered(rung, group, np.zeros(len(group)), mean, process, units, scale, error=error)
             found, best = Learned(candidate, held, rows), density
         if held_fast:  # the noise is held too
             break

@@ -161,6 +161,9 @@ def _candidate_words(
     for name in ("weights", "units", "calibration"):
         shelf.put(f"{prefix}/{name}", getattr(candidate, name))
     shelf.put(f"{prefix}/share", share_of(candidate))
+    error = getattr(candidate, "error", None)
+    if error is not None:
+        shelf.put(f"{prefix}/error", error)
     name = getattr(candidate, "name", "default")
     words: dict[str, Any] = {
         "rung": candidate.rung,
@@ -218,6 +221,7 @@ def _candidate(
         calibration=arrays[f"{prefix}/calibration"],
         name=words.get("name", "default"),
         share=arrays.get(f"{prefix}/share"),
+        error=arrays.get(f"{prefix}/error"),
     )
 
 

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from etude.contracts import Column
+from etude.contracts import Code, Column
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
 from etude.models.gp.kernels import own_friction
@@ -100,6 +100,12 @@ class Lagrangian(Kernel):
 
         p, fixed = self._packed(theta, Z)
         return lambda x: self._values(p, self.joints.packed(x[None]), fixed, EVERY, len(Z))[0]
+
+    def c_block(self, name: str, theta: Array, Z: Array) -> Code:
+        """C99 of covariances with points Z (n, D); see `gp.c99.BlockKernel`."""
+        from etude.models.lagrangian.c99 import kernel_code
+
+        return kernel_code(name, self, theta, Z)
 
     def _packed(self, theta: Array, X: Array) -> tuple[Array, Array]:
         return self.parameters.array(self.check(theta)), self.joints.packed(X)

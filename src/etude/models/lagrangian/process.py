@@ -191,9 +191,11 @@ class JointProcess:
             "counts": cast("Array", self.counts),
         }
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: no C99 of it yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it, with variances. UnwritableError if an addition has none."""
+        from etude.models.lagrangian.c99 import joint_code
+
+        return joint_code(name, self)
 
     @cached_property
     def _rest(self) -> list[Array]:

@@ -204,8 +204,11 @@ class ArmInputs:
         length, play, slow = (np.asarray(arrays[n], dtype=float) for n in ("presliding", "play", "slow"))
         return replace(found, presliding=length, play=play, slow=slow)
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of the map, its memory with it."""
+        from etude.robots.arm.c99 import inputs_code
+
+        return inputs_code(name, self)
 
     def _sigma(self, q: Array) -> Array:
         """(T, J) what friction remembers along positions q (T, J) from an unknown past; zeros without."""

@@ -212,9 +212,11 @@ class QuadrotorInputs:
             lateral=DragModel.restored(lateral) if lateral else None,
         )
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: not written yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it."""
+        from etude.robots.quadrotor.c99 import inputs_code
+
+        return inputs_code(name, self)
 
 
 def _planned(flat: FlatMotion) -> tuple[Array, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Log, Samples
 from etude.errors import UsageError
+from etude.robots.arm.inputs import FRICTION_SCALES
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
@@ -62,8 +63,11 @@ class RigidBodyMean:
             found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
         return {**found, "desired": np.array(self.desired)}
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it: Newton-Euler in the drives' coordinates."""
+        from etude.robots.arm.c99 import rigid_body_code
+
+        return rigid_body_code(name, self, FRICTION_SCALES)
 
 
 @dataclass(frozen=True, eq=False)

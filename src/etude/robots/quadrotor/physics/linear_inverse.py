@@ -57,9 +57,11 @@ class LinearInverse:
         """Commands (T, 4) that would hold the vehicle where it is."""
         return self.predict(hovering(log))
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: not written yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it."""
+        from etude.robots.quadrotor.c99 import features_code
+
+        return features_code(name, self, LEAST_LIFT)
 
 
 def physical_features(log: Log, uses: tuple[str, ...]) -> Array:

@@ -84,9 +84,11 @@ class VehicleInverse:
         """Voltages (T, 4) that would hold the vehicle where it is."""
         return self.predict(hovering(log))
 
-    def c(self, name: str) -> Code | None:  # noqa: ARG002
-        """None: not written yet."""
-        return None
+    def c(self, name: str) -> Code:
+        """C99 of it."""
+        from etude.robots.quadrotor.c99 import vehicle_code
+
+        return vehicle_code(name, self, (NEAR, FAR))
 
     def linearised(self, log: Log) -> tuple[Array, Array]:
         """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""

@@ -1,0 +1,100 @@
+"""The model leaves the house: as a folder of what another program runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etude import __version__, plugins
+from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.in_use import model_in_use
+from etude.campaign.supplied import supplied
+from etude.contracts import Delivered, Target
+from etude.deploy.options import MODEL_HASH
+from etude.errors import UsageError
+from etude.models.model import LearnedModel
+from etude.storage import sha256_of, write_folder
+
+GROUP = "etude.targets"
+MARK = "etude-export.json"
+"""Says what the folder is: one that holds it may be replaced by the next export."""
+EXPORTS = "exports"
+"""Where in the campaign folders are written unless another is named."""
+
+
+@dataclass(frozen=True)
+class ModelFiles:
+    """What an export wrote.
+
+    Attributes:
+        target: its name among `etude.targets`.
+        folder: where the files are; files: their names in it.
+        said: what people should know of them. facts: the same for machines.
+    """
+
+    target: str
+    folder: Path
+    files: tuple[str, ...]
+    said: tuple[str, ...]
+    facts: Mapping[str, Any]
+
+
+def model_to_export(campaign: Campaign) -> tuple[LearnedModel, Path]:
+    """The model that goes out, the one in use, and its file.
+
+    Raises:
+        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
+    """
+    used = model_in_use(campaign)
+    return used.model, used.path
+
+
+def export(
+    campaign: Campaign | str | Path, to: str, output: str | Path | None = None, **options: Any
+) -> ModelFiles:
+    """Writes the model as `to` names it, whole or not at all; an earlier export there is replaced.
+
+    Args:
+        campaign: the folder, or it opened.
+        to: name of a target, such as "c"; `etude plugins` lists them.
+        output: folder to write; by default exports/`to` in the campaign.
+        options: of the target, named as those of the command with _ for -.
+
+    Raises:
+        UsageError: nothing learned yet, no such target, an option that it does not know, what it cannot
+            export, or a folder that holds something else. EtudeError: it may not be written.
+    """
+    campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
+    target: Target = plugins.load(GROUP, to)
+    model, file = model_to_export(campaign)
+    digest = sha256_of(file)
+    options |= {**supplied(campaign, getattr(target, "needs", ())), MODEL_HASH: digest}
+    delivered = target(model, campaign.kind, campaign.spec, options)
+    folder = campaign.path / EXPORTS / to if output is None else Path(output)
+    write_folder(folder, {**delivered.files, MARK: _mark(to, digest, delivered)}, MARK)
+    return ModelFiles(to, folder, tuple(delivered.files), delivered.said, delivered.facts)
+
+
+def _mark(to: str, digest: str, delivered: Delivered) -> bytes:
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in delivered.files.items()}
+    words = {"etude": __version__, "target": to, "model_sha256": digest, "files": hashes}
+    return (json.dumps(words, indent=1) + "\n").encode()
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that somebody gave: those that are neither None nor False nor empty.
+
+    Raises:
+        UsageError: `more`, as key=value, that is none.
+    """
+    found = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
+    for word in found.pop("more", ()):
+        name, equals, value = word.partition("=")
+        if not (name and equals):
+            raise UsageError(f"--set takes NAME=VALUE, not {word!r}")
+        found[name.replace("-", "_")] = value
+    return found

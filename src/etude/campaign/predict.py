@@ -1,0 +1,126 @@
+"""Commands along a motion that was planned or recorded: what a person asks a model for, in a table."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.model_export import model_to_export
+from etude.contracts import Array, Channel, Log
+from etude.errors import DataError, UsageError
+from etude.logs.read import matched_log
+from etude.models.model import LearnedModel
+from etude.storage import write_atomic
+from etude.trajectories.json_text import from_json
+
+COMMAND, DEVIATION = "command", "deviation"
+EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
+"""Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
+
+
+def predict(campaign: Campaign | str | Path, motion: str | Path | Log, *, degrees: bool = False) -> Log:
+    """Commands and their deviations along a motion: channels "command" and "deviation", each (T, J).
+
+    Args:
+        campaign: the folder, or it opened.
+        motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.
+            Where it lacks velocities or accelerations they are made of the positions as learning makes them.
+        degrees: the table's angles are degrees.
+
+    Raises:
+        UsageError: nothing learned yet, or no such file. DataError: it is no motion of this robot.
+    """
+    campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
+    model, _ = model_to_export(campaign)
+    if not isinstance(motion, Log):
+        place = Path(motion)
+        if not place.exists():
+            raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
+        if place.suffix == ".json":
+            found = model.feedforward(from_json(place.read_bytes()), rate=float(campaign.spec.rate))
+            return _in_units(found, campaign)
+        motion = _read(campaign, place, degrees)
+    return _in_units(along(campaign, model, motion), campaign)
+
+
+def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
+    """The same of a log with the channels that the model looks at, or with those that the recipe needs.
+
+    Raises:
+        DataError: it has neither.
+    """
+    wanted = dict.fromkeys(channel for channel, *_ in model.inputs.columns)
+    missing = [name for name in wanted if name not in motion]
+    return model.commanded(_as_learning(campaign, motion, missing) if missing else motion)
+
+
+def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:
+    """The states that the kind's recipe makes of the log, at all of its rows that the filter reaches."""
+    data: Any = campaign.config.data
+    own = {name: value for name, value in EVERY_ROW.items() if hasattr(data, name)}
+    config = replace(campaign.config, data=replace(data, **own))
+    if campaign.command.name not in motion:
+        ramp = np.linspace(0.0, 1.0, len(motion))  # a recipe asks for commands, and no state depends on them
+        parts = len(campaign.command.parts)
+        motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
+    groups = [np.zeros(len(motion), dtype=np.int64)]
+    samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
+    said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
+    return samples.log.repaired(said[0].upper() + said[1:])
+
+
+def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
+    from etude.logs.doctor import drop_unreadable, order_rows
+    from etude.logs.units import from_degrees, start_at_zero
+
+    loose = [
+        replace(c, required=c.name == campaign.kind.path) if c.role == "command" else c
+        for c in campaign.channels
+    ]
+    rate = campaign.kind.expected(campaign.spec).rate
+    log, stated = matched_log(path, loose, rate, (), campaign.config.log)
+    log = from_degrees(log, stated) if degrees else log
+    return start_at_zero(order_rows(drop_unreadable(log)))
+
+
+def _in_units(found: Log, campaign: Campaign) -> Log:
+    """With the robot's own channel of commands, so that their unit is known."""
+    named = {COMMAND: campaign.command, DEVIATION: replace(campaign.command, name=DEVIATION, role="aside")}
+    return replace(found, channels=named)
+
+
+def write_table(path: Path, found: Log) -> None:
+    """Commands with deviations as CSV, every number in full, or as Parquet, by the suffix.
+
+    Raises:
+        UsageError: another suffix.
+    """
+    if path.suffix == ".parquet":
+        import polars as pl
+
+        buffer = io.BytesIO()
+        pl.DataFrame(_columns(found)).write_parquet(buffer)
+        write_atomic(path, buffer.getvalue())
+        return
+    if path.suffix != ".csv":
+        raise UsageError("commands are written as .csv or .parquet", where=str(path))
+    columns = _columns(found)
+    rows = np.column_stack([*columns.values()]).tolist()
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def _columns(found: Log) -> dict[str, Array]:
+    columns = {"time": found.t}
+    for name in (COMMAND, DEVIATION):
+        channel: Channel = found.channels[name]
+        columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
+    if not np.isfinite(np.column_stack([*columns.values()])).all():
+        raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
+    return columns

@@ -1,0 +1,42 @@
+"""What a target of a model asks for beside it, by name: its attribute `needs` lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from etude.campaign.folder import ROBOT, Campaign
+from etude.campaign.learn import told_samples
+from etude.contracts import Log, Samples
+from etude.logs.log_file import read_log_file
+
+
+def supplied(campaign: Campaign, needs: Sequence[str]) -> dict[str, Any]:
+    """The options of these names: config, logs, samples, description."""
+    known: Mapping[str, Callable[[], Any]] = {
+        "config": lambda: campaign.config,
+        "logs": lambda: told_logs(campaign),
+        "samples": lambda: all_samples(campaign),
+        "description": lambda: description(campaign),
+    }
+    return {name: known[name]() for name in needs}
+
+
+def told_logs(campaign: Campaign) -> list[Log]:
+    """The logs that the newest model was learned from."""
+    return [read_log_file(campaign.run_file(number)) for number in _numbers(campaign)]
+
+
+def all_samples(campaign: Campaign) -> Samples:
+    """The samples that the newest model was learned from."""
+    return told_samples(campaign, _numbers(campaign))
+
+
+def description(campaign: Campaign) -> Mapping[str, bytes]:
+    """Files of the robot's description by name, as the campaign was made with them."""
+    created = next(event for event in campaign.events() if event.event == "created")
+    return {name: (campaign.path / name).read_bytes() for name in sorted({ROBOT, *created.files})}
+
+
+def _numbers(campaign: Campaign) -> list[int]:
+    return [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]

@@ -1,0 +1,4 @@
+"""A model as C99: one header and one source file, its tests, and a CMake file."""
+
+PUBLIC = ("header", "target")
+"""Modules that may be used from outside."""

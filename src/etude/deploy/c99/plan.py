@@ -1,0 +1,174 @@
+"""What is exported, looked up once: the states a model reads, their ranges, its parts with names in C."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Candidate, Channel, Code, Kind, Mean
+from etude.deploy.c99.names import identifier, identifiers
+from etude.errors import UsageError
+from etude.models.gp.c99 import UnwritableError
+from etude.models.model import LearnedModel
+
+WIDENED = 0.5
+"""Parts of the range trained on by which inputs may leave it at either end before they are clamped."""
+UNBOUNDED = 1e6
+"""Of a state that the model's inputs are not made of, so that no range of it is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A model taken apart.
+
+    Attributes:
+        name: prefix in C. model, candidates: those in use. channels: what is read, in order.
+        inputs: code of the feature map. means, processes: code by its function, each once.
+        mean_of, process_of: the function of each candidate, "" of no mean.
+        low, high, trained_low, trained_high: (N,) of the states. limit: (J,) how far commands reach.
+        least, most: (J,) of commands.
+        still: (N,) whether a state is the rate of another.
+    """
+
+    name: str
+    model: LearnedModel
+    candidates: tuple[Candidate, ...]
+    channels: tuple[Channel, ...]
+    inputs: Code
+    means: Mapping[str, Code]
+    processes: Mapping[str, Code]
+    mean_of: tuple[str, ...]
+    process_of: tuple[str, ...]
+    low: Array
+    high: Array
+    trained_low: Array
+    trained_high: Array
+    limit: Array
+    least: Array
+    most: Array
+    still: tuple[bool, ...]
+    units: tuple[str, ...]
+
+    @property
+    def parts(self) -> list[tuple[Channel, int]]:
+        """Each number that is read: its channel and part."""
+        return [(channel, i) for channel in self.channels for i in range(len(channel.parts))]
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of these numbers, as columns of logs are named."""
+        return [f"{c.name}_{c.parts[i]}" if c.parts[i] else c.name for c, i in self.parts]
+
+    @property
+    def memory(self) -> int:
+        return self.inputs.memory
+
+    @property
+    def codes(self) -> list[Code]:
+        return [self.inputs, *self.means.values(), *self.processes.values()]
+
+    def operations(self, variance: bool) -> int:
+        """Of real numbers in one call at worst."""
+        return sum(sum(c.operations) if variance else c.operations[0] for c in self.codes)
+
+
+def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
+    """The model taken apart.
+
+    Raises:
+        UsageError: a part of it has no C, named.
+    """
+    prefix = identifier(name or spec.name)
+    used = tuple(c for c in model.candidates if c.weights.any())
+    inputs = _written(model.inputs.c(f"{prefix}_inputs"), "the inputs of this kind of robot")
+    means: dict[str, Code] = {}
+    processes: dict[str, Code] = {}
+    names: dict[int, str] = {}
+    mean_of, process_of = [], []
+    for candidate in used:
+        mean_of.append("" if candidate.mean is None else _mean(candidate.mean, prefix, means, names))
+        process_of.append(_process(candidate, prefix, processes, names))
+    available = {channel.name: channel for channel in kind.channels(spec)}
+    reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])
+    channels = tuple(available[read] for read in reads)
+    low, high, trained_low, trained_high = _ranges(model, channels)
+    command = next(c for c in available.values() if c.role == "command")
+    limit = np.asarray(kind.limit(spec), dtype=float)
+    known = kind.expected(spec).limits.get(command.name)
+    least, most = (-limit, limit) if known is None else (np.asarray(side, dtype=float) for side in known)
+    still = tuple(bool(c.derivative_of) and c.role in ("state", "plan") for c in channels for _ in c.parts)
+    return Plan(
+        prefix,
+        model,
+        used,
+        channels,
+        inputs,
+        means,
+        processes,
+        tuple(mean_of),
+        tuple(process_of),
+        low,
+        high,
+        trained_low,
+        trained_high,
+        limit,
+        least,
+        most,
+        still,
+        command.units,
+    )
+
+
+def _written(code: Code | None, what: str) -> Code:
+    if code is None:
+        raise UsageError(f"{what} cannot be exported to C: nobody wrote its C code", next_step=_OTHER)
+    return code
+
+
+_OTHER = "Export another model: choose process and kernel in [model] of campaign.toml, and train again."
+
+
+def _mean(mean: Mean, prefix: str, means: dict[str, Code], known: dict[int, str]) -> str:
+    if id(mean) not in known:
+        name = f"{prefix}_mean{len(means)}"
+        means[name] = _written(mean.c(name), f"the physics {type(mean).__name__}")
+        known[id(mean)] = name
+    return known[id(mean)]
+
+
+def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], known: dict[int, str]) -> str:
+    process = candidate.process
+    assert process is not None
+    if id(process) not in known:
+        name = f"{prefix}_process{len(processes)}"
+        try:
+            code = process.c(name)
+        except UnwritableError as error:
+            raise UsageError(
+                f"{error} cannot be exported to C: nobody wrote its C code",
+                where=f"rung {candidate.rung} of {', '.join(map(str, candidate.commands))}",
+                next_step=_OTHER,
+            ) from error
+        processes[name] = _written(code, f"the process {type(process).__name__}")
+        known[id(process)] = name
+    return known[id(process)]
+
+
+def _ranges(model: LearnedModel, channels: Sequence[Channel]) -> tuple[Array, Array, Array, Array]:
+    """Clamped to, and trained on: least and largest of each state."""
+    trained: dict[tuple[str, str], tuple[float, float]] = {}
+    for i, (channel, part, _, op) in enumerate(model.inputs.columns):
+        if not op:
+            trained[channel, part] = (float(model.ranges[0, i]), float(model.ranges[1, i]))
+    rows = [trained.get((c.name, part), (-UNBOUNDED, UNBOUNDED)) for c in channels for part in c.parts]
+    least, most = (np.array(side) for side in zip(*rows, strict=True))
+    more = np.where(np.abs(least) < UNBOUNDED, WIDENED * (most - least), 0.0)
+    return least - more, most + more, least, most
+
+
+def parts_in_c(plan: Plan) -> tuple[list[str], list[str]]:
+    """Names of what is read and of the commands, for C."""
+    return identifiers(plan.labels), identifiers(list(plan.model.commands))

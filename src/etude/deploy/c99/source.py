@@ -1,0 +1,201 @@
+"""The source file: tables, the parts' own code, and the functions of the header around them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from etude.deploy.c99.header import Form
+from etude.deploy.c99.plan import Plan
+from etude.deploy.c99.tables import finite, table, tables
+from etude.errors import NumericalError
+from etude.models.gp.c99 import real
+from etude.models.trust import TRUSTED, UNKNOWN
+
+PHYSICAL = ("nominal", "identified")
+
+
+def source(plan: Plan, form: Form) -> tuple[str, int]:
+    """NAME.c, and the bytes of its tables. NumericalError if a table holds what is no number."""
+    data: dict[str, Any] = {}
+    for code in plan.codes:
+        data |= code.data
+        data |= code.variance if form.variance else {}
+    if not finite(data):
+        raise NumericalError(
+            "the model holds numbers that are not finite", next_step="Train it again; do not run it."
+        )
+    text, size = tables(data, form.single)
+    words = {"VARIANCE": form.variance, "SINGLE": form.single}
+    bodies = resolved("\n".join(code.body for code in plan.codes), words)
+    answer = _answer(plan, form)
+    rest = f"{bodies}\n{answer}\n{_functions(plan, form)}"
+    head = f"""/* {plan.name}.c: written by a program; {plan.name}.h says how to call it. */
+#include "{plan.name}.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define VARIANCE {int(form.variance)}
+
+typedef {plan.name}_real real;
+
+"""
+    own = [
+        table(f"{plan.name}_{name}", values, form.single, kind)
+        for name, values, kind in (
+            ("low", plan.low, "const"),
+            ("high", plan.high, "const"),
+            ("least", plan.least, "const"),
+            ("most", plan.most, "const"),
+            ("trained_low", plan.trained_low, "static const"),
+            ("trained_high", plan.trained_high, "static const"),
+        )
+    ]
+    size += (4 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
+    return "\n".join([head + resolved(prelude(rest), words), *own, text, rest]), size
+
+
+def resolved(text: str, words: Mapping[str, bool]) -> str:
+    """The text without the parts that `#if WORD`, `#else` and `#endif` leave out: compilers warn of those."""
+    kept: list[str] = []
+    open_parts: list[bool] = []
+    for line in text.splitlines():
+        first, _, word = line.partition(" ")
+        if first == "#if" and word in words:
+            open_parts.append(words[word])
+        elif line == "#else":
+            open_parts[-1] = not open_parts[-1]
+        elif line == "#endif":
+            open_parts.pop()
+        elif all(open_parts):
+            kept.append(line)
+    return "\n".join(kept) + "\n"
+
+
+def prelude(rest: str) -> str:
+    """What prelude.c has of use to that code: a compiler warns of a function that nobody calls."""
+    text = resources.files("etude.deploy.c99").joinpath("prelude.c").read_text(encoding="utf-8")
+    first, *functions = re.split(r"\n(?=/\* (?!What))", text)
+    kept = [f for f in functions if re.search(rf"\b{_name_of(f)}\(", rest)]
+    return "\n".join([first, *kept])
+
+
+def _name_of(function: str) -> str:
+    found = re.search(r"^static (?:inline )?\w+ (\w+)\(", function, re.MULTILINE)
+    assert found is not None
+    return found[1]
+
+
+def _answer(plan: Plan, form: Form) -> str:
+    """NAME_answer: commands of states that are in range."""
+    name, D, J = plan.name, len(plan.model.inputs.columns), len(plan.model.commands)
+    places = {}
+    at = 0
+    for channel in plan.channels:
+        places[channel.name] = at
+        at += len(channel.parts)
+    arguments = "const real *in, real *memory, int still, real *command"
+    arguments += ", real *variance" * form.variance + ", real *safe" * form.fade
+    lines = [f"static void {name}_answer({arguments})", "{", f"    real x[{D}];"]
+    lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
+    for k, candidate in enumerate(plan.candidates):
+        m = len(candidate.commands)
+        lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}] = {{R(0.0)}}' if form.variance else ''};")
+    lines.append(f"    {_call(f'{name}_inputs', plan.inputs.reads, places, 'memory', 'x')};")
+    held = [i for i, column in enumerate(plan.model.inputs.columns) if column[3] == "memory"]
+    if held:
+        lines += ["    if (still) {", *(f"        x[{i}] = R(0.0);" for i in held), "    }"]
+    for m, (function, code) in enumerate(plan.means.items()):
+        lines += [
+            "    if (still)",
+            f"        {_call(f'{function}_static', code.reads, places, f'from{m}')};",
+            "    else",
+            f"        {_call(function, code.reads, places, f'from{m}')};",
+        ]
+    if not held and not plan.means:
+        lines.append("    (void)still;")
+    lines += _sums(plan, form, list(plan.means))
+    return "\n".join([*lines, "}", ""])
+
+
+def _call(function: str, reads: tuple[str, ...], places: dict[str, int], *rest: str) -> str:
+    return f"{function}({', '.join([*(f'in + {places[read]}' for read in reads), *rest])})"
+
+
+def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
+    """The average of the candidates, and its variance."""
+    J, lines = len(plan.model.commands), []
+    lines += [f"    command[{j}] = R(0.0);" for j in range(J)]
+    lines += [f"    safe[{j}] = R(0.0);" for j in range(J)] if form.fade else []
+    for k, candidate in enumerate(plan.candidates):
+        spread = f"variance ? spread{k} : 0" if form.variance else "0"
+        lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
+        physical = candidate.rung.removesuffix("+gp") in PHYSICAL
+        for i, j in enumerate(candidate.commands):
+            weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
+            source = f"from{means.index(plan.mean_of[k])}[{j}]" if plan.mean_of[k] else ""
+            mean = f" + {source}" if source else ""
+            lines.append(f"    own{k}[{i}] = {real(offset)} + {real(factor)} * own{k}[{i}]{mean};")
+            if weight:
+                lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
+                if form.fade and physical and source:
+                    lines.append(f"    safe[{j}] += {real(weight)} * {source};")
+    return lines + (_spreads(plan) if form.variance else [])
+
+
+def _spreads(plan: Plan) -> list[str]:
+    model = plan.model
+    lines = ["    if (variance) {", "        real apart;"]
+    lines += [f"        variance[{j}] = R(0.0);" for j in range(len(model.commands))]
+    for k, candidate in enumerate(plan.candidates):
+        assert candidate.process is not None
+        for i, j in enumerate(candidate.commands):
+            weight = float(candidate.weights[i])
+            if not weight:
+                continue
+            factor = float(candidate.calibration[i] * candidate.units[1, i] ** 2)
+            noise = float(candidate.process.noise_variance[i])
+            lines.append(f"        apart = own{k}[{i}] - command[{j}];")
+            noisy = f"{real(factor)} * (spread{k}[{i}] + {real(noise)})"
+            lines.append(f"        variance[{j}] += {real(weight)} * ({noisy} + apart * apart);")
+    for j, least in enumerate(model.least if model.least is not None else []):
+        if least > 0.0:
+            lines.append(f"        apart = {real(least)} + command[{j}] * command[{j}];")
+            lines.append(f"        variance[{j}] = variance[{j}] > apart ? variance[{j}] : apart;")
+    return [*lines, "    }"]
+
+
+def _functions(plan: Plan, form: Form) -> str:
+    """The functions of the header."""
+    text = resources.files("etude.deploy.c99").joinpath("functions.c").read_text(encoding="utf-8")
+    parts = re.split(r"^/\* --- (\w+) --- \*/\n", text, flags=re.MULTILINE)
+    named = dict(zip(parts[1::2], parts[2::2], strict=True))
+    kept = ["always", *(["variance"] if form.variance else []), *(["fade"] if form.fade else [])]
+    words = {
+        "NAME": plan.name,
+        "UPPER": plan.name.upper(),
+        "MEMORY": "state->memory" if plan.memory else "0",
+        "FORGET": "    memset(state->memory, 0, sizeof state->memory);\n" if plan.memory else "",
+        "NONE": ", 0" * form.variance + f", {'safe'}" * form.fade,
+        "SAFE": f"    real safe[{len(plan.limit)}];\n" if form.fade else "",
+        "KEPT": ", safe" * form.fade,
+        "MEMORIES": str(max(plan.memory, 1)),
+        "RATES": ", ".join(str(int(rate)) for rate in plan.still),
+        "PRIOR": ", ".join(real(1.0 / v**2) for v in _prior(plan)) if form.fade else "",
+        "TRUSTED": real(TRUSTED),
+        "SPAN": real(UNKNOWN - TRUSTED),
+    }
+    found = "\n".join(named[part] for part in kept)
+    for word in sorted(words, key=len, reverse=True):
+        found = found.replace(f"@{word}", words[word])
+    return found
+
+
+def _prior(plan: Plan) -> Any:
+    return np.maximum(plan.model.prior_deviation, float(np.finfo(float).tiny) ** 0.25)

@@ -1,0 +1,231 @@
+"""`etude export --to c`: the model as one header and one source file of C99, a test and a CMake file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Delivered, Kind
+from etude.deploy.c99.compiled import Built, built
+from etude.deploy.c99.golden import golden
+from etude.deploy.c99.header import Form, header
+from etude.deploy.c99.names import renamed
+from etude.deploy.c99.plan import Plan, parts_in_c, planned
+from etude.deploy.c99.self_test import EXACT, SINGLE, self_test
+from etude.deploy.c99.single import single
+from etude.deploy.c99.source import source
+from etude.deploy.options import taken
+from etude.errors import EtudeError, UsageError
+from etude.models.model import LearnedModel
+
+REALS = ("double", "float")
+CLOCK = 1e9
+"""Operations a second that times are estimated with: a core of 1 GHz, one operation in each cycle."""
+ROUNDED = 1e-6
+"""Largest deviation in double that can be rounding: exponents are made of differences in C, and of squares in
+Python."""
+LARGEST = 64 * 2**20
+"""Bytes of tables beyond which nobody compiles them."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """See `commands.export`."""
+
+    real: str = "double"
+    variance: bool = False
+    fade: bool = False
+    single: bool = False
+    rate: float | None = None
+    name: str = ""
+    model_hash: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Files:
+    """The files of a model, and what they were made of: for targets that stand around them.
+
+    Attributes:
+        plan: states and commands in order, with ranges. form: what was asked for.
+        files: by name. tables: bytes of the static tables.
+    """
+
+    plan: Plan
+    form: Form
+    files: Mapping[str, bytes]
+    tables: int
+
+
+def c_files(
+    model: LearnedModel, kind: Kind, spec: Any, form: Form, name: str = "", small: float = EXACT
+) -> Files:
+    """NAME.h, NAME.c, NAME_test.c and CMakeLists.txt.
+
+    Args:
+        small: deviation from Python, as a part of a command's limit, that its test allows in double.
+
+    Raises:
+        UsageError: a part of the model has no C code, named; or the tables are too large.
+    """
+    plan = planned(model, kind, spec, name)
+    text, tables = source(plan, form)
+    if tables > LARGEST:
+        raise UsageError(
+            f"the tables take {tables / 2**20:.0f} MiB, more than {LARGEST // 2**20} that are compiled",
+            next_step="Export means alone, or --single, or learn with fewer points (model.points).",
+        )
+    vectors = golden(plan, single=form.single)
+    files = {
+        f"{plan.name}.h": header(plan, form),
+        f"{plan.name}.c": text,
+        f"{plan.name}_test.c": self_test(plan, form, vectors, small),
+        "CMakeLists.txt": _CMAKE.replace("@NAME", plan.name),
+    }
+    return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
+
+
+def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+    """The target (`contracts.Target`).
+
+    Raises:
+        UsageError: unknown options, what cannot be exported, or float where it would be wrong.
+    """
+    asked = taken(options, Options, "c")
+    if asked.real not in REALS:
+        raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
+    if asked.rate is not None and not float(asked.rate) > 0.0:
+        raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
+    chosen = single(model) if asked.single else model
+    form = Form(asked.real == "float", asked.variance or asked.fade, asked.fade, asked.model_hash)
+    made = c_files(chosen, kind, spec, form, asked.name)
+    found = built(made.plan.name, made.files, made.tables)
+    if form.single:
+        _require_right(found)
+    elif found is not None and found.deviation > EXACT:
+        made = c_files(chosen, kind, spec, form, asked.name, _rounding(found))
+    rate = float(asked.rate or 0.0)
+    said = [*_names(made.plan), *_sizes(made, found), *_times(made, model, rate, asked.single)]
+    return Delivered(made.files, (*said, _checked(found)), _facts(made, found))
+
+
+def _require_right(found: Built | None) -> None:
+    if found is None:
+        raise UsageError(
+            "whether float is right for this model is found with a C compiler, and there is none",
+            next_step="apt-get install -y gcc, or export double.",
+        )
+    if found.deviation > SINGLE or found.wrong:
+        raise UsageError(
+            f"float is wrong for this model: commands differ from Python's by up to {found.deviation:.1e} of "
+            f"their limit on the golden vectors, more than {SINGLE:g}",
+            next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
+        )
+
+
+def _rounding(found: Built) -> float:
+    """What the test of such a model allows: Python's sums of squares round more where lengths are tiny.
+
+    Raises:
+        EtudeError: it differs by more than rounding may.
+    """
+    if found.deviation > ROUNDED or found.wrong:
+        raise EtudeError(
+            f"the exported C differs from Python by {found.deviation:.1e} of a command's limit",
+            next_step="Do not use it; please report it with the model.",
+        )
+    return 10.0 * found.deviation
+
+
+def _names(plan: Plan) -> list[str]:
+    states, commands = parts_in_c(plan)
+    lines = [*renamed(plan.labels, states), *renamed(list(plan.model.commands), commands)]
+    return [f"Names that C does not take: {'; '.join(lines)}."] if lines else []
+
+
+def _sizes(made: Files, found: Built | None) -> list[str]:
+    facts = _facts(made, found)
+    code = f" and {facts['code_bytes'] / 1024:.1f} KB of code" if facts["code_bytes"] else ""
+    stack = f"about {facts['stack_bytes'] / 1024:.1f} KB of stack"
+    return [
+        f"Flash: {made.tables / 1024:.1f} KB of tables{code}.",
+        f"RAM: {facts['state_bytes']} bytes of state, {stack}.",
+        f"At worst {facts['operations']:,} operations in one call.",
+    ]
+
+
+def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[str]:
+    """The worst case against the rate, and what would take less."""
+    if not rate:
+        return []
+    seconds = made.plan.operations(made.form.variance) / CLOCK
+    line = f"About {1e6 * seconds:.0f} us on a core of 1 GHz that does one operation in a cycle"
+    if seconds <= 1.0 / rate:
+        return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
+    lines = [f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz."]
+    if not alone and any(np.count_nonzero(c.weights < 1.0) for c in made.plan.candidates):
+        lines.append(f"--single takes the best candidate alone: {_offer(model, made)}.")
+    return lines
+
+
+def _offer(model: LearnedModel, made: Files) -> str:
+    from etude.deploy.c99.single import errors
+
+    best = single(model)
+    used = [c for c in best.candidates if c.weights.any()]
+    processes = {id(c.process): c.process for c in used}
+    operations = 0
+    for number, process in enumerate(processes.values()):
+        code = process.c(f"p{number}") if process is not None else None
+        operations += 0 if code is None else sum(code.operations[: 1 + made.form.variance])
+    return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
+
+
+def _checked(found: Built | None) -> str:
+    if found is None:
+        return "Not compiled here: there is no C compiler. Build and run its test where there is one."
+    return f"Built with {found.compiler}; its test differs from Python by {found.deviation:.1e} of a limit."
+
+
+def _facts(made: Files, found: Built | None) -> dict[str, Any]:
+    plan, size = made.plan, 4 if made.form.single else 8
+    work = (
+        max((code.work for code in plan.codes), default=0)
+        + 4 * len(plan.low)
+        + len(plan.model.inputs.columns)
+    )
+    return {
+        "name": plan.name,
+        "real": made.form.real,
+        "tables_bytes": made.tables,
+        "code_bytes": 0 if found is None else found.code,
+        "state_bytes": size * (len(plan.low) + plan.memory),
+        "stack_bytes": size * work,
+        "operations": plan.operations(made.form.variance),
+        "deviation": None if found is None else found.deviation,
+    }
+
+
+_CMAKE = """\
+cmake_minimum_required(VERSION 3.10)
+project(@NAME C)
+
+set(CMAKE_C_STANDARD 99)
+set(CMAKE_C_STANDARD_REQUIRED ON)
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+
+add_library(@NAME STATIC @NAME.c)
+target_include_directories(@NAME PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+if(UNIX)
+  target_link_libraries(@NAME PUBLIC m)
+endif()
+
+enable_testing()
+add_executable(@NAME_test @NAME_test.c)
+target_link_libraries(@NAME_test @NAME)
+add_test(NAME @NAME COMMAND @NAME_test)
+"""

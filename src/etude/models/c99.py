@@ -1,0 +1,108 @@
+"""Processes of the family as C99: which posterior is written how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Code, Column, Posterior
+from etude.models.gp.basis_posterior import BasisPosterior
+from etude.models.gp.c99 import UnwritableError, expanded, fused, real, spectrum
+from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+
+
+def posteriors_code(name: str, own: Sequence[Posterior]) -> Code:
+    """One function for a posterior of each output; those of one factor share their covariances.
+
+    Raises:
+        UnwritableError: a posterior or a part of a kernel has no C.
+    """
+    groups: dict[int, list[int]] = {}
+    for place, posterior in enumerate(own):
+        shared = posterior.L if isinstance(posterior, ExactPosterior) else posterior
+        groups.setdefault(id(shared), []).append(place)
+    parts = []
+    for number, places in enumerate(groups.values()):
+        function = f"{name}_{number}"
+        parts.append((_group(function, [own[place] for place in places]), function, tuple(places)))
+    return fused(name, parts)
+
+
+def _group(name: str, own: Sequence[Any]) -> Code:
+    first = own[0]
+    if isinstance(first, ExactPosterior):
+        weights = np.stack([posterior.alpha for posterior in own])
+        return expanded(name, first.kernel, first.theta, first.X, weights, first.L_inverse)
+    if isinstance(first, BasisPosterior):
+        weights = first.weights[None]
+        return expanded(name, first.kernel, first.theta, first.basis, weights, first.half)
+    if isinstance(first, SparseSpectrumPosterior):
+        return spectrum(name, first.features.frequencies, first.weights, first.root.T)
+    raise UnwritableError(f"a process of the form {type(first).__name__}")
+
+
+def silent_code(name: str, silent: Any) -> Code:
+    """A mean of zero, and the variance of `process.Silent`."""
+    m = len(silent.least)
+    grown = silent.grows and silent.own is not None
+    own: Code | None = silent.own.c(f"{name}_own") if grown else None
+    lines = [f"    mean[{j}] = R(0.0);" for j in range(m)]
+    lines += ["    if (variance) {"]
+    lines += [f"        {name}_own(x, own, variance);"] if grown else []
+    for j, least in enumerate(silent.least):
+        if grown:
+            noise, factor = silent.own.noise_variance[j], silent.calibration[j]
+            lines += [f"        variance[{j}] = {real(factor)} * (variance[{j}] + {real(noise)});"]
+            lines += [f"        if (variance[{j}] < {real(least)}) variance[{j}] = {real(least)};"]
+        else:
+            lines += [f"        variance[{j}] = {real(least)};"]
+    lines += ["    }"]
+    head = f"static void {name}(const real *x, real *mean, real *variance)\n{{"
+    guard = ["#if VARIANCE", f"    real own[{m}];", "#endif"] if grown else ["    (void)x;"]
+    if own is not None:
+        lines = [
+            *lines[:m],
+            "#if VARIANCE",
+            *lines[m:],
+            "#else",
+            "    (void)x;",
+            "    (void)variance;",
+            "#endif",
+        ]
+        body = "\n".join(["#if VARIANCE", own.body, "#endif", head, *guard, *lines, "}", ""])
+        every = {**own.data, **own.variance}
+        return Code(body, {}, every, work=own.work + m, operations=(m, sum(own.operations)))
+    return Code("\n".join([head, *guard, *lines, "}", ""]), {}, operations=(m, m))
+
+
+def mean_function(name: str, reads: Sequence[str], lines: Sequence[str], static: Sequence[str] = ()) -> str:
+    """`name` and `name_static` of a mean: statements that set command[j] from the channels c_NAME.
+
+    Args:
+        static: statements of the second; none: the first's, whose caller puts rates to zero.
+    """
+    arguments = ", ".join([*(f"const real *c_{channel}" for channel in reads), "real *command"])
+    passed = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
+    still = static or [f"    {name}({passed});"]
+    one = [f"static void {name}({arguments})", "{", *lines, "}", ""]
+    other = [f"static void {name}_static({arguments})", "{", *still, "}", ""]
+    return "\n".join([*one, *other])
+
+
+def linear_code(name: str, columns: Sequence[Column], weights: Array) -> Code:
+    """Linear regression: weights (F + 1, J) of the columns without an op, and of the constant."""
+    seen: dict[str, int] = {}
+    terms = []
+    for channel, _, _, op in columns:
+        if not op:
+            terms.append(f"c_{channel}[{seen.get(channel, 0)}]")
+            seen[channel] = seen.get(channel, 0) + 1
+    lines = []
+    for j, own in enumerate(weights.T):
+        parts = [f"{real(w)} * {term}" for w, term in zip(own, terms, strict=False)]
+        lines.append(f"    command[{j}] = {' + '.join([real(own[-1]), *parts])};")
+    body = mean_function(name, tuple(seen), lines)
+    return Code(body, {}, reads=tuple(seen), operations=(2 * weights.size, 0))

@@ -1,0 +1,170 @@
+"""`etude bench c99`: what one call of the exported C takes on this machine, and how fast it moves its tables.
+
+Built with the first of gcc, clang and cc at `-O3 -ffast-math -march=native`; each figure is the least of many
+batches of calls with inputs that change, since a busy machine only adds. Beside the means stands onnxruntime
+with one thread, where it is installed (`pip install onnx onnxruntime`), on the same numbers.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from etude.deploy.c99.header import Form
+from etude.deploy.c99.target import Files, c_files
+from etude.errors import UsageError
+from etude_studies.c99_models import Sized, sized
+from etude_studies.rows import Row, rows_json, table
+
+FLAGS = ("-std=c99", "-O3", "-ffast-math", "-march=native")
+MAIN = """
+#define _POSIX_C_SOURCE 199309L
+#include "NAME.h"
+#include <stdio.h>
+#include <time.h>
+int main(void)
+{
+    NAME_state state;
+    NAME_real input[UPPER_INPUTS], command[UPPER_COMMANDS], variance[UPPER_COMMANDS], sum = 0;
+    double best = 1e9;
+    int batch, call, i;
+    NAME_init(&state);
+    (void)variance;
+    for (batch = 0; batch < BATCHES; ++batch) {
+        struct timespec begin, end;
+        double taken;
+        clock_gettime(CLOCK_MONOTONIC, &begin);
+        for (call = 0; call < CALLS; ++call) {
+            for (i = 0; i < UPPER_INPUTS; ++i)
+                input[i] = (NAME_real)(((call * 7 + batch + i * 13) % 101) * 0.01 - 0.5);
+            ASKED;
+            sum += command[0];
+        }
+        clock_gettime(CLOCK_MONOTONIC, &end);
+        taken = (end.tv_sec - begin.tv_sec) * 1e6 + (end.tv_nsec - begin.tv_nsec) * 1e-3;
+        best = taken / CALLS < best ? taken / CALLS : best;
+    }
+    printf("us %.4f %g\\n", best, (double)sum);
+    return 0;
+}
+"""
+BATCHES, CALLS = 200, 20
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line: a model, and what may be asked of it in µs, double and float (None: no bar)."""
+
+    name: str
+    member: str
+    joints: int
+    points: int
+    variance: bool
+    bars: tuple[float | None, float | None]
+
+
+CASES = (
+    Case("mean", "ard_se", 4, 500, False, (12.0, 4.0)),
+    Case("mean_variance", "ard_se", 4, 500, True, (200.0, 100.0)),
+    Case("ssgp_mean", "ssgp", 4, 500, False, (5.0, 2.2)),
+    Case("default_mean", "structured", 7, 600, False, (200.0, None)),
+)
+
+
+def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
+    """Measures all cases and prints the rows; `quick` leaves out the variances."""
+    rows = []
+    for case in CASES:
+        if quick and case.variance:
+            continue
+        own = sized(case.member, case.joints, case.points, seed)
+        for single, bar in zip((False, True), case.bars, strict=True):
+            rows += _measured(case, own, single, bar)
+    rows += _beside_onnx(sized("ard_se", 4, 500, seed), rows)
+    if json:
+        print(rows_json(rows, f"etude bench c99 --seed {seed}{' --quick' * quick}"))  # noqa: T201
+    else:
+        table(rows, "One call of the exported C")
+    return rows
+
+
+def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[Row]:
+    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance), "bench")
+    us = microseconds(made, case.variance)
+    kind = "float" if single else "double"
+    name = f"{case.name}_{kind}"
+    gigabytes = made.tables / us * 1e-3
+    return [
+        Row(f"{name}_us", us, "us", "" if bar is None else "bar", bar),
+        Row(f"{name}_tables_kb", made.tables / 1024.0, "KB"),
+        Row(f"{name}_rate", gigabytes, "GB/s"),
+    ]
+
+
+def compiler() -> str:
+    """The compiler to measure with. UsageError if there is none."""
+    for name in ("gcc", "clang", "cc"):
+        if shutil.which(name):
+            return name
+    raise UsageError("there is no C compiler to measure with", next_step="apt-get install -y gcc")
+
+
+def microseconds(made: Files, variance: bool) -> float:
+    """Of one call."""
+    name = made.plan.name
+    asked = (
+        f"{name}_predict(&state, input, command, variance)"
+        if variance
+        else f"{name}_mean(&state, input, command)"
+    )
+    words = {
+        "NAME": name,
+        "UPPER": name.upper(),
+        "ASKED": asked,
+        "BATCHES": str(BATCHES),
+        "CALLS": str(CALLS),
+    }
+    main = MAIN
+    for word, value in words.items():
+        main = main.replace(word, value)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for file, data in made.files.items():
+            (folder / file).write_bytes(data)
+        (folder / "main.c").write_text(main, encoding="utf-8")
+        command = [compiler(), *FLAGS, f"{name}.c", "main.c", "-lm", "-o", "timed"]
+        subprocess.run(command, cwd=folder, check=True)
+        said = subprocess.run(["./timed"], cwd=folder, check=True, capture_output=True, text=True).stdout
+    found = re.search(r"us (\S+)", said)
+    assert found is not None
+    return float(found[1])
+
+
+def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
+    """onnxruntime on the same mean, if it is installed."""
+    try:
+        import onnxruntime  # noqa: F401
+
+        from etude_studies.onnx_mean import session
+    except ImportError:
+        return []
+    mean = {row.metric: row.value for row in rows}
+    found = []
+    for kind, dtype in (("double", np.float64), ("float", np.float32)):
+        ask = session(own.model, dtype)
+        x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)
+        best = np.inf
+        for _ in range(BATCHES):
+            begin = time.perf_counter()
+            for _ in range(CALLS):
+                ask(x)
+            best = min(best, (time.perf_counter() - begin) / CALLS * 1e6)
+        found.append(Row(f"onnxruntime_mean_{kind}_us", best, "us", "C", mean[f"mean_{kind}_us"]))
+    return found
