@@ -22,6 +22,8 @@ from etude.robots.arm.identified.pseudo_inertia import SIZE, basis, coordinates
 WEIGHT = 1.0
 """At the file's values D is half the squared length of the coordinates: before any data every one of them has a
 deviation of one, a mass, for example, of itself."""
+PATH = tuple(10.0**k for k in range(8, -1, -1))
+"""Factors on the weight, each from the minimum before."""
 MOST_STEPS = 100
 TOLERANCE = 1e-10
 E = basis()
@@ -56,7 +58,9 @@ def consistent(H: Array, g: Array, nominal: Array, weight: float = WEIGHT) -> Co
     """
     T, start = _whole(nominal)
     Q, b = T.T @ H @ T, T.T @ g
-    x = _newton(Q, b, start, weight)
+    x = start
+    for stiffer in PATH:  # from the file's values to the logs' by way of both, or Newton's way is long
+        x = _newton(Q, b, x, stiffer * weight)
     curvature = Q + weight * _barrier(x)[2]
     covariance = T @ np.linalg.inv(curvature) @ T.T
     prior = T @ np.linalg.inv(weight * _barrier(start)[2]) @ T.T
@@ -88,9 +92,7 @@ def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
     )
 
 
-def _length(
-    Q: Array, b: Array, x: Array, step: Array, weight: float, value: float, decrease: float
-) -> float:
+def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: float, decrease: float) -> float:
     """The largest of 1, 1/2, ... that stays possible and gains a tenth of what the slope promises."""
     before = 0.5 * float(x @ Q @ x) - float(b @ x) + weight * value
     length = 1.0

@@ -34,9 +34,7 @@ def central(phi: Array) -> tuple[float, Array, Array]:
     return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
-def written(
-    path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]
-) -> tuple[str, bytes]:
+def written(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> tuple[str, bytes]:
     """Name of the new file and its bytes.
 
     Args:

@@ -68,7 +68,7 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
     for body, place in found.links.told_of:
         after, before = (np.sqrt(np.diag(C)[place]) for C in (result.covariance, result.prior))
         for k, name in enumerate(NAMES):
-            share = float(1.0 - (after[k] / before[k]) ** 2)
+            share = max(0.0, float(1.0 - (after[k] / before[k]) ** 2))
             known = "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
             rows.append(
                 {
@@ -149,5 +149,3 @@ m c and I are about the link's own origin, along its axes.
 def _armature(found: Identified, spec: ArmSpec) -> str:
     terms = found.terms(spec)
     return ", ".join(f"{name} {_digits(t.armature)} kg m^2" for name, t in terms.items()) or "none was found"
-
-
