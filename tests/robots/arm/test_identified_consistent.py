@@ -1,4 +1,4 @@
-"""Inertias that a body can have: the matrix, the divergence's derivatives, and the convex problem's answer."""
+"""Inertias that a body can have: the matrix, the divergence's derivatives, the convex problem's answer."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_the_matrix_is_that_of_the_points(seed: int) -> None:
 
 def test_no_body_has_more_inertia_about_one_axis_than_about_the_others_together() -> None:
     flat = np.array([1.0, 0.0, 0.0, 0.0, 0.01, 0.01, 0.02, 0.0, 0.0, 0.0])
-    assert is_possible(flat - [0, 0, 0, 0, 0, 0, 1e-6, 0, 0, 0])
-    assert not is_possible(flat + [0, 0, 0, 0, 0, 0, 1e-6, 0, 0, 0])
+    assert is_possible(flat - 1e-6 * np.eye(10)[6])
+    assert not is_possible(flat + 1e-6 * np.eye(10)[6])
     assert not is_possible(-flat)
     assert np.linalg.matrix_rank(root_of(flat)) == 4, "a plate may fill out"
 

@@ -20,8 +20,8 @@ from etude.errors import NumericalError
 from etude.robots.arm.identified.pseudo_inertia import SIZE, basis, coordinates
 
 WEIGHT = 1.0
-"""At the file's values D is half the squared length of the coordinates: before any data every one of them has a
-deviation of one, a mass, for example, of itself."""
+"""At the file's values D is half the squared length of the coordinates: before any data every one of them has
+a deviation of one, a mass, for example, of itself."""
 PATH = tuple(10.0**k for k in range(8, -1, -1))
 """Factors on the weight, each from the minimum before."""
 MOST_STEPS = 100

@@ -1,4 +1,4 @@
-"""What logs say of the inertial parameters that all commands share: a quadratic form for each group of samples.
+"""What logs say of the inertial parameters that all commands share: a quadratic form for each segment.
 
 Beside them each drive has terms of its own (armature, friction, offset), which are taken out of the form with
 their prior, as `physics.rigid_body` has it.

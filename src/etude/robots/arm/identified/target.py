@@ -1,4 +1,4 @@
-"""`etude export --to model`: the robot's model file with identified inertias, and what is known of each."""
+"""`etude export --to urdf`: the robot's model file with identified inertias, and what is known of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from etude.errors import UsageError
 from etude.robots.arm.identified.files import written
 from etude.robots.arm.identified.fit import Identified, identified
 from etude.robots.arm.identified.pseudo_inertia import is_possible
-from etude.robots.arm.physics.mean import FORCES, ArmPhysics, RigidBodyMean
+from etude.robots.arm.physics.mean import FORCES, ArmPhysics
 from etude.robots.arm.spec import ArmSpec
 
 SAMPLES = "samples"
@@ -42,7 +42,7 @@ def model_file(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) ->
         name: data,
         "identifiability.csv": _table(rows).encode(),
         "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
-        "README.md": _readme(name, found, spec, mean, rows).encode(),
+        "README.md": _readme(name, found, spec, rows).encode(),
     }
     return Delivered(files, tuple(_said(found, spec, rows)), facts)
 
@@ -121,9 +121,7 @@ def _digits(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _readme(
-    name: str, found: Identified, spec: ArmSpec, mean: RigidBodyMean, rows: list[dict[str, Any]]
-) -> str:
+def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> str:
     sentences = "\n".join(f"- {sentence}" for sentence in _said(found, spec, rows))
     possible = all(is_possible(found.result.phi[place]) for _, place in found.links.told_of)
     head = "| link | parameter | unit | file | found | +- | known |\n|---|---|---|---|---|---|---|\n"
@@ -139,7 +137,8 @@ def _readme(
 - Only combinations of parameters show in the joints' forces. What they leave open is as near to the model
   file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
   away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
-- Friction and damping of the joints are written too; a URDF has no place for armature: {_armature(found, spec)}.
+- Friction and damping of the joints are written too; a URDF has no place for armature:
+  {_armature(found, spec)}.
 
 m c and I are about the link's own origin, along its axes.
 
