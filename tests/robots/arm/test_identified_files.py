@@ -1,4 +1,4 @@
-"""A robot whose file is wrong: what is written back is possible, and MuJoCo plays the true one's forces with it."""
+"""A robot whose file is wrong: what is written is possible, and MuJoCo plays the true one's forces."""
 
 from __future__ import annotations
 
