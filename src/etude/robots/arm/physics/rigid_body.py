@@ -110,7 +110,7 @@ def identify(
         )
     rigid, extra = command_regressors(tree, drives, friction_velocity, *motion)
     spread = command_regressors(tree, drives, friction_velocity, *spread_states(spec, 64 + 24 * tree.bodies))
-    weight = _information_per_sample(samples)
+    weight = information_per_sample(samples)
     fits = []
     for j in range(spec.dof):
         moving = samples.moving[:, j] & samples.usable[:, j]
@@ -131,7 +131,7 @@ def identify(
 CORRELATION_TIME = 0.5  # s; smoothed commands closer than this repeat each other
 
 
-def _information_per_sample(samples: Samples) -> float:
+def information_per_sample(samples: Samples) -> float:
     """Weight of one sample against the prior: neighbours nearer than the correlation time share one vote."""
     steps = np.diff(samples.t)[np.diff(samples.group) == 0]
     step = float(np.median(steps)) if len(steps) else CORRELATION_TIME
