@@ -69,6 +69,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     # a model that leaves: `etude export --to`
     "etude.targets": {
         "online": "etude.deploy.online_folder:ONLINE",
+        "urdf": "etude.robots.arm.identified.target:URDF",
         "c": "etude.deploy.c99.target:C99",
     },
     # what draws an object, by its noun; see `shown`

@@ -21,6 +21,7 @@ RANKS = {
     "interrupt": 0,
     "contracts": 0,
     "plugins": 0,
+    "options": 0,
     "progress": 0,
     "shown": 0,
     "trajectories": 1,
@@ -41,6 +42,7 @@ RANKS = {
 SIDEWAYS = {
     ("storage", "errors"),
     ("plugins", "errors"),
+    ("options", "errors"),
     ("shown", "plugins"),
     ("shown", "storage"),
     ("contracts", "shown"),

@@ -14,9 +14,9 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.in_use import model_in_use
 from etude.campaign.supplied import supplied
 from etude.contracts import Delivered, Target
-from etude.deploy.options import MODEL_HASH
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
+from etude.options import MODEL_HASH
 from etude.storage import sha256_of, write_folder
 
 GROUP = "etude.targets"

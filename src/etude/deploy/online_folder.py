@@ -13,7 +13,6 @@ import numpy as np
 
 from etude import __version__
 from etude.contracts import Delivered, Kind, Log, Motion
-from etude.deploy.options import taken
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.online import guard_hedge as hedge
@@ -28,6 +27,7 @@ from etude.models.online.guard_effort import (
 from etude.models.online.learner import OnlineConfig
 from etude.models.online.methods import known
 from etude.models.store import model_bytes
+from etude.options import taken
 
 MODEL, SETTINGS, CERTIFICATE, README, HASHES = (
     *("model.npz", "settings.json", "certificate.json", "README.md", "hashes.json"),

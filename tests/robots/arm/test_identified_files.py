@@ -12,10 +12,13 @@ import pytest
 from loading_examples import write
 
 from etude.contracts import Log, Samples
+from etude.errors import UsageError
 from etude.robots.arm.identified.files import central, written
 from etude.robots.arm.identified.fit import Identified, identified
 from etude.robots.arm.identified.links import links_of
 from etude.robots.arm.identified.pseudo_inertia import is_possible, matrix_of
+from etude.robots.arm.identified.target import URDF
+from etude.robots.arm.kind import KIND
 from etude.robots.arm.loading.load import load
 from etude.robots.arm.physics.mean import ArmPhysics
 from etude.robots.arm.spec import ArmSpec, Axis
@@ -174,3 +177,32 @@ def test_the_matrix_of_a_body_and_its_central_inertia_agree() -> None:
     second = matrix_of(np.array([2.0, 0.2, -0.1, 0.4, 0.3, 0.32, 0.2, 0.01, -0.02, 0.03]))[:3, :3]
     about = second - mass * np.outer(centre, centre)
     np.testing.assert_allclose(np.trace(about) * np.eye(3) - about, inertia, atol=1e-15)
+
+
+def test_the_target_says_what_is_known_and_refuses_what_is_no_force(
+    wrong_file: tuple[ArmSpec, Path, Identified],
+) -> None:
+    spec, real, found = wrong_file
+    assert spec.model_file is not None
+    samples = told(spec, real, FRICTION)
+    delivered = URDF(None, KIND, spec, {"samples": samples, "model_hash": ""})
+    assert set(delivered.files) == {"arm.urdf", "identifiability.csv", "identifiability.json", "README.md"}
+    table = delivered.files["identifiability.csv"].decode().splitlines()
+    assert len(table) == 1 + 10 * 5
+    rows = {(row["link"], row["parameter"]): row for row in delivered.facts["parameters"]}
+    assert {row["known"] for row in rows.values()} <= {"measured", "partly", "from the file"}
+    assert rows["right", "Ixy"]["known"] == "from the file"
+    assert max(row["share"] for row in rows.values()) > 0.75
+    assert "partly" in {row["known"] for row in rows.values()}
+    assert any("Error on segments left out" in sentence for sentence in delivered.said)
+    assert not any("do not use" in sentence for sentence in delivered.said)
+    with pytest.raises(UsageError, match="motors' constants"):
+        URDF(None, KIND, replace(spec, command_unit="A"), {"samples": samples})
+    with pytest.raises(UsageError, match="no model file"):
+        URDF(None, KIND, replace(spec, model_file=None), {"samples": samples})
+    with pytest.raises(UsageError, match="no option"):
+        URDF(None, KIND, spec, {"samples": samples, "real": "float"})
+    same = told(spec, spec.model_file, FRICTION)
+    again = URDF(None, KIND, spec, {"samples": same})
+    assert any("predict as well" in sentence for sentence in again.said)
+    assert found.result.told == delivered.facts["told"]

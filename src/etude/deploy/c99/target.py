@@ -17,9 +17,9 @@ from etude.deploy.c99.plan import Plan, parts_in_c, planned
 from etude.deploy.c99.self_test import EXACT, SINGLE, self_test
 from etude.deploy.c99.single import single
 from etude.deploy.c99.source import source
-from etude.deploy.options import taken
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
+from etude.options import taken
 
 REALS = ("double", "float")
 CLOCK = 1e9

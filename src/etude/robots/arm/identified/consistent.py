@@ -81,7 +81,7 @@ def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
     for _ in range(MOST_STEPS):
         value, slope, bend = _barrier(x)
         slope = Q @ x - b + weight * slope
-        step = np.linalg.solve(Q + weight * bend, -slope)
+        step = np.asarray(np.linalg.solve(Q + weight * bend, -slope), dtype=np.float64)
         decrease = -float(slope @ step)  # twice what a full step gains
         if decrease < TOLERANCE * (1.0 + abs(float(b @ x))):
             return np.asarray(x + step) if np.isfinite(_barrier(x + step)[0]) else x

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,8 @@ def _urdf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTer
             element.set("damping", repr(terms.damping))
             element.set("friction", repr(terms.friction))
     ET.indent(root)
-    return b'<?xml version="1.0"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
+    text: bytes = ET.tostring(root, encoding="utf-8")
+    return b'<?xml version="1.0"?>\n' + text + b"\n"
 
 
 def _inertial(phi: Array) -> ET.Element:
@@ -98,7 +100,7 @@ def _mjcf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTer
         ) from None
 
 
-def _like(old: object, value: float) -> object:
+def _like(old: Any, value: float) -> Any:
     """One damping, or a polynomial's coefficients: MuJoCo has had both."""
     return value if np.ndim(old) == 0 else [value, *np.zeros(np.size(old) - 1)]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Samples
+from etude.contracts import Array, Index, Samples
 from etude.robots.arm.identified.links import Links
 from etude.robots.arm.physics.base_parameters import spread_states
 from etude.robots.arm.physics.mean import RigidBodyMean
@@ -47,7 +47,7 @@ class Evidence:
     """
 
     rows: Sequence[tuple[Array, Array]]
-    group: Sequence[Array]
+    group: Sequence[Index]
     weight: float
     own: Array
     deviation: Array

@@ -3,51 +3,65 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from etude.contracts import Delivered, Kind, Samples
 from etude.errors import UsageError
+from etude.options import taken
 from etude.robots.arm.identified.files import written
 from etude.robots.arm.identified.fit import Identified, identified
 from etude.robots.arm.identified.pseudo_inertia import is_possible
 from etude.robots.arm.physics.mean import FORCES, ArmPhysics
 from etude.robots.arm.spec import ArmSpec
 
-SAMPLES = "samples"
-"""The option that holds a function for the samples that the model learned from."""
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
-MEASURED, PARTLY = 0.9, 0.5
-"""Shares of the variance before the logs that they took away, from which a parameter is called so."""
+MEASURED, PARTLY = 0.99, 0.75
+"""Shares of the variance before the logs that they took away, from which a parameter is called so: a
+tenth, or half, of its deviation is left."""
+NOTHING = 0.05
+"""Of an error: a smaller change is none."""
 
 
-def model_file(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG001
-    """Implements `contracts.Target`.
+@dataclass(frozen=True)
+class Told:
+    """What the campaign supplies."""
 
-    Raises:
-        UsageError: not an arm, no model file, or commands that are no forces.
-    """
-    del model
-    samples = _samples(spec, options)
-    mean = ArmPhysics(spec)(samples)
-    found = identified(samples, spec, mean)
-    bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
-    name, data = written(spec.model_file, bodies, found.terms(spec))
-    rows = _rows(found)
-    facts = {"told": found.result.told, "segments": found.errors.segments, "parameters": rows}
-    files = {
-        name: data,
-        "identifiability.csv": _table(rows).encode(),
-        "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
-        "README.md": _readme(name, found, spec, rows).encode(),
-    }
-    return Delivered(files, tuple(_said(found, spec, rows)), facts)
+    samples: Samples
+    model_hash: str = ""
 
 
-def _samples(spec: Any, options: Mapping[str, Any]) -> Samples:
+class Urdf:
+    """The target `urdf` (`contracts.Target`)."""
+
+    needs = ("samples",)
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
+        """Errors: UsageError: not an arm, no model file, or commands that are no forces."""
+        _require_forces(spec)
+        samples = taken(options, Told, "urdf").samples
+        found = identified(samples, spec, ArmPhysics(spec)(samples))
+        bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
+        name, data = written(spec.model_file, bodies, found.terms(spec))
+        rows = _rows(found)
+        facts = {"told": found.result.told, "segments": found.errors.segments, "parameters": rows}
+        files = {
+            name: data,
+            "identifiability.csv": _table(rows).encode(),
+            "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
+            "README.md": _readme(name, found, spec, rows).encode(),
+        }
+        return Delivered(files, tuple(_said(found, spec, rows)), facts)
+
+
+URDF = Urdf()
+
+
+def _require_forces(spec: Any) -> None:
     if not isinstance(spec, ArmSpec) or spec.model_file is None:
         raise UsageError(
             f"robot '{spec.name}' has no model file with inertias to write back",
@@ -59,8 +73,6 @@ def _samples(spec: Any, options: Mapping[str, Any]) -> Samples:
             "in kg m^2 follows from them",
             next_step="Record torques (N m) instead, or export the model itself: --to c.",
         )
-    given: Callable[[], Samples] = options[SAMPLES]
-    return given()
 
 
 def _rows(found: Identified) -> list[dict[str, Any]]:
@@ -106,9 +118,12 @@ def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[
         pairs = zip(spec.names, errors.file, errors.found, strict=True)
         parts = ", ".join(f"{name} {_digits(before)} -> {_digits(after)}" for name, before, after in pairs)
         said.append(f"Error on segments left out, {spec.command_unit}: {parts}.")
-        worse = [n for n, b, a in zip(spec.names, errors.file, errors.found, strict=True) if a > b]
+        ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
+        worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
         if worse:
             said.append(f"On {', '.join(worse)} the file's own inertias predict better: do not use these.")
+        elif all(ratio > 1.0 - NOTHING for ratio in ratios.values()):
+            said.append("The file's own inertias predict as well.")
     else:
         said.append("One segment alone: whether these inertias are better than the file's is not known.")
     carried = [name for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one is not None]
