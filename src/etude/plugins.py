@@ -71,6 +71,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "online": "etude.deploy.online_folder:ONLINE",
         "urdf": "etude.robots.arm.identified.target:URDF",
         "c": "etude.deploy.c99.target:C99",
+        "ros2": "etude.deploy.ros2.target:ROS2",
     },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {

@@ -98,17 +98,39 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
     if asked.rate is not None and not float(asked.rate) > 0.0:
         raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
-    chosen = single(model) if asked.single else model
     form = Form(asked.real == "float", asked.variance or asked.fade, asked.fade, asked.model_hash)
-    made = c_files(chosen, kind, spec, form, asked.name)
+    rate = float(asked.rate or 0.0)
+    made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+    return Delivered(made.files, said, facts)
+
+
+def held(
+    model: LearnedModel,
+    kind: Kind,
+    spec: Any,
+    form: Form,
+    name: str = "",
+    *,
+    rate: float = 0.0,
+    alone: bool = False,
+) -> tuple[Files, tuple[str, ...], dict[str, Any]]:
+    """The files, held against Python by this machine's compiler if it has one; sentences and facts of them.
+
+    Args:
+        rate: Hz of calls, or 0. alone: the best candidate of each command alone.
+
+    Raises:
+        UsageError: what cannot be exported, or float where it would be wrong. EtudeError: the C is wrong.
+    """
+    chosen = single(model) if alone else model
+    made = c_files(chosen, kind, spec, form, name)
     found = built(made.plan.name, made.files, made.tables)
     if form.single:
         _require_right(found)
     elif found is not None and found.deviation > EXACT:
-        made = c_files(chosen, kind, spec, form, asked.name, _rounding(found))
-    rate = float(asked.rate or 0.0)
-    said = [*_names(made.plan), *_sizes(made, found), *_times(made, model, rate, asked.single)]
-    return Delivered(made.files, (*said, _checked(found)), _facts(made, found))
+        made = c_files(chosen, kind, spec, form, name, _rounding(found))
+    said = [*_names(made.plan), *_sizes(made, found), *_times(made, model, rate, alone)]
+    return made, (*said, _checked(found)), _facts(made, found)
 
 
 def _require_right(found: Built | None) -> None:

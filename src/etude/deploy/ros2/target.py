@@ -1,0 +1,164 @@
+"""`etude export --to ros2`: a chainable feedforward controller of ros2_control, as a package of source."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from etude.contracts import Channel, Delivered, Kind
+from etude.deploy.c99.header import Form
+from etude.deploy.c99.plan import Plan
+from etude.deploy.c99.target import Files, held
+from etude.deploy.options import taken
+from etude.errors import UsageError
+
+ORDERS = ("position", "velocity", "acceleration")
+PLANNED = "_des"
+EFFORT = "effort"
+FORCES = ("N m", "N")
+PLACES = {
+    "package.xml": "package.xml",
+    "CMakeLists.txt": "CMakeLists.txt",
+    "plugin.xml": "plugin.xml",
+    "README.md": "README.md",
+    "controllers.yaml": "config/controllers.yaml",
+    "feedforward.hpp": "include/@PACKAGE@/feedforward.hpp",
+    "feedforward.cpp": "src/feedforward.cpp",
+}
+"""Templates, and where they stand in the package."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """See `commands.export`; interface: of the hardware that takes commands."""
+
+    fade: bool = False
+    single: bool = False
+    rate: float | None = None
+    name: str = ""
+    interface: str = EFFORT
+    model_hash: str = ""
+
+
+def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+    """The target (`contracts.Target`).
+
+    Raises:
+        UsageError: unknown options, a robot that is not one of joints, commands that are no efforts, or what
+            has no C.
+    """
+    asked = taken(options, Options, "ros2")
+    form = Form(False, asked.fade, asked.fade, asked.model_hash)
+    rate = float(asked.rate or 0.0)
+    made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+    sources = _sources(made.plan, kind, spec)
+    _require_efforts(made.plan, asked.interface)
+    words = _words(made, spec, sources, asked)
+    package = words["PACKAGE"]
+    files = {place.replace("@PACKAGE@", package): _filled(name, words) for name, place in PLACES.items()}
+    files |= {_place(name, package): data for name, data in made.files.items() if name != "CMakeLists.txt"}
+    named = f"Package {package}, for ROS 2 Jazzy and later; not for Humble. Its README.md says how to use it."
+    return Delivered(files, (named, *said), {**facts, "package": package})
+
+
+def _place(name: str, package: str) -> str:
+    if name.endswith(".h"):
+        return f"include/{package}/{name}"
+    return f"test/{name}" if name.endswith("_test.c") else f"src/{name}"
+
+
+def _sources(plan: Plan, kind: Kind, spec: Any) -> list[int]:
+    """Of each number that the model reads, which of the references it is: positions of all joints first."""
+    channels = {channel.name: channel for channel in kind.channels(spec)}
+    joints = channels[kind.path].parts
+    if joints != tuple(plan.model.commands):
+        raise UsageError(
+            f"ros2_control commands joints by name, and {spec.name!r} is commanded by "
+            f"{', '.join(plan.model.commands)}, moved along {', '.join(joints)}",
+            next_step="Export --to c, and call it where you command these.",
+        )
+    return [_order(channel, channels, kind.path) * len(joints) + part for channel, part in plan.parts]
+
+
+def _order(channel: Channel, channels: Mapping[str, Channel], path: str) -> int:
+    """How often the path was derived to give that channel, planned or measured."""
+    name, order = channel.name.removesuffix(PLANNED), 0
+    while name != path:
+        if not name or order == len(ORDERS) - 1:
+            raise UsageError(
+                f"the model reads {channel.name}, which no reference of ros2_control tells",
+                next_step="Train it on position, velocity and acceleration alone, or export --to c.",
+            )
+        name, order = channels[name].derivative_of, order + 1
+    return order
+
+
+def _require_efforts(plan: Plan, interface: str) -> None:
+    foreign = [unit or "1" for unit in plan.units if unit not in FORCES]
+    if interface == EFFORT and foreign:
+        raise UsageError(
+            f"commands are in {foreign[0]}, and an effort of ros2_control is in N m or N",
+            next_step="Name the hardware's interface that takes them: --set interface=NAME.",
+        )
+
+
+def _filled(template: str, words: Mapping[str, str]) -> bytes:
+    place = resources.files("etude.deploy.ros2").joinpath("package", template)
+    return re.sub(r"@(\w+)@", lambda found: words[found[1]], place.read_text(encoding="utf-8")).encode()
+
+
+def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[str, str]:
+    plan, joints = made.plan, list(made.plan.model.commands)
+    package = f"{plan.name.lower()}_feedforward"
+    unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))
+    operations = plan.operations(made.form.variance)
+    rate, remembered = float(asked.rate or spec.rate), plan.model.inputs.rate if plan.memory else 0.0
+    return {
+        "PACKAGE": package,
+        "GUARD": f"{package.upper()}__FEEDFORWARD_HPP_",
+        "NAME": plan.name,
+        "UPPER": plan.name.upper(),
+        "ROBOT": re.sub(r"[<>&]", " ", spec.name),
+        "HASH": asked.model_hash[:12] or "without a file",
+        "INTERFACE": asked.interface,
+        "UNIT": unit,
+        "JOINTS": ", ".join(_quoted(name) for name in joints),
+        "YAML_JOINTS": ", ".join(_quoted(name) for name in joints),
+        "CHAINED": ", ".join(_quoted(f"learned_feedforward/{name}") for name in joints),
+        "ZEROS": ", ".join("0.0" for _ in joints),
+        "SOURCES": ", ".join(map(str, sources)),
+        "CALL": _call(plan.name, made.form.fade),
+        "RATE": f"{max(rate, remembered):.0f}",
+        "OPERATIONS": f"{operations:,}",
+        "TIME": f", some {operations / 1e3:,.0f} us where a core does 1e9 a second",
+        "MEMORY": _memory(remembered),
+        "FADED": ", and fades to physics, or zero, with its predicted deviation" if made.form.fade else "",
+        "TABLE": _table(plan),
+    }
+
+
+def _call(name: str, fade: bool) -> str:
+    if not fade:
+        return f"  const unsigned flags = {name}_mean(&state_, input.data(), learned_.data());"
+    call = f"{name}_faded(&state_, input.data(), learned_.data(), variance.data())"
+    return f"  PerJoint variance;\n  const unsigned flags = {call};"
+
+
+def _memory(rate: float) -> str:
+    if not rate:
+        return " It remembers nothing: any rate will do."
+    return f" It remembers the way (friction): update it at least {rate:g} times a second."
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _table(plan: Plan) -> str:
+    lines = ["| joint | least | most | unit |", "|---|---|---|---|"]
+    for j, name in enumerate(plan.model.commands):
+        lines.append(f"| {name} | {plan.least[j]:.6g} | {plan.most[j]:.6g} | {plan.units[j] or '1'} |")
+    return "\n".join(lines)
