@@ -72,6 +72,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "urdf": "etude.robots.arm.identified.target:URDF",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
+        "trajectory": "etude.deploy.along:ALONG",
     },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {

@@ -156,7 +156,7 @@ def test_the_package_names_one_thing_by_one_name(built: Built) -> None:
 
 def test_who_has_no_efforts_of_joints_is_refused() -> None:
     model = arm_model("exact", "ard_se", points=12)
-    with pytest.raises(UsageError, match="commands are in pwm, and an effort"):
+    with pytest.raises(UsageError, match="are in pwm, an effort is in N m or N"):
         ROS2(model, ARM, arm_spec(), {})
     named = ROS2(model, ARM, arm_spec(), {"interface": "pwm"})
     assert b'"interface", "pwm"' in named.files["src/feedforward.cpp"]

@@ -11,16 +11,13 @@ from etude.campaign.in_use import model_in_use
 from etude.campaign.journal import Event, require_intact
 from etude.campaign.tracking import kept_then
 from etude.contracts import Trajectory
-from etude.deploy.commanded import Commanded, commanded
+from etude.deploy.commanded import Commanded, commanded, require_forces
 from etude.deploy.played import certify_played
-from etude.errors import UsageError
 from etude.limits.certificate import Certificate
 from etude.storage import write_atomic
 
 GROUP = "etude.exporters"
 CERTIFICATE = "certificate.json"
-FORCES = ("N m", "N")
-"""Units of commands that a field named effort may hold."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +75,7 @@ def export(
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     unit = getattr(campaign.spec, "command_unit", "")
-    if unit not in FORCES:
-        raise UsageError(
-            f"commands of {campaign.spec.name!r} are in {unit or 'no force'}, an effort is in N m or N",
-            next_step="Export without --effort.",
-        )
+    require_forces(unit, campaign.spec.name, "Export without --effort.")
     return commanded(trajectory, model_in_use(campaign).model)
 
 

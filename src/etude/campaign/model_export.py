@@ -72,7 +72,7 @@ def export(
     target: Target = plugins.load(GROUP, to)
     model, file = model_to_export(campaign)
     digest = sha256_of(file)
-    options |= {**supplied(campaign, getattr(target, "needs", ())), MODEL_HASH: digest}
+    options |= {**supplied(campaign, getattr(target, "needs", ()), options), MODEL_HASH: digest}
     delivered = target(model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
     write_folder(folder, {**delivered.files, MARK: _mark(to, digest, delivered)}, MARK)

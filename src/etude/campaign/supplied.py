@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from etude.campaign.bounded_motion import bounded_motion
 from etude.campaign.folder import ROBOT, Campaign
 from etude.campaign.learn import told_samples
 from etude.contracts import Log, Samples
 from etude.logs.log_file import read_log_file
 
 
-def supplied(campaign: Campaign, needs: Sequence[str]) -> dict[str, Any]:
-    """The options of these names: config, logs, samples, description."""
+def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of these names: config, logs, samples, description, motion.
+
+    Args:
+        given: the options that somebody gave; of these a motion says along which.
+    """
     known: Mapping[str, Callable[[], Any]] = {
         "config": lambda: campaign.config,
         "logs": lambda: told_logs(campaign),
         "samples": lambda: all_samples(campaign),
         "description": lambda: description(campaign),
+        "motion": lambda: bounded_motion(campaign, given.get("motion")),
     }
     return {name: known[name]() for name in needs}
 

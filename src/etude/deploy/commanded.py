@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.contracts import Array, Model, Trajectory
+from etude.errors import UsageError
+
+FORCES = ("N m", "N")
+"""Units of commands that a field named effort may hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,3 +40,12 @@ def commanded(trajectory: Trajectory, model: Model) -> Commanded:
 def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:
     """The motion, and its command if there is one."""
     return (what.trajectory, what.command) if isinstance(what, Commanded) else (what, None)
+
+
+def require_forces(unit: str, robot: str, next_step: str) -> None:
+    """UsageError unless commands in that unit may stand in a field named effort."""
+    if unit not in FORCES:
+        raise UsageError(
+            f"commands of {robot!r} are in {unit or 'no force'}, an effort is in N m or N",
+            next_step=next_step,
+        )

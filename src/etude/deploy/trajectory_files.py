@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ SHORT = {
     "thrust": "thrust",
 }
 """Columns of motions in space, as autopilots name them: x, vx, ax, roll, wx; others are CHANNEL_PART."""
+Beside = Callable[[Log], Mapping[str, Array]]
 LOOKED_AT = 4
 """Orders of motion that limits look at: up to jerk."""
 ROUNDING = 1e-9
@@ -105,17 +106,23 @@ def table_rate(spec: Any) -> float:
     return float(getattr(spec, "table_rate", spec.rate))
 
 
-def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float) -> bytes:
-    """`time` and all planned channels at `rate` Hz; every float reads back exactly."""
+def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Beside | None = None) -> bytes:
+    """`time` and all planned channels at `rate` Hz; every float reads back exactly.
+
+    Args:
+        beside: further columns (T,) by name, of the states of a perfect run.
+    """
     count = math.floor(trajectory.duration * rate + ROUNDING) + 1
     t = np.minimum(np.arange(count) / rate, trajectory.duration)
     log = inputs.states(trajectory.motion(t, inputs.orders))
-    planned = [channel for channel in log.channels.values() if channel.role == "plan"]
+    columns: dict[str, Array] = {"time": t}
+    for channel in (c for c in log.channels.values() if c.role == "plan"):
+        columns |= dict(zip(column_names(channel), log[channel.name].T, strict=True))
+    columns |= {} if beside is None else beside(log)
     text = io.StringIO()
-    header = csv.writer(text, lineterminator="\n")
-    header.writerow(["time", *(name for channel in planned for name in column_names(channel))])
-    rows = np.column_stack([t, *(log[channel.name] for channel in planned)])
-    text.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+    csv.writer(text, lineterminator="\n").writerow(columns)
+    rows = np.column_stack([*columns.values()]).tolist()
+    text.writelines(",".join(map(repr, row)) + "\n" for row in rows)
     return text.getvalue().encode()
 
 

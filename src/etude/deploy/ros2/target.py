@@ -12,13 +12,14 @@ from etude.contracts import Channel, Delivered, Kind
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
+from etude.deploy.commanded import require_forces
 from etude.deploy.options import taken
 from etude.errors import UsageError
 
 ORDERS = ("position", "velocity", "acceleration")
 PLANNED = "_des"
 EFFORT = "effort"
-FORCES = ("N m", "N")
+OTHER = "Name the hardware's interface that takes them: --set interface=NAME."
 PLACES = {
     "package.xml": "package.xml",
     "CMakeLists.txt": "CMakeLists.txt",
@@ -55,7 +56,9 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     sources = _sources(made.plan, kind, spec)
-    _require_efforts(made.plan, asked.interface)
+    if asked.interface == EFFORT:
+        for unit in made.plan.units:
+            require_forces(unit, spec.name, OTHER)
     words = _words(made, spec, sources, asked)
     package = words["PACKAGE"]
     files = {place.replace("@PACKAGE@", package): _filled(name, words) for name, place in PLACES.items()}
@@ -94,15 +97,6 @@ def _order(channel: Channel, channels: Mapping[str, Channel], path: str) -> int:
             )
         name, order = channels[name].derivative_of, order + 1
     return order
-
-
-def _require_efforts(plan: Plan, interface: str) -> None:
-    foreign = [unit or "1" for unit in plan.units if unit not in FORCES]
-    if interface == EFFORT and foreign:
-        raise UsageError(
-            f"commands are in {foreign[0]}, and an effort of ros2_control is in N m or N",
-            next_step="Name the hardware's interface that takes them: --set interface=NAME.",
-        )
 
 
 def _filled(template: str, words: Mapping[str, str]) -> bytes:

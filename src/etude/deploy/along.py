@@ -1,0 +1,110 @@
+"""`etude export --to trajectory`: a motion with what the model commands along it, for who plays trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude import plugins
+from etude.contracts import Array, Delivered, Kind, Limit, Log, Trajectory
+from etude.deploy.commanded import commanded, require_forces
+from etude.deploy.exporters.knots import SPACE, names_of
+from etude.deploy.options import taken
+from etude.deploy.played import certify_played
+from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
+from etude.errors import UsageError
+from etude.limits.certificate import require_certified
+from etude.models.model import LearnedModel
+
+EXPORTERS = "etude.exporters"
+TABLE = "commands.csv"
+FORMAT = "ros2_yaml"
+"""JointTrajectory in text: what it takes is installed everywhere."""
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """A motion, and the limits that hold for it."""
+
+    trajectory: Trajectory
+    limits: Sequence[Limit]
+
+
+@dataclass(frozen=True)
+class Options:
+    """motion: that which goes along, as `campaign.supplied` gives it; format: names of exporters, with commas;
+    rate: Hz."""
+
+    motion: Bounded | None = None
+    format: str = ""
+    rate: float | None = None
+    model_hash: str = ""
+
+
+class Along:
+    """The target (`contracts.Target`)."""
+
+    needs = ("motion",)
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+        """commands.csv: set-points, commands and deviations at the robot's rate; and each format with `effort`.
+
+        Raises:
+            UsageError: unknown options, no motion, a format that has no place for commands, or commands that
+                are no forces. UnsafeTrajectoryError: the motion leaves a limit, or what its receiver plays.
+        """
+        asked = taken(options, Options, "trajectory")
+        if asked.motion is None:
+            raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
+        motion, limits = asked.motion.trajectory, asked.motion.limits
+        proof = require_certified(motion, limits)
+        rate = float(asked.rate or table_rate(spec))
+        files = {
+            COEFFICIENTS: motion.to_json().encode(),
+            TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log)),
+            CERTIFICATE: proof.to_json().encode(),
+        }
+        unit = getattr(spec, "command_unit", "")
+        formats, said = _formats(asked.format, kind, spec, unit)
+        for name in formats:
+            files |= _played(name, model, motion, kind, spec, limits)
+        told = f"{TABLE}: set-points, commands and deviations ({unit or '1'}), {rate:g} times a second."
+        return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
+
+
+def _columns(model: LearnedModel, log: Log) -> dict[str, Array]:
+    mean, variance = model.predict(log)
+    found = {}
+    for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
+        found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
+    return found
+
+
+def _formats(given: str, kind: Kind, spec: Any, unit: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Those asked for; unasked a JointTrajectory, if there is one of this robot."""
+    if given:
+        require_forces(unit, spec.name, f"Export without a format: {TABLE} has any unit.")
+        return tuple(given.split(",")), ()
+    try:
+        require_forces(unit, spec.name, "")
+    except UsageError as problem:
+        return (), (f"No JointTrajectory: {problem.fact}.",)
+    if names_of(kind, spec) == SPACE:
+        return (), ("No JointTrajectory: the path is x, y, z.",)
+    return (FORMAT,), (f"{FORMAT}: with effort, for joint_trajectory_controller of Jazzy and later.",)
+
+
+def _played(
+    name: str, model: LearnedModel, motion: Trajectory, kind: Kind, spec: Any, limits: Sequence[Limit]
+) -> dict[str, bytes]:
+    """The files of a format in a folder of its name, proved as their receiver plays them."""
+    exporter = plugins.load(EXPORTERS, name)
+    files = exporter(commanded(motion, model), kind, spec)
+    proof = certify_played(exporter, files, limits, motion.form)
+    return {f"{name}/{file}": data for file, data in {**files, CERTIFICATE: proof.to_json().encode()}.items()}
+
+
+ALONG = Along()
