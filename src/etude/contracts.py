@@ -369,6 +369,14 @@ class Inputs(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
+class Scaled(Protocol):
+    """Capability of `Inputs` with an op: (D,) what the op's channel is divided by first, tanh(c / s) and
+    exp(-|c / s|) of "rest"; 1 of plain columns, NaN where an op is no formula.
+    """
+
+    def scales(self) -> Array: ...
+
+
 class Mean(Protocol):
     """Commands (n, J) from states, without a process; static: the part that remains at rest (gravity).
     parameters: identified value and deviation by name, inf where data do not tell.

@@ -73,6 +73,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.along:ALONG",
+        "onnx": "etude.deploy.onnx.target:ONNX",
     },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {

@@ -2,7 +2,7 @@
 
 Built with the first of gcc, clang and cc at `-O3 -ffast-math -march=native`; each figure is the least of many
 batches of calls with inputs that change, since a busy machine only adds. Beside the means stands onnxruntime
-with one thread, where it is installed (`pip install onnx onnxruntime`), on the same numbers.
+with one thread on the graph of `--to onnx`, where it is installed (`pip install '.[onnx]'`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import numpy as np
 
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.target import Files, c_files
+from etude.deploy.onnx.model_graph import written
+from etude.deploy.onnx.target import session
 from etude.errors import UsageError
 from etude_studies.c99_models import Sized, sized
 from etude_studies.rows import Row, rows_json, table
@@ -150,15 +152,14 @@ def microseconds(made: Files, variance: bool) -> float:
 def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
     """onnxruntime on the same mean, if it is installed."""
     try:
+        import onnx  # noqa: F401
         import onnxruntime  # noqa: F401
-
-        from etude_studies.onnx_mean import session
     except ImportError:
         return []
     mean = {row.metric: row.value for row in rows}
     found = []
     for kind, dtype in (("double", np.float64), ("float", np.float32)):
-        ask = session(own.model, dtype)
+        ask = session(written(own.model, dtype, variance=False))
         x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)
         best = np.inf
         for _ in range(BATCHES):

@@ -1,4 +1,4 @@
-"""The motion that a model is exported along: the newest proposal, or one's own, with limits that hold for it."""
+"""The motion that a model is exported along, the newest proposal or a file, and limits that hold for it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def test_commands_and_deviations_stand_beside_the_motion(here: World) -> None:
     t = np.minimum(np.arange(len(rows)) / 25.0, motion.duration)
     np.testing.assert_array_equal(rows[:, 0], t)
     mean, variance = MODEL.predict(MODEL.inputs.states(motion.motion(t, 3)))
-    place = {name: column for name, column in zip(names, rows.T, strict=True)}
+    place = dict(zip(names, rows.T, strict=True))
     for j, joint in enumerate(joints):
         np.testing.assert_array_equal(place[f"command_{joint}"], mean[:, j])
         np.testing.assert_array_equal(place[f"deviation_{joint}"], np.sqrt(variance[:, j]))

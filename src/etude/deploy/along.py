@@ -1,4 +1,4 @@
-"""`etude export --to trajectory`: a motion with what the model commands along it, for who plays trajectories."""
+"""`etude export --to trajectory`: a motion with what the model commands along it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Along:
     needs = ("motion",)
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
-        """commands.csv: set-points, commands and deviations at the robot's rate; and each format with `effort`.
+        """commands.csv, at the robot's rate: set-points, commands and deviations; each format with `effort`.
 
         Raises:
             UsageError: unknown options, no motion, a format that has no place for commands, or commands that
@@ -77,7 +77,7 @@ class Along:
 
 def _columns(model: LearnedModel, log: Log) -> dict[str, Array]:
     mean, variance = model.predict(log)
-    found = {}
+    found: dict[str, Array] = {}
     for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
         found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
     return found

@@ -111,6 +111,12 @@ class ArmInputs:
         ops = ["tanh" for _ in self.thresholds] + (["memory", "rest"] if self.presliding is not None else [])
         return (*found, *((speed.name, part, "1", op) for op in ops for part in speed.parts))
 
+    def scales(self) -> Array:
+        """(D,) velocities that tanh and rest are of, 1 of plain columns, NaN of what remembers."""
+        plain = np.ones(ORDERS * len(self.stick_velocity))
+        held = [] if self.slow is None else [np.full(len(self.slow), np.nan), self.slow]
+        return np.concatenate([plain, *self.thresholds, *held])
+
     @property
     def orders(self) -> int:
         return ORDERS

@@ -1,0 +1,101 @@
+"""A graph of ONNX as it grows: nodes with names of their own, constants once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from etude.errors import UsageError
+
+OPSET = 17
+"""Of the operators: ReduceSum takes its axes as an input since 13."""
+FORMAT = 8
+"""Version of the file format, as of ONNX 1.10 to 1.13, whose releases brought opsets up to 17 and 18."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Operators of numbers of one type.
+
+    Attributes:
+        dtype: np.float64 or np.float32.
+    """
+
+    dtype: Any
+    nodes: list[Any] = field(default_factory=list)
+    constants: dict[tuple[bytes, tuple[int, ...], str], str] = field(default_factory=dict)
+    values: list[Any] = field(default_factory=list)
+
+    def op(self, name: str, *inputs: Any, **attributes: Any) -> str:
+        """The name of what an operator makes of these: names of values, or arrays, which become constants."""
+        from onnx import helper
+
+        own = [value if isinstance(value, str) else self.constant(value) for value in inputs]
+        out = f"v{len(self.nodes)}"
+        self.nodes.append(helper.make_node(name, own, [out], **attributes))
+        return out
+
+    def constant(self, value: Any) -> str:
+        """An array or a number; whole numbers stay whole."""
+        from onnx import numpy_helper
+
+        array = np.asarray(value)
+        array = np.ascontiguousarray(array, dtype=np.int64 if array.dtype.kind in "iu" else self.dtype)
+        array = array.reshape(np.shape(value))
+        key = (array.tobytes(), array.shape, str(array.dtype))
+        if key not in self.constants:
+            self.constants[key] = f"c{len(self.constants)}"
+            self.values.append(numpy_helper.from_array(array, self.constants[key]))
+        return self.constants[key]
+
+    def total(self, value: str, axis: int) -> str:
+        """The sum along an axis, which goes."""
+        return self.op("ReduceSum", value, np.array([axis]), keepdims=0)
+
+    def columns(self, value: str, which: Sequence[int]) -> str:
+        """Those columns of a table (n, D)."""
+        return self.op("Gather", value, np.array(list(which)), axis=1)
+
+    def model(
+        self, width: int, outputs: Mapping[str, tuple[str, int]], words: Mapping[str, str], text: str
+    ) -> bytes:
+        """The file: input `states` (n, width); outputs by name, (n, columns) of a value.
+
+        Args:
+            words: kept in the file beside the graph. text: what people read of it.
+        """
+        import onnx
+        from onnx import TensorProto, helper
+
+        kind = TensorProto.DOUBLE if self.dtype == np.float64 else TensorProto.FLOAT
+        for name, (value, _) in outputs.items():
+            self.nodes.append(helper.make_node("Identity", [value], [name]))
+        graph = helper.make_graph(
+            self.nodes,
+            "model",
+            [helper.make_tensor_value_info("states", kind, ["n", width])],
+            [helper.make_tensor_value_info(name, kind, ["n", size]) for name, (_, size) in outputs.items()],
+            self.values,
+            doc_string=text,
+        )
+        made = helper.make_model(
+            graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=FORMAT, producer_name="etude"
+        )
+        helper.set_model_props(made, dict(words))
+        onnx.checker.check_model(made, full_check=True)
+        return bytes(made.SerializeToString())
+
+
+def needed(module: str) -> Any:
+    """The library. UsageError that names the extra if it is not installed."""
+    try:
+        return import_module(module)
+    except ImportError as problem:
+        raise UsageError(
+            f"--to onnx needs {module}, which is not installed ({problem})",
+            next_step="Install it: pip install 'etude[onnx]'",
+        ) from None

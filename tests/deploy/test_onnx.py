@@ -1,0 +1,144 @@
+"""The graph says what Python says, wherever it can be said at all; what cannot is named."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from c_models import (
+    ARM,
+    QUADROTOR,
+    alone,
+    arm_log,
+    arm_model,
+    arm_spec,
+    averaged,
+    quadrotor_model,
+    quadrotor_spec,
+)
+
+from etude.contracts import Array
+from etude.deploy.onnx.model_graph import state_columns, written
+from etude.deploy.onnx.target import ONNX, session
+from etude.errors import UsageError
+from etude.models.linear import LinearPhysics
+from etude.models.model import LearnedModel
+
+for library in ("onnx", "onnxruntime"):
+    pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")
+LIMIT = np.asarray(ARM.limit(arm_spec()))
+
+
+def mixed() -> LearnedModel:
+    """Kernels that ignore what remembers, averaged with others, doubted, beside linear regression."""
+    first = arm_model("exact", "structured", memory=True)
+    line = LinearPhysics(first.inputs)
+    log = arm_log(arm_spec(), 48)
+    mean = line.restore({"weights": fitted(first, log)})
+    sparse = arm_model("fitc", "structured", memory=True)
+    rest = replace(
+        sparse, candidates=tuple(replace(c, mean=mean, rung="linear+gp") for c in sparse.candidates)
+    )
+    return averaged(first, rest, least=True)
+
+
+def fitted(model: LearnedModel, log: Any) -> Array:
+    from etude.models.linear import linear_inputs
+
+    X = linear_inputs(model.inputs, model.inputs.of_log(log))
+    return np.asarray(np.linalg.lstsq(X, 0.2 * log["command"], rcond=None)[0])
+
+
+CASES = {
+    "mixed": mixed,
+    "shared": lambda: arm_model("exact", "ard_se", together=True),
+    "ssgp": lambda: arm_model("ssgp_fixed", "ard_se"),
+    "doubted": lambda: alone(arm_model("exact", "structured"), grows=True),
+    "silent": lambda: alone(arm_model("exact", "structured"), grows=False),
+    "dictionary": lambda: arm_model("dictionary_variance", "structured"),
+    "sogp": lambda: arm_model("sogp", "ard_se"),
+}
+
+
+def near(model: LearnedModel, dtype: Any) -> tuple[Any, Array]:
+    """A log near the data, where a process has much to say, and its states."""
+    log = arm_log(arm_spec(), 48)
+    rng = np.random.default_rng(4)
+    spread = {
+        name: (1.0 + 0.05 * rng.standard_normal(log[name].shape)) * log[name] for name in ("q", "qd", "qdd")
+    }
+    states = np.concatenate([*spread.values()], axis=1).astype(dtype)
+    assert states.shape[1] == len(state_columns(model))
+    parts = np.split(states.astype(float), 3, axis=1)
+    return dict(zip(spread, parts, strict=True)), states
+
+
+def agrees(model: LearnedModel, dtype: Any, small: float) -> None:
+    log, states = near(model, dtype)
+    command, variance = session(written(model, dtype, variance=True))(states)
+    mean, spread = model.predict(log)
+    assert np.abs(command - mean).max() <= small * LIMIT.min()
+    assert np.abs(variance - spread).max() <= small * LIMIT.min() ** 2
+    one = session(written(model, dtype, variance=False))(states[:1])
+    assert np.abs(one[0] - command[:1]).max() <= small * LIMIT.min()
+
+
+@pytest.mark.parametrize("name", ["mixed", "ssgp"])
+def test_the_graph_agrees(name: str) -> None:
+    model = CASES[name]()
+    assert np.ptp(model.predict(near(model, float)[0])[0], axis=0).min() > 0.05
+    agrees(model, np.float64, 1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", [np.float64, np.float32], ids=["double", "float"])
+@pytest.mark.parametrize("name", CASES)
+def test_every_process_agrees(name: str, real: Any) -> None:
+    agrees(CASES[name](), real, 1e-9 if real is np.float64 else 1e-4)
+
+
+def test_the_file_says_what_it_takes_and_gives() -> None:
+    import onnx
+
+    model = arm_model("exact", "ard_se", points=12)
+    found = ONNX(model, ARM, arm_spec(), {"model_hash": "ab" * 32, "name": "1 arm", "real": "float"})
+    (data,) = found.files.values()
+    read = onnx.load_from_string(data)
+    words = {row.key: row.value for row in read.metadata_props}
+    assert tuple(found.files) == ("n_1_arm.onnx",)
+    assert words["model_sha256"] == "ab" * 32
+    assert words["states"].split(", ")[4] == "qd_waist [rad/s]"
+    assert words["commands"].startswith("waist [pwm], shoulder")
+    assert [entry.version for entry in read.opset_import] == [17]
+    assert found.facts["deviation"] <= 1e-4
+
+
+def test_what_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for model, words in (
+        (arm_model("exact", "ard_se", points=12, physics=True), "the physics RigidBodyMean"),
+        (arm_model("exact", "ard_se", points=12, memory=True), "the input 'memory' of qd waist"),
+    ):
+        with pytest.raises(UsageError, match=f"({words}).* cannot be exported to ONNX"):
+            written(model, np.float64, variance=False)
+    with pytest.raises(UsageError, match="the physics VehicleInverse"):
+        ONNX(quadrotor_model("quadrotor", points=12), QUADROTOR, quadrotor_spec("quadrotor"), {})
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(UsageError, match="--to onnx needs onnx") as problem:
+        written(arm_model("exact", "ard_se", points=12), np.float64, variance=False)
+    assert "pip install 'etude[onnx]'" in problem.value.next_step
+
+
+@pytest.mark.slow
+def test_kernels_and_processes_that_cannot_be_written_are_named() -> None:
+    for model, words in (
+        (arm_model("exact", "gip_lin", points=12), "the kernel '.*'"),
+        (arm_model("all_lin", "ard_se", points=12, together=True), "the process"),
+        (arm_model("local_gp", "ard_se", points=24), "a process of the form|the process"),
+        (arm_model("lwpr", "ard_se", points=24), "a process of the form|the process"),
+        (arm_model("exact", "standing", points=12, memory=True), "the input 'memory' of qd waist"),
+    ):
+        with pytest.raises(UsageError, match=f"({words}).* cannot be exported to ONNX"):
+            written(model, np.float64, variance=False)
