@@ -74,6 +74,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.along:ALONG",
         "onnx": "etude.deploy.onnx.target:ONNX",
+        "px4": "etude.deploy.flight.target:PX4",
+        "crazyflie": "etude.deploy.flight.target:CRAZYFLIE",
     },
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {

@@ -160,11 +160,13 @@ def quadrotor_log(spec: Any, count: int, seed: int = 0) -> Log:
     return Log(np.arange(count) / 10.0, {name: channels[name] for name in values}, values)
 
 
-def quadrotor_model(name: str, *, physics: str = "identified", points: int = 40) -> LearnedModel:
+def quadrotor_model(
+    name: str, *, physics: str = "identified", points: int = 40, spec: Any = None
+) -> LearnedModel:
     """A process on what physics leave, for all commands at once."""
     from etude.robots.quadrotor.inputs import QuadrotorInputs
 
-    spec = quadrotor_spec(name)
+    spec = spec or quadrotor_spec(name)
     inputs = QuadrotorInputs()
     log = quadrotor_log(spec, points)
     every = np.ones(log["command"].shape, dtype=np.bool_)

@@ -1,0 +1,119 @@
+/* Written by a program; @NAME@_flight.h says how to use it. */
+#include "@NAME@_flight.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+typedef @NAME@_real real;
+
+#define R(x) ((real)(x))
+#define SQRT sqrt@F@
+#define COS cos@F@
+#define SIN sin@F@
+
+#define GRAVITY R(9.81)
+#define LEAST_LIFT R(0.3)  /* part of the weight below which thrust has no sure direction */
+#define SMOOTH_S R(0.02)   /* time constant of the angular acceleration, which is a difference of rates */
+
+/* By bits, so that it holds under -ffast-math. */
+static int is_number(real value)
+{
+    @WORD@ bits;
+    memcpy(&bits, &value, sizeof bits);
+    return (bits & @MASK@) != @MASK@;
+}
+
+static real dot(const real *a, const real *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Into a world whose x looks where the vehicle does. */
+static void turned(const real *world, real cosine, real sine, real *out)
+{
+    out[0] = cosine * world[0] + sine * world[1];
+    out[1] = cosine * world[1] - sine * world[0];
+    out[2] = world[2];
+}
+
+static int complete(const @NAME@_setpoint *asked)
+{
+    int i, known = is_number(asked->altitude) && is_number(asked->yaw) && is_number(asked->battery);
+    for (i = 0; i < 3; ++i)
+        known = known && is_number(asked->velocity[i]) && is_number(asked->acceleration[i]);
+    return known;
+}
+
+void @NAME@_flight_init(@NAME@_flight *own)
+{
+    memset(own, 0, sizeof *own);
+    @NAME@_init(&own->model);
+    @NAME@_init(&own->still);
+}
+
+/* What the model reads of a perfect flight without drag: thrust along z of the body, which looks along `yaw`.
+   0 where thrust is too small. */
+static int states_of(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt)
+{
+    const real cosine = COS(asked->yaw), sine = SIN(asked->yaw);
+    real push[3], jerk[3], velocity[3], acceleration[3], x[3], y[3], z[3], drift[3], rates[3];
+    real lift, level, slope, norm, share;
+    int i;
+    turned(asked->acceleration, cosine, sine, acceleration);
+    turned(asked->velocity, cosine, sine, velocity);
+    turned(asked->jerk, cosine, sine, jerk);
+    for (i = 0; i < 3; ++i) {
+        push[i] = acceleration[i] + (i == 2 ? GRAVITY : R(0.0));
+        jerk[i] = is_number(jerk[i]) ? jerk[i] : R(0.0);
+    }
+    lift = SQRT(dot(push, push));
+    level = SQRT(push[0] * push[0] + push[2] * push[2]);
+    if (!(push[2] > LEAST_LIFT * GRAVITY))
+        return 0;
+    for (i = 0; i < 3; ++i)
+        z[i] = push[i] / lift;
+    x[0] = push[2] / level;
+    x[1] = R(0.0);
+    x[2] = -push[0] / level;
+    y[0] = z[1] * x[2] - z[2] * x[1];
+    y[1] = z[2] * x[0] - z[0] * x[2];
+    y[2] = z[0] * x[1] - z[1] * x[0];
+    norm = dot(z, jerk);
+    for (i = 0; i < 3; ++i)
+        drift[i] = (jerk[i] - norm * z[i]) / lift;
+    slope = (jerk[0] * push[2] - push[0] * jerk[2]) / (level * level);
+    rates[0] = -dot(y, drift);
+    rates[1] = dot(x, drift);
+    rates[2] = slope * (y[0] * x[2] - y[2] * x[0]);
+    share = own->begun && dt > R(0.0) ? dt / (dt + SMOOTH_S) : R(0.0);
+    for (i = 0; i < 3; ++i) {
+        if (share > R(0.0))
+            own->turning[i] += share * ((rates[i] - own->rates[i]) / dt - own->turning[i]);
+        own->rates[i] = rates[i];
+    }
+    own->begun = 1;
+@FILL@
+    return 1;
+}
+
+unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt, real *extra)
+{
+    real moving[@UPPER@_COMMANDS], still[@UPPER@_COMMANDS], hover[@UPPER@_INPUTS] = {R(0.0)};
+    unsigned flags = @UPPER@_NOT_A_NUMBER;
+    const real step = (dt > R(0.0) ? dt : R(0.0)) / R(@UPPER@_FADE_S);
+    int j;
+    if (complete(asked) && states_of(own, asked, dt)) {
+@HOVER@
+        flags = @NAME@_mean(&own->model, own->input, moving) | @NAME@_mean(&own->still, hover, still);
+        for (j = 0; j < @UPPER@_COMMANDS; ++j)
+            own->extra[j] = moving[j] - still[j];
+    } else {
+        own->begun = 0;
+    }
+    own->trust += flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_CLAMPED | @UPPER@_NO_ANSWER) ? -step : step;
+    own->trust = own->trust < R(0.0) ? R(0.0) : own->trust > R(1.0) ? R(1.0) : own->trust;
+    for (j = 0; j < @UPPER@_COMMANDS; ++j)
+        extra[j] = own->trust * own->extra[j];
+    return flags;
+}

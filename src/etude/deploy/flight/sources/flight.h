@@ -1,0 +1,43 @@
+/* Set-points in, what motion takes beyond hovering out. Written by a program. */
+#ifndef @UPPER@_FLIGHT_H
+#define @UPPER@_FLIGHT_H
+
+#include "@NAME@.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A set-point. World: z up. What is not known is NaN: jerk then counts as 0, anything else ends the feedforward. */
+typedef struct {
+    @NAME@_real altitude;        /* m */
+    @NAME@_real velocity[3];     /* m/s */
+    @NAME@_real acceleration[3]; /* m/s^2 */
+    @NAME@_real jerk[3];         /* m/s^3 */
+    @NAME@_real yaw;             /* rad, from the world's x towards its y */
+    @NAME@_real battery;         /* V; any number where the model does not read it */
+} @NAME@_setpoint;
+
+typedef struct {
+    @NAME@_state model, still;
+    @NAME@_real input[@UPPER@_INPUTS]; /* what the model was asked last */
+    @NAME@_real rates[3], turning[3];
+    @NAME@_real extra[@UPPER@_COMMANDS];
+    @NAME@_real trust; /* part that is given out, 0 to 1 */
+    int begun;
+} @NAME@_flight;
+
+void @NAME@_flight_init(@NAME@_flight *own);
+
+/* Commands to be added to those of a feedback that holds the vehicle's weight itself. They fade out within
+   @UPPER@_FADE_S where set-points are missing or the model is asked far outside its data. dt: s since the last
+   call. Returns the flags of the model, or @UPPER@_NOT_A_NUMBER without a set-point. */
+unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, @NAME@_real dt, @NAME@_real *extra);
+
+#define @UPPER@_FADE_S 0.2
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,142 @@
+"""`etude export --to px4|crazyflie`: a vehicle's model in C, states made of set-points, and the glue."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from etude.contracts import Delivered, Kind
+from etude.deploy.c99.header import Form
+from etude.deploy.c99.plan import Plan
+from etude.deploy.c99.single import single
+from etude.deploy.c99.target import Files, c_files, told
+from etude.deploy.options import taken
+from etude.errors import UsageError
+
+MOTORS = 4
+READS: Mapping[str, Sequence[str]] = {
+    "altitude": ("asked->altitude",),
+    "specific_force": ("R(0.0)", "R(0.0)", "lift"),
+    "rates": ("rates[0]", "rates[1]", "rates[2]"),
+    "angular_acceleration": ("own->turning[0]", "own->turning[1]", "own->turning[2]"),
+    "body_velocity": ("dot(x, velocity)", "dot(y, velocity)", "dot(z, velocity)"),
+    "body_acceleration": ("dot(x, acceleration)", "dot(y, acceleration)", "dot(z, acceleration)"),
+    "battery_voltage": ("asked->battery",),
+}
+"""Channels of a vehicle, as flight.c has them from a set-point; body frame x forward, y left, z up."""
+HOVERS: Mapping[str, Sequence[str]] = {
+    "altitude": ("asked->altitude",),
+    "specific_force": ("R(0.0)", "R(0.0)", "GRAVITY"),
+    "battery_voltage": ("asked->battery",),
+}
+"""Those that are not 0 in hover."""
+RATES = (100, 250, 500)
+"""Hz of a Crazyflie's loop that divide its 1,000."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """See `commands.export`; rate: Hz at which a Crazyflie asks the model."""
+
+    real: str = "float"
+    single: bool = False
+    rate: float | None = None
+    name: str = ""
+    model_hash: str = ""
+
+
+@dataclass(frozen=True)
+class Autopilot:
+    """A `contracts.Target`: the glue of one autopilot.
+
+    Attributes:
+        name: of the target. sources: templates, and how their files are called.
+    """
+
+    name: str
+    sources: Mapping[str, str]
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
+        """The model's C, NAME_flight.h and .c, and the glue.
+
+        Raises:
+            UsageError: unknown options; commands that are no motors of it, or no parts of full scale; a state
+                that no set-point tells; what has no C; float where it would be wrong.
+        """
+        asked = taken(options, Options, self.name)
+        form = Form(asked.real == "float", digest=asked.model_hash)
+        made = c_files(single(model) if asked.single else model, kind, spec, form, asked.name)
+        words = _words(made, self.name, int(asked.rate or RATES[0]))
+        said, facts = told(made, model, float(asked.rate or RATES[0]), asked.single)
+        files = dict(made.files)
+        for template, place in self.sources.items():
+            files[place.replace("@NAME@", made.plan.name)] = _filled(template, words)
+        order = ", ".join(
+            f"{n} is {int(m) + 1}" for n, m in zip(model.commands, words["MOTORS"].split(", "), strict=True)
+        )
+        return Delivered(files, (f"Motors of {self.name}: {order}.", *said), facts)
+
+
+SHARED = {"flight.h": "@NAME@_flight.h", "flight.c": "@NAME@_flight.c"}
+PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.c"})
+CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"})
+
+
+def _words(made: Files, target: str, rate: int) -> dict[str, str]:
+    plan, single_precision = made.plan, made.form.single
+    if rate not in RATES and target == "crazyflie":
+        raise UsageError(f"a Crazyflie's loop asks at {', '.join(map(str, RATES))} Hz, not {rate}")
+    reads_battery = any(channel.name == "battery_voltage" for channel in plan.channels)
+    return {
+        "NAME": plan.name,
+        "UPPER": plan.name.upper(),
+        "WORD": "uint32_t" if single_precision else "uint64_t",
+        "F": "f" if single_precision else "",
+        "MASK": "0x7f800000u" if single_precision else "0x7ff0000000000000u",
+        "FILL": "\n".join(_fill(plan, "own->input", READS, "    ")),
+        "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "        ")),
+        "MOTORS": ", ".join(map(str, _motors(plan, target))),
+        "RATE": f"RATE_{rate}_HZ",
+        "BATTERY": "pmGetBatteryVoltage()" if reads_battery else "0.0f",
+        "PM": '#include "pm.h"\n' if reads_battery else "",
+    }
+
+
+def _fill(plan: Plan, into: str, told_by: Mapping[str, Sequence[str]], indent: str) -> list[str]:
+    """Statements that set what the model reads."""
+    lines = []
+    for i, (channel, part) in enumerate(plan.parts):
+        if channel.name not in READS:
+            raise UsageError(
+                f"the model reads {channel.name}, which no set-point tells",
+                next_step="Train it without, or export --to c.",
+            )
+        if channel.name in told_by:
+            lines.append(f"{indent}{into}[{i}] = {told_by[channel.name][part]};")
+    return lines
+
+
+def _motors(plan: Plan, target: str) -> list[int]:
+    """Of each command its motor, from 0: names of commands end in the autopilot's numbers, from 1."""
+    if set(plan.units) - {"1", ""}:
+        raise UsageError(
+            f"{target} takes parts of full scale, and commands are in {', '.join(dict.fromkeys(plan.units))}",
+            next_step='Learn from set-points of the motors, with command_unit = "1"; or export --to c.',
+        )
+    found = [re.search(r"(\d+)$", name) for name in plan.model.commands]
+    numbers = [int(match[1]) - 1 for match in found if match]
+    if sorted(numbers) != list(range(MOTORS)):
+        raise UsageError(
+            f"which motor is which is not said by {', '.join(plan.model.commands)}",
+            next_step=f"Let commands in robot.toml end in {target}'s numbers of the motors: m1, m2, m3, m4.",
+        )
+    return numbers
+
+
+def _filled(template: str, words: Mapping[str, str]) -> bytes:
+    place = resources.files("etude.deploy.flight").joinpath("sources", template)
+    text = place.read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z0-9]+)@", lambda found: words[found[1]], text).encode()

@@ -1,0 +1,4 @@
+#pragma once
+struct actuator_motors_s {
+    float control[12];
+};
