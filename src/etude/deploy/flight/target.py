@@ -11,8 +11,7 @@ from typing import Any
 from etude.contracts import Delivered, Kind
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.single import single
-from etude.deploy.c99.target import Files, c_files, told
+from etude.deploy.c99.target import Files, held
 from etude.deploy.options import taken
 from etude.errors import UsageError
 
@@ -68,9 +67,9 @@ class Autopilot:
         """
         asked = taken(options, Options, self.name)
         form = Form(asked.real == "float", digest=asked.model_hash)
-        made = c_files(single(model) if asked.single else model, kind, spec, form, asked.name)
-        words = _words(made, self.name, int(asked.rate or RATES[0]))
-        said, facts = told(made, model, float(asked.rate or RATES[0]), asked.single)
+        rate = float(asked.rate or RATES[0])
+        made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+        words = _words(made, self.name, rate)
         files = dict(made.files)
         for template, place in self.sources.items():
             files[place.replace("@NAME@", made.plan.name)] = _filled(template, words)
@@ -85,10 +84,10 @@ PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.
 CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"})
 
 
-def _words(made: Files, target: str, rate: int) -> dict[str, str]:
+def _words(made: Files, target: str, rate: float) -> dict[str, str]:
     plan, single_precision = made.plan, made.form.single
     if rate not in RATES and target == "crazyflie":
-        raise UsageError(f"a Crazyflie's loop asks at {', '.join(map(str, RATES))} Hz, not {rate}")
+        raise UsageError(f"a Crazyflie's loop asks at {', '.join(map(str, RATES))} Hz, not {rate:g}")
     reads_battery = any(channel.name == "battery_voltage" for channel in plan.channels)
     return {
         "NAME": plan.name,
@@ -99,7 +98,7 @@ def _words(made: Files, target: str, rate: int) -> dict[str, str]:
         "FILL": "\n".join(_fill(plan, "own->input", READS, "    ")),
         "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "        ")),
         "MOTORS": ", ".join(map(str, _motors(plan, target))),
-        "RATE": f"RATE_{rate}_HZ",
+        "RATE": f"RATE_{rate:.0f}_HZ",
         "BATTERY": "pmGetBatteryVoltage()" if reads_battery else "0.0f",
         "PM": '#include "pm.h"\n' if reads_battery else "",
     }
