@@ -52,13 +52,12 @@ def covariance(graph: Graph, x: str, kernel: Kernel, theta: Array, Z: Array) -> 
         return _folded(graph, sign, found)
     if isinstance(kernel, SquaredExponential):
         scale, lengths = _split(kernel, theta)
-        inverse = 1.0 / lengths[:, None, None, :]
+        inverse = np.sqrt(0.5) / lengths[:, None, None, :]
         own_x = graph.op("Mul", _rows(graph, x, kernel.dims, Z.shape[2]), inverse)
         own_z = Z[:, None, :, list(kernel.dims)] * inverse
         apart = graph.op("Sub", own_x, own_z)
         squares = graph.total(graph.op("Mul", apart, apart), -1)
-        found_k = graph.op("Exp", graph.op("Mul", squares, np.array(-0.5)))
-        return found_k if kernel.unit else graph.op("Mul", found_k, scale[:, None, None])
+        return graph.op("Exp", graph.op("Sub", np.log(scale)[:, None, None], squares))
     if isinstance(kernel, Linear):
         weighted = Z[:, :, list(kernel.dims)] * np.exp(2.0 * theta)[:, None, :]
         return graph.op("MatMul", graph.columns(x, kernel.dims), np.swapaxes(weighted, 1, 2))

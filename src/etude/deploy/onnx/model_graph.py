@@ -89,7 +89,8 @@ def _term(graph: Graph, x: str, candidate: Candidate, variance: bool) -> Term:
     assert candidate.process is not None
     mean, latent = moments(graph, x, candidate.process, variance)
     offset, factor = candidate.units
-    own = graph.op("Add", graph.op("Mul", mean, factor[None, :]), offset[None, :])
+    own = graph.op("Mul", mean, factor[None, :])
+    own = graph.op("Add", own, offset[None, :]) if offset.any() else own
     if isinstance(candidate.mean, LinearMean):
         weights = candidate.mean.weights[:, list(candidate.commands)]
         line = graph.op("MatMul", "states", weights[:-1])
