@@ -93,7 +93,7 @@ def _spectral(graph: Graph, x: str, own: Sequence[SparseSpectrumPosterior], vari
 
 def _mean(graph: Graph, k: str, weights: Any) -> str:
     """(n, m) from (m, n, N) and weights (m, N)."""
-    columns = graph.op("Squeeze", graph.op("MatMul", k, weights[:, :, None]), np.array([2]))
+    columns = graph.total(graph.op("Mul", k, weights[:, None, :]), -1)
     return graph.op("Transpose", columns, perm=[1, 0])
 
 
