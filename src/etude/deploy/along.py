@@ -35,8 +35,7 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Options:
-    """motion: that which goes along, as `campaign.supplied` gives it; format: names of exporters, with commas;
-    rate: Hz."""
+    """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
 
     motion: Bounded | None = None
     format: str = ""
@@ -103,7 +102,7 @@ def _played(
     """The files of a format in a folder of its name, proved as their receiver plays them."""
     exporter = plugins.load(EXPORTERS, name)
     files = exporter(commanded(motion, model), kind, spec)
-    proof = certify_played(exporter, files, limits, motion.form)
+    proof = certify_played(exporter, files, limits, motion)
     return {f"{name}/{file}": data for file, data in {**files, CERTIFICATE: proof.to_json().encode()}.items()}
 
 
