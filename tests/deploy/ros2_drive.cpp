@@ -1,5 +1,5 @@
 // Runs the exported controller as a controller manager would: one line of numbers in and one of efforts out each step.
-// Lines: period, references (position, velocity, acceleration, effort of all joints), states (position, velocity).
+// Arguments: p, d, how many of each, how often to activate. Lines: period, references (position, velocity, acceleration, effort of all joints), states (position, velocity).
 #include <cstdio>
 #include <cstdlib>
 #include <iostream>
@@ -41,6 +41,14 @@ static std::vector<hardware_interface::Loaned> loaned(const Handles & own)
   return std::vector<hardware_interface::Loaned>(own.begin(), own.end());
 }
 
+static void print(const Handles & own)
+{
+  for (const auto & one : own) {
+    std::printf("%.17g ", one->value);
+  }
+  std::printf("\n");
+}
+
 static double number()
 {
   std::string word;
@@ -74,36 +82,33 @@ int main(int count, char ** words)
     std::printf("\n");
   }
   own.assign_interfaces(loaned(commands), loaned(states));
-  own.on_activate(state);
-  for (;;) {
-    const double period = number();
-    if (!std::cin) {
-      break;
-    }
-    for (const auto & one : references) {
-      one->value = number();
-    }
-    for (std::size_t i = 0; i < 2 * J; ++i) {
-      const double found = number();
-      if (i < states.size()) {
-        states[i]->value = found;
+  std::vector<double> rows;
+  for (double found = number(); std::cin; found = number()) {
+    rows.push_back(found);
+  }
+  const std::size_t width = 1 + references.size() + 2 * J;
+  for (int run = count > 4 ? std::atoi(words[4]) : 1; run > 0; --run) {
+    own.on_activate(state);
+    for (std::size_t row = 0; row + width <= rows.size(); row += width) {
+      const double * next = &rows[row];
+      const double period = *next++;
+      for (const auto & one : references) {
+        one->value = *next++;
       }
+      for (std::size_t i = 0; i < states.size(); ++i) {
+        states[i]->value = next[i];
+      }
+      counting = true;
+      const auto done = own.update(time, rclcpp::Duration(period));
+      counting = false;
+      if (done != controller_interface::return_type::OK) {
+        return 4;
+      }
+      print(commands);
     }
-    counting = true;
-    const auto done = own.update(time, rclcpp::Duration(period));
-    counting = false;
-    if (done != controller_interface::return_type::OK) {
-      return 4;
-    }
-    for (const auto & one : commands) {
-      std::printf("%.17g ", one->value);
-    }
-    std::printf("\n");
+    own.on_deactivate(state);
+    print(commands);
   }
-  own.on_deactivate(state);
-  for (const auto & one : commands) {
-    std::printf("%.17g ", one->value);
-  }
-  std::printf("\n%u allocations\n", allocated);
+  std::printf("%u allocations\n", allocated);
   return 0;
 }

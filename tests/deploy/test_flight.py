@@ -97,6 +97,12 @@ def px4_rows(own: Motion, yaw: float = 0.5 * np.pi, motors: float = 0.5) -> Arra
     return np.concatenate([*columns, np.full((count, 4), motors)], axis=1)
 
 
+def turn(angle: float) -> Array:
+    """About z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 ORDER = [0, 2, 1, 3]
 """Motors of the commands m1, m3, m2, m4."""
 
@@ -117,11 +123,8 @@ def test_px4_motors_get_what_motion_takes(model: Any, px4: Path) -> None:
 def test_px4_heading_turns_the_world(px4: Path) -> None:
     """Flown along a turned path with the heading turned as much, the body feels the same."""
     angle = 0.7
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
-    )
     own = motion()
-    rows = px4_rows(Motion(own.t, own.orders @ turn.T), yaw=0.5 * np.pi - angle)
+    rows = px4_rows(Motion(own.t, own.orders @ turn(angle).T), yaw=0.5 * np.pi - angle)
     np.testing.assert_allclose(drive(px4, rows), drive(px4, px4_rows(own)), atol=2e-4)
 
 
@@ -137,6 +140,15 @@ def test_px4_without_a_set_point_it_fades_and_stopped_motors_stay(px4: Path) -> 
     left = 1.0 - np.arange(21) * DT / FADE
     np.testing.assert_allclose(found[59:80, 1:5] - 0.5, left[:, None] * (found[59, 1:5] - 0.5), atol=1e-6)
     np.testing.assert_allclose(found[80:, 1:5], 0.5, atol=1e-7)
+
+
+def test_px4_angular_acceleration_does_not_jump_over_a_gap(px4: Path) -> None:
+    rows = px4_rows(motion())
+    rows[60:100, 9] = np.nan
+    found = drive(px4, rows)
+    turning = slice(5 + 7, 5 + 10)
+    assert np.abs(found[59, turning]).max() > 0.05
+    np.testing.assert_array_equal(found[100, turning], found[59, turning])
 
 
 def test_px4_without_a_jerk_rates_count_as_zero(px4: Path) -> None:
@@ -163,6 +175,10 @@ def test_a_crazyflie_gets_the_same(model: Any, tmp_path: Path) -> None:
     assert (found[100:, 0] == 0).all()
     wanted = (pid / 65535.0)[ORDER] + part(100) * extra[:100]
     np.testing.assert_allclose(found[:100, 1:][:, ORDER], wanted, atol=1e-4)
+    angle = 0.7
+    turned = np.einsum("oti,ji->otj", own.orders[:4], turn(angle))
+    yawed = np.concatenate([wishes, *turned, np.full((COUNT, 1), np.rad2deg(angle))], axis=1)
+    np.testing.assert_allclose(drive(tmp_path, yawed)[:100], found[:100], atol=2e-4)
     rows[20:, 4] = 0.0  # no position is asked for
     np.testing.assert_allclose(drive(tmp_path, rows)[60:100, 1:], np.tile(pid / 65535.0, (40, 1)), atol=1e-6)
 

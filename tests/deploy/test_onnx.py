@@ -24,8 +24,10 @@ from etude.contracts import Array
 from etude.deploy.onnx.model_graph import state_columns, written
 from etude.deploy.onnx.target import ONNX, session
 from etude.errors import UsageError
+from etude.models.gp.exact import posterior_given
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
+from etude.models.process import Posteriors
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")
@@ -91,6 +93,19 @@ def test_the_graph_agrees(name: str) -> None:
     model = CASES[name]()
     assert np.ptp(model.predict(near(model, float)[0])[0], axis=0).min() > 0.05
     agrees(model, np.float64, 1e-9)
+
+
+def test_a_variance_is_never_below_its_noise() -> None:
+    """In float the prior less what data told comes out below zero where data leave no doubt."""
+    model = arm_model("exact", "ard_se", points=24)
+    first: Any = model.candidates[0].process
+    own = first.own[0]
+    sure = posterior_given(own.kernel, own.theta + 3.0, 1e-6, own.X, own.y)
+    candidates = tuple(replace(c, process=Posteriors((sure,))) for c in model.candidates)
+    states = own.X[:, :12].astype(np.float32)
+    _, variance = session(written(replace(model, candidates=candidates), np.float32, variance=True))(states)
+    noise = [c.calibration[0] * c.units[1, 0] ** 2 * 1e-6 for c in candidates]
+    assert (variance >= np.array(noise) * (1.0 - 1e-5)).all()
 
 
 @pytest.mark.slow

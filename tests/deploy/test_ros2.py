@@ -60,7 +60,7 @@ def build(folder: Path, delivered: Delivered) -> None:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
-    model = arm_model("exact", "structured", physics=True, memory=True, points=24)
+    model = arm_model("exact", "standing", physics=True, memory=True, points=24)
     folder = tmp_path_factory.mktemp("ros2")
     delivered = ROS2(model, ARM, spec(), {"model_hash": "ab" * 32})
     build(folder, delivered)
@@ -130,6 +130,25 @@ def test_far_outside_the_data_the_learned_part_goes_and_the_feedback_stays(built
     said = answered(built.plan, asked).mean
     np.testing.assert_allclose(found[30], np.clip(said[30] + fed, *limits(built)), atol=1e-12)
     np.testing.assert_allclose(found[65:90], fed, atol=1e-12)
+
+
+def test_what_is_no_number_or_too_large_is_left_out_or_clamped(built: Built) -> None:
+    asked = motion(built.plan, 50)
+    states = np.column_stack([asked[:, :J] - 1e-3, asked[:, J : 2 * J]])
+    states[:, 1] = np.nan
+    rows = rows_of(asked, states=states)
+    rows[:, 1 + 3 * J] = np.inf  # efforts: one is no number, one is far beyond a limit
+    rows[:, 2 + 3 * J] = 1e6
+    _, found, _ = built.drive(rows, 2.0, 0.0)
+    said = answered(built.plan, asked).mean
+    wanted = said[45] + 2.0 * 1e-3 * np.array([1.0, 0.0, 1.0, 1.0])
+    wanted[1] = built.plan.most[1]
+    np.testing.assert_allclose(found[45], np.clip(wanted, *limits(built)), atol=1e-12)
+
+
+def test_it_begins_anew_when_it_is_activated_again(built: Built) -> None:
+    _, found, _ = built.drive(rows_of(motion(built.plan, 40)), 0.0, 0.0, J, 2)
+    np.testing.assert_array_equal(found[:41], found[41:])
 
 
 def test_a_wrong_number_of_gains_is_refused(built: Built) -> None:
