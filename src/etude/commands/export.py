@@ -14,28 +14,31 @@ from etude.commands.outcome import Outcome, Say
 
 @dataclass(frozen=True, kw_only=True)
 class Export(Common):
-    """Write the model as what another program runs: C99 for a controller's loop, and what etude plugins
-    lists under etude.targets."""
+    """Write the model as what another program runs: C99 for a controller's loop, a controller for ROS 2, an
+    addition to PX4 or a Crazyflie, a trajectory with commands, ONNX."""
 
     folder: Folder
     to: str
-    """For whom: c, or another target."""
+    """For whom: c, ros2, px4, crazyflie, trajectory, onnx, or another of etude plugins' etude.targets."""
     output: Path | None = None
     """Folder to write; exports/TARGET in the campaign's by default. An earlier export there is replaced."""
     real: Literal["double", "float"] | None = None
-    """c: type of its numbers; float is refused where it would be wrong."""
+    """c, onnx: type of its numbers; float is refused where it would be wrong."""
     variance: bool = False
-    """c: with the variance of each command beside the mean."""
+    """c, onnx: with the variance of each command beside the mean."""
     fade: bool = False
-    """c: with a command that fades to physics, or zero, where the model knows little; takes variances."""
+    """c, ros2: with a command that fades to physics, or zero, where the model knows little; takes
+    variances."""
     single: bool = False
-    """c: the best candidate of each command alone where several are averaged."""
+    """In C: the best candidate of each command alone where several are averaged."""
     rate: float | None = None
-    """c: Hz at which it will be called; warns where the worst case takes longer."""
+    """In C: Hz at which it will be called; warns where the worst case takes longer. trajectory: of its
+    table."""
     name: str = ""
-    """c: prefix of files and functions; the robot's name by default."""
+    """Prefix of files and functions; the robot's name by default."""
     more: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="NAME=VALUE")] = ()
-    """An option of another package's target."""
+    """More of a target: motion or format of trajectory, interface of ros2; those of other packages'
+    targets."""
 
     def run(self, say: Say) -> Outcome:
         from etude.campaign.model_export import export, given
