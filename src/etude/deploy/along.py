@@ -12,12 +12,12 @@ from etude import plugins
 from etude.contracts import Array, Delivered, Kind, Limit, Log, Trajectory
 from etude.deploy.commanded import commanded, require_forces
 from etude.deploy.exporters.knots import SPACE, names_of
-from etude.deploy.options import taken
 from etude.deploy.played import certify_played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
 from etude.models.model import LearnedModel
+from etude.options import taken
 
 EXPORTERS = "etude.exporters"
 TABLE = "commands.csv"

@@ -12,8 +12,8 @@ from etude.contracts import Delivered, Kind
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
-from etude.deploy.options import taken
 from etude.errors import UsageError
+from etude.options import taken
 
 MOTORS = 4
 READS: Mapping[str, Sequence[str]] = {

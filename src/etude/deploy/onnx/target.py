@@ -12,9 +12,9 @@ from etude.contracts import Array, Column, Delivered, Kind
 from etude.deploy.c99.names import identifier
 from etude.deploy.onnx.graph import OPSET, needed
 from etude.deploy.onnx.model_graph import state_columns, written
-from etude.deploy.options import taken
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
+from etude.options import taken
 
 REALS: Mapping[str, Any] = {"double": np.float64, "float": np.float32}
 COUNT, SEED = 100, 20

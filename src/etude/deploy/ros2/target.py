@@ -13,8 +13,8 @@ from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.deploy.commanded import require_forces
-from etude.deploy.options import taken
 from etude.errors import UsageError
+from etude.options import taken
 
 ORDERS = ("position", "velocity", "acceleration")
 PLANNED = "_des"
