@@ -48,6 +48,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
 
     monkeypatch.setattr(learning, "learn_log", learn)
     monkeypatch.setattr(asking, "proposed", again)
+    monkeypatch.setattr(asking, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "newest_model", lambda *_: None)
     monkeypatch.setattr(module, "only_rung", lambda *_: None)
     monkeypatch.setattr(arm_motions, "MOVES", 1)

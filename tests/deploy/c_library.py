@@ -12,7 +12,7 @@ from compilers import run, tool
 from etude.contracts import Array, Motion, Row
 from etude.deploy.c99.plan import Plan
 
-FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC")
+FLAGS = ("-std=c99", "-O2", "-fPIC")
 
 
 class Library:
@@ -25,7 +25,9 @@ class Library:
         for file, data in files.files.items():
             (folder / file).write_bytes(data)
         name = self.plan.name
-        run([tool(compiler), *flags, f"{name}.c", "-lm", "-o", f"{name}.so"], folder)
+        run([tool(compiler), *flags, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
+        # linked without -ffast-math: with it, loading the library would flush this process's small numbers to 0
+        run([tool(compiler), "-shared", f"{name}.o", "-lm", "-o", f"{name}.so"], folder)
         self._own = ctypes.CDLL(str(folder / f"{name}.so"))
         self.real = np.float32 if files.form.single else np.float64
         self._state = ctypes.create_string_buffer(16 * (len(self.plan.low) + self.plan.memory + 8))

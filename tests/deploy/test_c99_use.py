@@ -46,7 +46,7 @@ def model() -> LearnedModel:
 @pytest.fixture(scope="module")
 def fast(model: LearnedModel, tmp_path_factory: pytest.TempPathFactory) -> Library:
     """Built as it is on robots: with everything that a compiler may assume of numbers."""
-    flags = ("-std=c99", "-O1", "-ffast-math", "-shared", "-fPIC")
+    flags = ("-std=c99", "-O1", "-ffast-math", "-fPIC")
     return Library(of(model), tmp_path_factory.mktemp("fast"), flags)
 
 
