@@ -26,7 +26,7 @@ class Library:
             (folder / file).write_bytes(data)
         name = self.plan.name
         run([tool(compiler), *flags, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
-        # linked without -ffast-math: with it, loading the library would flush this process's small numbers to 0
+        # linked without -ffast-math, or loading it would flush small numbers of this process to 0
         run([tool(compiler), "-shared", f"{name}.o", "-lm", "-o", f"{name}.so"], folder)
         self._own = ctypes.CDLL(str(folder / f"{name}.so"))
         self.real = np.float32 if files.form.single else np.float64
