@@ -55,7 +55,7 @@ class Kept:
         """Those of `limits` that answer with a penalty for the member p (P,)."""
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
-        motion = family.motion(p, times, _orders(limits))
+        motion = family.motion(p, times[:1], _orders(limits))  # whether one answers, not what
         parts: dict[bool, list[Limit]] = {True: [], False: []}
         for limit in limits:
             parts[limit.penalty(motion) is None].append(limit)

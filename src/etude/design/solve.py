@@ -161,19 +161,18 @@ def search(
 ) -> Found:
     """The best of the candidates and of what the best few are refined to.
 
-    What limits that are not convex forbid is drawn home, candidates and ends alike, and the ends are grown;
-    between, a penalty counts. All that is by quick words: only the best is proved.
+    The candidates are at home already, as `Source` draws them. What limits that are not convex forbid of the
+    ends is drawn home too, and the ends are grown; between, a penalty counts. All that is by quick words: only the best is proved.
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
+    aims = [replace(aim, family=drawn.family) for drawn in candidates]
     with part(DRAWN):
-        starts = [_at_home(kept, drawn) for drawn in counted(candidates)]
-    aims = [replace(aim, family=drawn.family) for drawn in starts]
-    values = [one.value(drawn.p) for one, drawn in zip(aims, starts, strict=True)]
+        values = [one.value(drawn.p) for one, drawn in zip(aims, counted(candidates), strict=True)]
     order = np.argsort(values)[::-1]
-    best, value, evaluations = starts[order[0]], values[order[0]], len(values)
+    best, value, evaluations = candidates[order[0]], values[order[0]], len(values)
     for place in counted(order[: config.refine], whole=1.0 - DRAWN):
-        start, own = starts[place], aims[place]
+        start, own = candidates[place], aims[place]
         searched = Penalised(own, kept, weight * abs(values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
@@ -189,11 +188,11 @@ def search(
     return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 
-def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float] | None = None) -> Drawn:
+def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float]) -> Drawn:
     """Drawn home until its limits are proved, and grown where that is worth something."""
     home = drawn.feasible.centre
     p = kept.drawn_home(drawn.family, home, drawn.p, quickly=True)
-    return replace(drawn, p=p if worth is None else kept.grown(drawn.family, home, p, worth))
+    return replace(drawn, p=kept.grown(drawn.family, home, p, worth))
 
 
 def _status(config: DesignConfig, found: Found) -> str:

@@ -23,6 +23,8 @@ SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""
 LOOK, CLOSE = 0.1, 0.99
 """s between samples in searches, and the part of each limit that these use."""
+SELDOM = 0.4
+"""s between samples of the deviation there: it changes more slowly than that."""
 SURE = 0.95
 """That all commands stay within the row at once, as far as the model's deviations are true."""
 LONGEST = 120.0
@@ -95,7 +97,7 @@ class CommandLimit:
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
         """Mean square of what commands exceed, in parts of half a limit; gradient by differences."""
-        spread = self._spread(motion, float(np.ptp(motion.t)))
+        spread = self._spread(motion, float(np.ptp(motion.t)), SELDOM)
         over = self._over(motion, spread)
         gradient = np.zeros_like(motion.orders)
         at = np.flatnonzero(over.any(axis=1))
@@ -115,7 +117,7 @@ class CommandLimit:
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
         motion = self._along(piece, LOOK)
-        mean, spread = self.mean(motion), self._spread(motion, piece.duration)
+        mean, spread = self.mean(motion), self._spread(motion, piece.duration, SELDOM)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
         kept = np.all(np.abs(mean - middle) + spread <= CLOSE * half)
@@ -169,12 +171,12 @@ class CommandLimit:
         count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
-    def _spread(self, motion: Motion, duration: float) -> Array:
-        """(T, J) deviations times b: from samples `COARSE` apart, the larger of two that are neighbours."""
+    def _spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
+        """(T, J) deviations times b: from samples so far `apart`, s, the larger of two that are neighbours."""
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
-        step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else COARSE
-        every = max(1, math.floor(COARSE / step + 1e-9))
+        step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
+        every = max(1, math.floor(apart / step + 1e-9))
         places = np.unique(np.append(np.arange(0, len(motion.t), every), len(motion.t) - 1))
         found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
         left = np.minimum(

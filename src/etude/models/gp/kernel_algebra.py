@@ -68,7 +68,7 @@ class Kernel(ABC):
         return len(self.names())
 
     def value(self, theta: Array, X: Array, Z: Array) -> Array:
-        """k(X, Z), (n, m)."""
+        """k(X, Z), (n, m), in memory of its own."""
         return self.cross(theta, X, Z)[0]
 
     def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
@@ -147,6 +147,13 @@ class Sum(_Composite):
 
         return _total([K for K, _ in pairs]), pull
 
+    def value(self, theta: Array, X: Array, Z: Array) -> Array:
+        (first, own), *others = self.shares(theta)
+        out = first.value(own, X, Z)
+        for part, own in others:
+            out += part.value(own, X, Z)
+        return out
+
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _total([part.diagonal(own, X) for part, own in self.shares(theta)])
 
@@ -182,6 +189,13 @@ class Product(_Composite):
             return _total([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
 
         return _product(values), pull
+
+    def value(self, theta: Array, X: Array, Z: Array) -> Array:
+        (first, own), *others = self.shares(theta)
+        out = first.value(own, X, Z)
+        for part, own in others:
+            out *= part.value(own, X, Z)
+        return out
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _product([part.diagonal(own, X) for part, own in self.shares(theta)])
