@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,9 +77,11 @@ class Kept:
     def weight(self, candidates: Iterable[tuple[Family, Array]]) -> float:
         """What a penalty counts for, in values of the criterion: typical candidates lose all of theirs.
 
-        0 where no candidate has any: then what comes of the search is only drawn home.
+        0 where no candidate has any: then what comes of the search is only drawn home. Limits that have
+        `keeps` are not asked: by that word the candidates were drawn home, and keep them.
         """
-        found = [self.penalty(family, p)[0] for family, p in candidates] if self.limits else []
+        asked = replace(self, limits=tuple(limit for limit in self.limits if not hasattr(limit, "keeps")))
+        found = [asked.penalty(family, p)[0] for family, p in candidates] if asked.limits else []
         typical = float(np.mean(found)) if found else 0.0
         return HEAVY / typical if typical > 0.0 else 0.0
 
@@ -104,17 +106,10 @@ class Kept:
             quickly: see `proved`.
 
         Raises:
-            UnsafeTrajectoryError: they are not even at home.
+            UnsafeTrajectoryError: nowhere on the way, and not even at home.
         """
         if not self.limits or self.proved(family, p, quickly=quickly):
             return p
-        if not self.proved(family, home, quickly=quickly):
-            names = ", ".join(limit.name for limit in self.limits)
-            raise UnsafeTrajectoryError(
-                f"standing still at home does not keep the limits {names}",
-                where=names,
-                next_step="Choose another home, or widen the limits.",
-            )
         inside, outside = 0.0, 1.0
         for _ in range(halvings):
             middle = 0.5 * (inside + outside)
@@ -122,6 +117,13 @@ class Kept:
                 inside = middle
             else:
                 outside = middle
+        if inside == 0.0 and not self.proved(family, home, quickly=quickly):
+            names = ", ".join(limit.name for limit in self.limits)
+            raise UnsafeTrajectoryError(
+                f"standing still at home does not keep the limits {names}",
+                where=names,
+                next_step="Choose another home, or widen the limits.",
+            )
         return np.asarray(home + inside * (p - home))
 
     def grown(

@@ -117,11 +117,12 @@ class CommandLimit:
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
         motion = self._along(piece, LOOK)
-        mean, spread = self.mean(motion), self._spread(motion, piece.duration, SELDOM)
+        mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
-        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        kept = np.all(np.abs(mean - middle) + spread <= CLOSE * half)
-        return bool(kept and np.all(rates <= CLOSE * self.rate))
+        room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
+        if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
+            return False  # by the mean alone: deviations cost more
+        return bool(np.all(self._spread(motion, piece.duration, SELDOM) <= room))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each rate that is limited; all of them "sampled".
