@@ -62,6 +62,11 @@ class Campaign:
         return str(self.spec.name)
 
     @cached_property
+    def models(self) -> dict[str, Any]:
+        """Stored models that were read, by the hash of their file."""
+        return {}
+
+    @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """What a log of this robot may hold."""
         return tuple(self.kind.channels(self.spec))

@@ -26,7 +26,7 @@ from etude.models.score import Score, score
 from etude.models.store import load_model as read_model
 from etude.models.store import save_model
 from etude.progress import part
-from etude.storage import write_atomic
+from etude.storage import sha256_of, write_atomic
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 TRAIN_STREAM = 2
@@ -231,10 +231,14 @@ def label(rungs: Sequence[str]) -> str:
 
 
 def stored_model(campaign: Campaign, number: int) -> LearnedModel:
-    """The model that round `number` left. DataError if it is missing or damaged."""
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    inputs = kind.inputs(spec, config)
-    return read_model(campaign.model_folder(number) / MODEL, inputs.restore, kind.physics(spec, config))
+    """The model that round `number` left, read once while its file stays. DataError: missing or damaged."""
+    kind, spec, config, path = campaign.kind, campaign.spec, campaign.config, campaign.model_folder(number)
+    digest = sha256_of(path / MODEL) if (path / MODEL).is_file() else ""
+    if digest not in campaign.models:
+        campaign.models.clear()  # only the last one read: models are large
+        inputs = kind.inputs(spec, config)
+        campaign.models[digest] = read_model(path / MODEL, inputs.restore, kind.physics(spec, config))
+    return campaign.models[digest]
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

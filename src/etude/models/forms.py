@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from etude import plugins
 from etude.contracts import Posterior
 from etude.models.gp.basis_posterior import BasisPosterior
-from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
 from etude.models.gp.plugin_kernel import PluginKernel
@@ -46,8 +46,9 @@ class Form:
 
 
 def _exact(words: Words, array: Lookup) -> ExactPosterior:
-    return posterior_given(
-        kernel_of(words["kernel"]), array("theta"), float(words["noise_variance"]), array("X"), array("y")
+    known = checked_data(array("X"), array("y"))
+    return ExactPosterior(
+        kernel_of(words["kernel"]), array("theta"), float(words["noise_variance"]), *known
     )
 
 

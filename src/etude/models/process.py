@@ -70,14 +70,17 @@ class Posteriors:
         first = self.own[0]
         if not isinstance(first, ExactPosterior):
             return None
-        if any(getattr(posterior, "L", None) is not first.L for posterior in self.own):
+        if any(getattr(posterior, "L", None) is not first.L for posterior in self.own[1:]):
             return None
         return SharedPosterior(cast("tuple[ExactPosterior, ...]", self.own))
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
         """What designs see: one posterior for each covariance, with its commands."""
+        seen = self.guides or self.own
+        if len(seen) == 1:  # its factor, which is made when asked for, is not needed to tell it from others
+            return [(seen[0], (0,))]
         found: dict[int, tuple[Posterior, list[int]]] = {}
-        for place, posterior in enumerate(self.guides or self.own):
+        for place, posterior in enumerate(seen):
             key = id(getattr(posterior, "L", posterior))
             found.setdefault(key, (posterior, []))[1].append(place)
         return [(posterior, tuple(places)) for posterior, places in found.values()]

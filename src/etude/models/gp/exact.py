@@ -99,10 +99,10 @@ class ExactGP:
 class ExactPosterior:
     """A Gaussian process conditioned on n points (implements `contracts.Posterior`). Variances are latent.
 
+    Its factor is made when it is first asked for: of what was stored mostly a part is.
+
     Attributes:
         X, y: (n, D) inputs and (n,) centred outputs.
-        alpha: (n,) K_y^-1 y.
-        L: (n, n) lower Cholesky factor of K_y = k(X, X) + (sn² + jitter) I.
     """
 
     kernel: Kernel
@@ -110,9 +110,30 @@ class ExactPosterior:
     noise_variance: float
     X: Array
     y: Array
-    alpha: Array
-    L: Array
-    jitter: float = 0.0
+
+    @cached_property
+    def factor(self) -> tuple[Array, float]:
+        """(n, n) lower Cholesky factor L of K_y = k(X, X) + (sn² + jitter) I, and the jitter.
+
+        Raises NumericalError if the covariance is indefinite.
+        """
+        with threads_for(len(self.X)):
+            return factorise(self.kernel.gram(self.theta, self.X)[0], self.noise_variance)
+
+    @property
+    def L(self) -> Array:
+        """(n, n) of `factor`."""
+        return self.factor[0]
+
+    @property
+    def jitter(self) -> float:
+        """Of `factor`."""
+        return self.factor[1]
+
+    @cached_property
+    def alpha(self) -> Array:
+        """(n,) K_y^-1 y."""
+        return np.asarray(dpotrs(self.L, self.y, lower=1)[0])
 
     @cached_property
     def signal_variance(self) -> float:
@@ -220,12 +241,9 @@ def posterior_given(
 
     Raises DataError for unusable X or y, NumericalError if the covariance is indefinite.
     """
-    X, y = checked_data(X, y)
-    with threads_for(len(X)):
-        K, _ = kernel.gram(theta, X)
-        L, jitter = factorise(K, noise_variance)
-        alpha, _ = dpotrs(L, y, lower=1)
-    return ExactPosterior(kernel, theta, noise_variance, X, y, alpha, L, jitter)
+    found = ExactPosterior(kernel, theta, noise_variance, *checked_data(X, y))
+    assert len(found.factor[0]) == len(found.alpha)  # made at once: who conditions will ask
+    return found
 
 
 def checked_data(X: Array, y: Array) -> tuple[Array, Array]:

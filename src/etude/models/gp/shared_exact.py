@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dsyrk, dtrmm
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, NumericalError
@@ -149,7 +149,8 @@ class SharedPosterior:
                 half = triangular_inverse(block) @ W[out]
             left = K @ half.T
             mean = K @ (W @ targets) - left @ (half @ targets)
-            explained = np.einsum("kn,kn->k", K @ W, K) - np.einsum("ko,ko->k", left, left)
+            V = dtrmm(1.0, first.L_inverse, K.T, lower=1, overwrite_b=1)
+            explained = np.einsum("nk,nk->k", V, V) - np.einsum("ko,ko->k", left, left)
         latent = np.maximum(first.kernel.diagonal(first.theta, X) - explained, 0.0)
         return mean, latent + first.noise_variance
 
@@ -167,11 +168,10 @@ def shared_posterior(
     first = posterior_given(kernel, theta, noise_variance, X, Y[:, 0].copy())
     outputs = [first]
     for y in Y.T[1:]:
-        alpha, _ = dpotrs(first.L, y, lower=1)
-        outputs.append(replace(first, y=y.copy(), alpha=alpha))
-    for other in outputs[1:]:
-        # the triangular inverse is made once, and every output's cache refers to it
-        other.__dict__["L_inverse"] = first.L_inverse
+        other = replace(first, y=y.copy())
+        # factor and triangular inverse are made once, and every output's cache refers to them
+        other.__dict__.update(factor=first.factor, L_inverse=first.L_inverse)
+        outputs.append(other)
     return SharedPosterior(tuple(outputs))
 
 
