@@ -90,13 +90,15 @@ class Kept:
 
         quickly: a limit that has `keeps(piece)` is asked that, which is wrong in rare cases: for searches.
         """
-        pieces = [piece for _, _, piece in family.trajectory(p).pieces()]
-        return all(_holds(limit, piece, quickly) for limit in self.limits for piece in pieces)
+        return _hold(self.limits, family, p, quickly)
 
     def drawn_home(
         self, family: Family, home: Array, p: Array, halvings: int = HALVINGS, *, quickly: bool = False
     ) -> Array:
         """The parameters (P,), or the first on the way to `home` (P,) at which the limits are proved.
+
+        One limit after the other, each with those before it: the first is mostly the one in the way, and
+        those that cost more are then asked at its end alone.
 
         Args:
             family: of the parameters.
@@ -108,23 +110,25 @@ class Kept:
         Raises:
             UnsafeTrajectoryError: nowhere on the way, and not even at home.
         """
-        if not self.limits or self.proved(family, p, quickly=quickly):
-            return p
-        inside, outside = 0.0, 1.0
-        for _ in range(halvings):
-            middle = 0.5 * (inside + outside)
-            if self.proved(family, home + middle * (p - home), quickly=quickly):
-                inside = middle
-            else:
-                outside = middle
-        if inside == 0.0 and not self.proved(family, home, quickly=quickly):
-            names = ", ".join(limit.name for limit in self.limits)
-            raise UnsafeTrajectoryError(
-                f"standing still at home does not keep the limits {names}",
-                where=names,
-                next_step="Choose another home, or widen the limits.",
-            )
-        return np.asarray(home + inside * (p - home))
+        for i, limit in enumerate(self.limits):
+            if _hold((limit,), family, p, quickly):
+                continue
+            asked, inside, outside = self.limits[: i + 1], 0.0, 1.0
+            for _ in range(halvings):
+                middle = 0.5 * (inside + outside)
+                if _hold(asked, family, home + middle * (p - home), quickly):
+                    inside = middle
+                else:
+                    outside = middle
+            if inside == 0.0 and not _hold(asked, family, home, quickly):
+                names = ", ".join(limit.name for limit in self.limits)
+                raise UnsafeTrajectoryError(
+                    f"standing still at home does not keep the limits {names}",
+                    where=names,
+                    next_step="Choose another home, or widen the limits.",
+                )
+            p = np.asarray(home + inside * (p - home))
+        return p
 
     def grown(
         self, family: Family, home: Array, p: Array, worth: Callable[[Array], float] = lambda _: 0.0
@@ -152,9 +156,11 @@ class Kept:
                     use = block.gauge(p[block.members])
                     step = min(factor, ROOM / use) if use > 0.0 else 1.0
                     trial[block.members] = block.centre + step * (p[block.members] - block.centre)
-                    if step <= LEAST_GROWTH or (trial_value := worth(trial)) < value:
+                    if step <= LEAST_GROWTH or not _hold(self.limits[:1], family, trial, True):
+                        break  # by what is mostly in the way, and costs least
+                    if (trial_value := worth(trial)) < value:
                         break
-                    if not self.proved(family, trial, quickly=True):
+                    if not _hold(self.limits[1:], family, trial, True):
                         break
                     p, value = trial, trial_value
         return p
@@ -175,6 +181,11 @@ class Kept:
 def _orders(limits: Sequence[Limit]) -> int:
     """Of motion that the limits look at."""
     return max([ORDERS, *(int(getattr(limit, "orders", ORDERS)) for limit in limits)])
+
+
+def _hold(limits: Sequence[Limit], family: Family, p: Array, quickly: bool) -> bool:
+    pieces = [piece for _, _, piece in family.trajectory(p).pieces()] if limits else []
+    return all(_holds(limit, piece, quickly) for limit in limits for piece in pieces)
 
 
 def _holds(limit: Limit, piece: Trajectory, quickly: bool) -> bool:

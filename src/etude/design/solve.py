@@ -162,7 +162,8 @@ def search(
     """The best of the candidates and of what the best few are refined to.
 
     The candidates are at home already, as `Source` draws them. What limits that are not convex forbid of the
-    ends is drawn home too, and the ends are grown; between, a penalty counts. All that is by quick words: only the best is proved.
+    ends is drawn home too, and the ends are grown; between, a penalty counts. All that is by quick words:
+    only the best is proved.
     """
     kept = Kept.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)

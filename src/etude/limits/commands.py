@@ -173,7 +173,7 @@ class CommandLimit:
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
     def _spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
-        """(T, J) deviations times b: from samples so far `apart`, s, the larger of two that are neighbours."""
+        """(T, J) deviations times b: from samples `apart`, s, the larger of two that are neighbours."""
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart

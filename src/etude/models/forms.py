@@ -47,9 +47,7 @@ class Form:
 
 def _exact(words: Words, array: Lookup) -> ExactPosterior:
     known = checked_data(array("X"), array("y"))
-    return ExactPosterior(
-        kernel_of(words["kernel"]), array("theta"), float(words["noise_variance"]), *known
-    )
+    return ExactPosterior(kernel_of(words["kernel"]), array("theta"), float(words["noise_variance"]), *known)
 
 
 def _basis(words: Words, array: Lookup) -> BasisPosterior:
