@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config
@@ -17,6 +17,9 @@ from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
 from etude.shown import Picture, picture_of
 from etude.storage import writer_lock
+
+if TYPE_CHECKING:
+    from etude.models.model import LearnedModel
 
 ROBOT = "robot.toml"
 WAIT_S = 10.0
@@ -62,7 +65,7 @@ class Campaign:
         return str(self.spec.name)
 
     @cached_property
-    def models(self) -> dict[str, Any]:
+    def models(self) -> dict[str, LearnedModel]:
         """Stored models that were read, by the hash of their file."""
         return {}
 

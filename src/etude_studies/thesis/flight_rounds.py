@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from etude.contracts import Array, Inputs, Log, Samples
 from etude.design.config import DesignConfig
@@ -151,5 +151,6 @@ def extended(known: ExactPosterior, X: Array, y: Array) -> ExactPosterior:
         return ExactGP(kernel, theta, 0.5 * float(np.log(known.noise_variance))).condition(*everything)
     L = np.zeros((n + m, n + m), order="F")
     L[:n, :n], L[n:, :n], L[n:, n:] = known.L, across.T, corner
-    alpha = cho_solve((L, True), everything[1])
-    return replace(known, X=everything[0], y=everything[1], alpha=alpha, L=L)
+    found = replace(known, X=everything[0], y=everything[1])
+    found.__dict__["factor"] = L, known.jitter
+    return found
