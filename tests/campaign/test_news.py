@@ -39,7 +39,7 @@ def test_without_bad_news_nothing_is_said() -> None:
         (
             {"nmse": [0.01, 0.23]},
             ("linear regression", "yellow"),
-            "erred less than what was in use then (gp)",
+            "erred less than gp, then in use",
         ),
         ({"nmse": [0.01, 0.21]}, None, ""),
         ({"coverage": [0.95, 0.81]}, None, ""),

@@ -81,7 +81,7 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
             Finding(
                 "linear regression",
                 "yellow",
-                f"{', '.join(beaten)}: {where}, linear regression erred less than what was in use then ({then})",
+                f"{', '.join(beaten)}: {where}, linear regression erred less than {then}, then in use",
                 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
             )
         )

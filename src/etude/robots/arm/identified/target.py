@@ -110,8 +110,8 @@ def _count(rows: list[dict[str, Any]], known: str) -> int:
 def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
     errors, told = found.errors, found.result.told
     said = [
-        f"The logs tell {told} combination{'s'[: told != 1]} of {len(rows)} inertial parameters; of the single "
-        f"ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
+        f"The logs tell {told} combination{'s'[: told != 1]} of {len(rows)} inertial parameters; of the "
+        f"single ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
