@@ -31,6 +31,8 @@ DECORRELATED = 0.5
 """s after which a deviation is another one."""
 CAUTION = 2.0
 """On second differences: what they bend by between samples is not known."""
+MORE = 2.0
+"""Times its deviations before any data that a model is taken to say at most, in searches; proofs ask it."""
 STEP = 1e-4
 """Of the penalty's differences, in SI units."""
 KEPT = 256
@@ -51,6 +53,8 @@ class CommandLimit:
         source: whose word it is, for the certificate.
         orders: of motion that these look at.
         said: sentences for the certificate, what this leaves open.
+        most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
+            be too much, since they are what costs. None: nothing is known of them.
     """
 
     quantity: str
@@ -65,6 +69,7 @@ class CommandLimit:
     orders: int = 3
     said: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COMMANDS,)
+    most: Array | None = None
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -95,9 +100,11 @@ class CommandLimit:
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
         """Mean square of what commands exceed, in parts of half a limit; gradient by differences."""
-        spread = self._spread(motion, float(np.ptp(motion.t)))
+        duration, gradient = float(np.ptp(motion.t)), np.zeros_like(motion.orders)
+        if self._clear(self.mean(motion), duration):
+            return 0.0, gradient
+        spread = self._spread(motion, duration)
         over = self._over(motion, spread)
-        gradient = np.zeros_like(motion.orders)
         at = np.flatnonzero(over.any(axis=1))
         if not len(at):
             return 0.0, gradient
@@ -115,11 +122,15 @@ class CommandLimit:
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
         motion = self._along(piece, LOOK)
-        mean, spread = self.mean(motion), self._spread(motion, piece.duration)
+        mean = self.mean(motion)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
+        if not np.all(rates <= CLOSE * self.rate):
+            return False
+        if self._clear(mean, piece.duration):
+            return True
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        kept = np.all(np.abs(mean - middle) + spread <= CLOSE * half)
-        return bool(kept and np.all(rates <= CLOSE * self.rate))
+        spread = self._spread(motion, piece.duration)
+        return bool(np.all(np.abs(mean - middle) + spread <= CLOSE * half))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each rate that is limited; all of them "sampled".
@@ -168,6 +179,13 @@ class CommandLimit:
     def _along(self, piece: Trajectory, spacing: float) -> Motion:
         count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
+
+    def _clear(self, mean: Array, duration: float) -> bool:
+        """Whether means (T, J) leave room for the most that deviations hardly exceed, for searches."""
+        if self.most is None:
+            return False
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        return bool(np.all(np.abs(mean - middle) + self.beyond(duration) * self.most <= CLOSE * half))
 
     def _spread(self, motion: Motion, duration: float) -> Array:
         """(T, J) deviations times b: from samples `COARSE` apart, the larger of two that are neighbours."""
@@ -238,8 +256,12 @@ def by_model(
     def deviation(motion: Motion) -> Array:
         return np.asarray(np.sqrt(model.predict(inputs.states(motion))[1]))
 
-    source = "the learned model"
-    return CommandLimit(quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders)
+    source, before = "the learned model", getattr(model, "prior_deviation", None)
+    doubted = getattr(model, "least", None) is not None  # then its mean may be wrong by all of itself
+    most = None if before is None or doubted else MORE * before
+    return CommandLimit(
+        quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders, most=most
+    )
 
 
 def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
