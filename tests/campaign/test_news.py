@@ -36,7 +36,11 @@ def test_without_bad_news_nothing_is_said() -> None:
     ("change", "told", "words"),
     [
         ({"coverage": [0.95, 0.79]}, ("calibration", "red"), "knee 79 %"),
-        ({"nmse": [0.01, 0.23]}, ("linear regression", "yellow"), "knee"),
+        (
+            {"nmse": [0.01, 0.23]},
+            ("linear regression", "yellow"),
+            "erred less than gp, then in use",
+        ),
         ({"nmse": [0.01, 0.21]}, None, ""),
         ({"coverage": [0.95, 0.81]}, None, ""),
         ({"coverage": [0.95, None]}, None, ""),

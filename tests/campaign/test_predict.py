@@ -95,6 +95,7 @@ def test_the_command_writes_a_table_that_reads_back(
     found = pl.read_csv(target)
     assert len(found) == said["rows"]
     np.testing.assert_array_equal(found["command_elbow"], etude.predict(lab, source)["command"][:, 2])
+    assert "the newest model is used, of log 1" in capsys.readouterr().err
     assert main(["predict", str(lab), str(source), "--output", str(tmp_path / "x.txt")]) == 2
     assert main(["predict", str(lab), str(tmp_path / "missing.csv")]) == 2
 
@@ -134,7 +135,8 @@ def test_an_export_is_written_whole_and_replaces_only_its_own(lab: Path, tmp_pat
 def test_another_package_s_target_is_a_function(lab: Path, tmp_path: Path) -> None:
     found = export(lab, "test_predict:listing", tmp_path / "list", prefix="- ")
     assert (tmp_path / "list" / "commands.txt").read_text() == "- waist\n- shoulder\n- elbow\n- wrist\n"
-    assert found.said == ("4 commands.",)
+    assert found.said[0].startswith("Nothing was promoted yet: the newest model is used, of log 1")
+    assert found.said[1:] == ("4 commands.",)
     with pytest.raises(UsageError, match="there is no 'd' among etude"):
         export(lab, "d")
 

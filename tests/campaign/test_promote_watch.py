@@ -18,6 +18,7 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
 from etude.campaign.learn import newest_model
+from etude.campaign.predict import check_table, predict
 from etude.campaign.promote import promote, rollback
 from etude.campaign.several import tell
 from etude.campaign.status import status
@@ -27,6 +28,7 @@ from etude.errors import DataError, UsageError
 from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.confirmation import confirmation
+from etude.trajectories.moves import PointToPoint
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +45,33 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 def fresh(known: Campaign, tmp_path: Path) -> Campaign:
     shutil.copytree(known.path, tmp_path / "lab")
     return open_campaign(tmp_path / "lab")
+
+
+def test_the_commands_say_which_model_they_mean_and_what_comes_next(
+    fresh: Campaign, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(fresh.path)
+    assert main(["rollback", folder]) == 2
+    assert f"Promote one: etude promote {folder}." in capsys.readouterr().err
+    assert main(["promote", folder]) == 0
+    assert f"Next: etude export {folder} --to c, and etude watch {folder} LOG." in capsys.readouterr().out
+
+
+def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campaign, tmp_path: Path) -> None:
+    motion = random_motion(fresh, 1)
+    one = tmp_path / "trajectory.json"
+    one.write_text(motion.to_json(), encoding="utf-8")
+    said: list[str] = []
+    assert len(predict(fresh, one, say=said.append)) > 10
+    assert said[0].startswith("Nothing was promoted yet: the newest model is used, of log 5")
+    one.write_text(PointToPoint(np.array([[0.0] * 3, [0.1] * 3]), 1.0).to_json(), encoding="utf-8")
+    with pytest.raises(DataError, match=r"the motion has 3 axes, and pair has 2 \[.*trajectory.json\]"):
+        predict(fresh, one)
+    one.write_text('{"proved": true}', encoding="utf-8")
+    with pytest.raises(UsageError, match=r"trajectory.json\]. Name a trajectory.json that etude ask wrote"):
+        predict(fresh, one)
+    with pytest.raises(UsageError, match=r"Name it x.csv"):
+        check_table(tmp_path / "x.txt")
 
 
 def one_more(campaign: Campaign, folder: Path, seed: int) -> None:

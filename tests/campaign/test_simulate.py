@@ -153,6 +153,16 @@ def test_the_changed_robot_is_run_and_one_that_is_not_noticed_is_learned(
     assert (one["command_elbow"] - two["command_elbow"]).abs().max() > 5.0
 
 
+@pytest.mark.usefixtures("noticed")
+def test_the_command_ends_in_what_may_be_done_next(arm: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = str(arm.path)
+    assert main(["simulate", folder, "--rounds", "1", "--change", "payload=0.5"]) == 0
+    assert f"Next: etude tell {folder} --changed new (or forget, or same)." in capsys.readouterr().out
+    tell(arm, [], changed="same")
+    assert main(["simulate", folder, "--rounds", "0"]) == 0
+    assert f"Next: etude status {folder}, etude report {folder}, etude promote" in capsys.readouterr().out
+
+
 def test_changes_that_are_none(arm: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     for word, said in (
         ("payload", "is no change"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.tell import tell
 from etude.campaign.ways import pose_of
+from etude.cli import main
 from etude.contracts import Array, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
@@ -54,6 +57,28 @@ def test_the_way_leads_from_the_pose_to_the_start_and_back_at_rest(lab: Campaign
     assert [label for _, label, _ in whole.pieces()] == ["approach", "segment", "return"]
     assert WAY not in found.way.certificates["trajectory"].not_looked_at
     assert WAY in found.certificate.not_looked_at
+
+
+def test_a_flight_asked_for_again_is_shown_with_the_rows_of_its_certificate_and_its_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(tmp_path / "sky")
+    assert main(["init", folder, "--robot", "quadrotor_rough"]) == 0
+    said = []
+    for more in ([], [], ["--from", "ground"]):
+        capsys.readouterr()
+        assert main(["ask", folder, "--json", *more]) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    assert "vehicle tilt" in said[0]["margins"]
+    assert said[0]["margins"] == said[1]["margins"] == said[2]["margins"]
+    assert WAY in said[0]["not_looked_at"]
+    assert [one for one in said[0]["not_looked_at"] if one != WAY] == said[2]["not_looked_at"]
+    config = tmp_path / "sky" / "campaign.toml"
+    text = config.read_text(encoding="utf-8")
+    assert "tilt = 0.4363" in text
+    config.write_text(re.sub("tilt = 0.4363\\d*", "tilt = 0.01", text), encoding="utf-8")
+    assert main(["ask", folder, "--json"]) == 0  # less is allowed by now: the vehicle's own limits hold still
+    assert "vehicle tilt" not in json.loads(capsys.readouterr().out)["margins"]
 
 
 def test_each_pose_has_files_of_its_own_written_once(lab: Campaign) -> None:

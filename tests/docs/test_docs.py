@@ -7,8 +7,11 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
+
+from etude.commands.parse import AnyCommand
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -52,6 +55,13 @@ def test_commands_named_in_the_docs_exist(line: str) -> None:
     command = [sys.executable, "-m", "etude.cli", *words, "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout.startswith(f"usage: {line} "), f"{COMMANDS[line]}: {line}: {done.stdout[:80]}"
+
+
+def test_the_cheat_sheet_names_every_command() -> None:
+    table = (ROOT / "docs" / "cheat_sheet.md").read_text(encoding="utf-8")
+    known = [get_args(own)[0].__name__.lower() for own in get_args(AnyCommand)]
+    assert len(known) > 15
+    assert [name for name in known if f"`{name}" not in table] == []
 
 
 def test_the_first_screen_holds_the_two_commands() -> None:

@@ -12,7 +12,7 @@ import pytest
 from etude.contracts import Array, Motion
 from etude.errors import UsageError
 from etude.limits.certificate import certify, spare
-from etude.limits.commands import COARSE, SPACING, CommandLimit, OpenCommands, by_model, kept_at
+from etude.limits.commands import CLOSE, COARSE, SPACING, CommandLimit, OpenCommands, by_model, kept_at
 from etude.limits.unseen import COMMANDS
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.splined import Splined
@@ -99,6 +99,41 @@ def test_searches_ask_what_the_proof_will_say() -> None:
         own = replace(LIMIT, upper=np.full(2, part * most), lower=-np.full(2, 20.0), _proofs={})
         assert own.keeps(SWING) == kept
         assert certify(SWING, [own]).ok == kept
+
+
+def test_a_search_asks_for_deviations_only_where_the_most_of_them_would_be_too_much() -> None:
+    asked = []
+
+    def deviation(motion: Motion) -> Array:
+        asked.append(len(motion.t))
+        return np.full((len(motion.t), 2), 0.05)
+
+    motion = SWING.motion(np.linspace(0.2, 6.8, 30))
+    wide = replace(LIMIT, deviation=deviation, most=np.full(2, 0.1), _proofs={})
+    largest = np.abs(wide.mean(SWING.motion(np.linspace(0.0, 7.0, 1401)))).max()
+    for room, asks in ((4.0, False), (0.25, True)):  # b is 3.12: 0.31 of most, 0.16 of what there is
+        ends = np.full(2, (largest + room) / CLOSE)
+        own = replace(wide, upper=ends, lower=-ends, _proofs={})
+        plain = replace(own, most=None)
+        asked.clear()
+        assert own.keeps(SWING)
+        assert own.penalty(motion)[0] == 0.0
+        assert bool(asked) == asks, room
+        assert plain.keeps(SWING)
+    narrow = replace(wide, upper=np.full(2, 2.0), lower=-np.full(2, 2.0), _proofs={})
+    value, gradient = narrow.penalty(motion)
+    plainly = replace(narrow, most=None).penalty(motion)
+    assert value == plainly[0] > 0.0
+    np.testing.assert_array_equal(gradient, plainly[1])
+
+
+def test_a_model_whose_mean_is_doubted_is_asked_in_full() -> None:
+    inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
+    ends = -np.full(2, 9.0), np.full(2, 9.0)
+    for least, known in ((None, True), (np.ones(2), False)):
+        model = SimpleNamespace(inputs=inputs, predict=None, prior_deviation=np.ones(2), least=least)
+        limit = by_model(model, "torque", "N m", NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
+        assert (limit.most is not None) == known
 
 
 def test_where_rest_at_home_is_beyond_it_nothing_is_looked_at_and_it_says_why() -> None:

@@ -196,3 +196,13 @@ def test_text_in_a_column_of_numbers_is_nan_wherever_it_is(tmp_path: Path) -> No
     q = read_raw(tmp_path / "run.csv")["q"][:, 0]
     assert np.flatnonzero(np.isnan(q)).tolist() == [3, rows // 2, rows - 1]
     assert q[5] == 1.5
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_row_wider_than_the_header_is_named_in_figures(separator: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    header, *rows = text({"t": LOG.t, **plain()}, separator).splitlines()
+    path.write_text("\n".join([header, *(f"{row}{separator}" for row in rows)]), encoding="utf-8")
+    names = 1 + 2 * len(JOINTS)
+    with pytest.raises(DataError, match=f"names {names} columns, and the first row has {names + 1} cells"):
+        read(path)

@@ -24,7 +24,7 @@ from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.campaign.ways import Approached, approached
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
-from etude.errors import StopRuleReached, UsageError
+from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
@@ -189,6 +189,14 @@ def _files(
     return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits, kept.unheld)
 
 
+def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:
+    """A proposal that is open already; of the description alone if campaign.toml allows less by now."""
+    try:
+        return _files(campaign, trajectory, kept.limits(campaign), kept)
+    except UnsafeTrajectoryError:
+        return _files(campaign, trajectory, kept.limits(campaign, described=True), kept)
+
+
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
     if not state.trained:
         return
@@ -213,9 +221,11 @@ def present(
     folder = speed_folder(campaign, number, speed)
     if made is None or speed != 100:
         full = stored_trajectory(campaign, number)
-        limits = kept.limits(campaign, described=made is None)
-        own = kept.of(full) if made is not None else kept
-        files = _files(campaign, at_speed(full, speed) if speed != 100 else full, limits, own)
+        motion = at_speed(full, speed) if speed != 100 else full
+        if made is None:
+            files = _again(campaign, motion, kept)
+        else:
+            files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
     else:
         files = made[0]
     if speed != 100 and not exported:

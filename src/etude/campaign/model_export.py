@@ -15,9 +15,8 @@ from etude.campaign.in_use import model_in_use
 from etude.campaign.supplied import supplied
 from etude.contracts import Delivered, Target
 from etude.errors import UsageError
-from etude.models.model import LearnedModel
 from etude.options import MODEL_HASH
-from etude.storage import sha256_of, write_folder
+from etude.storage import write_folder
 
 GROUP = "etude.targets"
 MARK = "etude-export.json"
@@ -33,7 +32,7 @@ class ModelFiles:
     Attributes:
         target: its name among `etude.targets`.
         folder: where the files are; files: their names in it.
-        said: what people should know of them. facts: the same for machines.
+        said: which model it is, and what people should know of the files. facts: the same for machines.
     """
 
     target: str
@@ -41,16 +40,6 @@ class ModelFiles:
     files: tuple[str, ...]
     said: tuple[str, ...]
     facts: Mapping[str, Any]
-
-
-def model_to_export(campaign: Campaign) -> tuple[LearnedModel, Path]:
-    """The model that goes out, the one in use, and its file.
-
-    Raises:
-        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
-    """
-    used = model_in_use(campaign)
-    return used.model, used.path
 
 
 def export(
@@ -70,13 +59,14 @@ def export(
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     target: Target = plugins.load(GROUP, to)
-    model, file = model_to_export(campaign)
-    digest = sha256_of(file)
-    options |= {**supplied(campaign, getattr(target, "needs", ()), options), MODEL_HASH: digest}
-    delivered = target(model, campaign.kind, campaign.spec, options)
+    used = model_in_use(campaign)
+    needed = supplied(campaign, getattr(target, "needs", ()), options)
+    options |= {**needed, MODEL_HASH: used.sha256}
+    delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
-    write_folder(folder, {**delivered.files, MARK: _mark(to, digest, delivered)}, MARK)
-    return ModelFiles(to, folder, tuple(delivered.files), delivered.said, delivered.facts)
+    write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
+    said = (used.sentence, *delivered.said)
+    return ModelFiles(to, folder, tuple(delivered.files), said, delivered.facts)
 
 
 def _mark(to: str, digest: str, delivered: Delivered) -> bytes:

@@ -51,7 +51,7 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
     if scored is None:
         return []
     used, linear = _in_use(scored), _scores(scored, "linear").get("nmse") or []
-    where = f"on log {scored.number}, predicted before it was learned"
+    where, then = f"on log {scored.number}, predicted before it was learned", _then(scored)
     coverage = coverages(scored)
     unsure = [(n, c) for n, c in zip(outputs, coverage, strict=False) if c is not None and c < LEAST_COVERAGE]
     useless = _named(outputs, used.get("nmse") or [], lambda value, _: value >= NO_BETTER, linear)
@@ -81,7 +81,7 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
             Finding(
                 "linear regression",
                 "yellow",
-                f"{', '.join(beaten)}: {where}, linear regression erred less than the model",
+                f"{', '.join(beaten)}: {where}, linear regression erred less than {then}, then in use",
                 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
             )
         )
@@ -95,8 +95,13 @@ def coverages(scored: Round) -> list[float | None]:
 
 def _in_use(r: Round) -> Mapping[str, Any]:
     """Scores of what was in use when this log came; empty for the first log."""
+    return _scores(r, _then(r))
+
+
+def _then(r: Round) -> str | None:
+    """What was in use when this log came."""
     facts = r.trained or {}
-    return _scores(r, facts.get("predicted_by") or facts.get("chosen"))
+    return facts.get("predicted_by") or facts.get("chosen")
 
 
 def _scores(r: Round, rung: str | None) -> Mapping[str, Any]:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.model_export import model_to_export
-from etude.contracts import Array, Channel, Log
+from etude.campaign.folder import Campaign, Say, open_campaign
+from etude.campaign.in_use import model_in_use
+from etude.contracts import Array, Channel, Log, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
 from etude.models.model import LearnedModel
@@ -24,7 +24,13 @@ EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
 """Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
 
 
-def predict(campaign: Campaign | str | Path, motion: str | Path | Log, *, degrees: bool = False) -> Log:
+def predict(
+    campaign: Campaign | str | Path,
+    motion: str | Path | Log,
+    *,
+    degrees: bool = False,
+    say: Say = lambda _: None,
+) -> Log:
     """Commands and their deviations along a motion: channels "command" and "deviation", each (T, J).
 
     Args:
@@ -32,18 +38,21 @@ def predict(campaign: Campaign | str | Path, motion: str | Path | Log, *, degree
         motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.
             Where it lacks velocities or accelerations they are made of the positions as learning makes them.
         degrees: the table's angles are degrees.
+        say: receives which model it is.
 
     Raises:
         UsageError: nothing learned yet, or no such file. DataError: it is no motion of this robot.
     """
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
-    model, _ = model_to_export(campaign)
+    used = model_in_use(campaign)
+    say(used.sentence)
+    model = used.model
     if not isinstance(motion, Log):
         place = Path(motion)
         if not place.exists():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         if place.suffix == ".json":
-            found = model.feedforward(from_json(place.read_bytes()), rate=float(campaign.spec.rate))
+            found = model.feedforward(_planned(campaign, place), rate=float(campaign.spec.rate))
             return _in_units(found, campaign)
         motion = _read(campaign, place, degrees)
     return _in_units(along(campaign, model, motion), campaign)
@@ -75,6 +84,23 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
     return samples.log.repaired(said[0].upper() + said[1:])
 
 
+def _planned(campaign: Campaign, place: Path) -> Trajectory:
+    """The motion of a trajectory.json. UsageError: it is none. DataError: it is another robot's."""
+    try:
+        motion = from_json(place.read_bytes())
+    except UsageError as error:
+        step = "Name a trajectory.json that etude ask wrote, or a table with a time and the robot's columns."
+        raise UsageError(error.fact, where=str(place), next_step=step) from None
+    axes, wanted = motion.motion(np.zeros(1), 1).orders[0].shape[1], len(campaign.axes)
+    if axes != wanted:
+        raise DataError(
+            f"the motion has {axes} axes, and {campaign.name} has {wanted}",
+            where=str(place),
+            next_step="Name a motion of this robot, or the campaign of the robot that it is of.",
+        )
+    return motion
+
+
 def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
     from etude.logs.doctor import drop_unreadable, order_rows
     from etude.logs.units import from_degrees, start_at_zero
@@ -95,12 +121,20 @@ def _in_units(found: Log, campaign: Campaign) -> Log:
     return replace(found, channels=named)
 
 
+def check_table(path: Path) -> None:
+    """UsageError: commands are not written in files that end so."""
+    if path.suffix not in (".csv", ".parquet"):
+        step = f"Name it {path.with_suffix('.csv').name}, for example."
+        raise UsageError("commands are written as .csv or .parquet", where=str(path), next_step=step)
+
+
 def write_table(path: Path, found: Log) -> None:
     """Commands with deviations as CSV, every number in full, or as Parquet, by the suffix.
 
     Raises:
         UsageError: another suffix.
     """
+    check_table(path)
     if path.suffix == ".parquet":
         import polars as pl
 
@@ -108,8 +142,6 @@ def write_table(path: Path, found: Log) -> None:
         pl.DataFrame(_columns(found)).write_parquet(buffer)
         write_atomic(path, buffer.getvalue())
         return
-    if path.suffix != ".csv":
-        raise UsageError("commands are written as .csv or .parquet", where=str(path))
     columns = _columns(found)
     rows = np.column_stack([*columns.values()]).tolist()
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]

@@ -116,7 +116,7 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
             raise UsageError(
                 what,
                 where=str(campaign.path),
-                next_step="Promote another: etude promote.",
+                next_step=f"Promote one: etude promote {campaign.path}.",
             )
         left, back = promoted[-1], promoted[-2]
         check_pinned(campaign, back)

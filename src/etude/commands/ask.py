@@ -59,6 +59,7 @@ class Ask(Common):
     def run(self, say: Say) -> Outcome:
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)
+        unseen = _unseen(found)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
@@ -67,7 +68,7 @@ class Ask(Common):
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
             "Not looked at:",
-            *(f"  - {sentence}" for sentence in found.certificate.not_looked_at),
+            *(f"  - {sentence}" for sentence in unseen),
             "Written:",
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
@@ -86,7 +87,7 @@ class Ask(Common):
             "margins": _spared(found.certificate.seen),
             "way": [] if found.way is None else [str(path) for path in found.way.files],
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
-            "not_looked_at": list(found.certificate.not_looked_at),
+            "not_looked_at": unseen,
         }
         return Outcome("\n".join(lines), data)
 
@@ -121,6 +122,13 @@ def _then(folder: Path, confirm: bool) -> list[str]:
         f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
         f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
     ]
+
+
+def _unseen(found: Proposal) -> list[str]:
+    """What nobody looked at; the way is proved where it was asked for."""
+    from etude.limits.unseen import WAY
+
+    return [one for one in found.certificate.not_looked_at if found.way is None or one != WAY]
 
 
 def _way(way: Approached) -> list[str]:

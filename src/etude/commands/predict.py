@@ -26,11 +26,12 @@ class Predict(Common):
     """The table's angles and rates are in degrees."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.predict import predict, write_table
+        from etude.campaign.predict import check_table, predict, write_table
 
         campaign = opened(self.folder, say)
-        found = predict(campaign, self.motion, degrees=self.degrees)
         path = self.output or self.motion.with_name(f"{self.motion.stem}.commands.csv")
+        check_table(path)
+        found = predict(campaign, self.motion, degrees=self.degrees, say=say)
         write_table(path, found)
         for sentence in found.repairs:
             say(sentence)

@@ -33,7 +33,10 @@ class Promote(Common):
         campaign = opened(self.folder, say)
         found = promote(campaign, force=self.force, reason=self.reason, say=say)
         data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
-        text = "\n".join(_lines(found, campaign.command.parts))
+        lines = _lines(found, campaign.command.parts)
+        if found.promoted:
+            lines.append(f"Next: etude export {self.folder} --to c, and etude watch {self.folder} LOG.")
+        text = "\n".join(lines)
         return Outcome(text, data, 0 if found.promoted else REFUSED)
 
 

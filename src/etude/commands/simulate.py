@@ -12,7 +12,10 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from etude.campaign.rounds import SimulatedRound
+    from etude.campaign.state import State
     from etude.models.online.learner import OnlineConfig
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
@@ -68,7 +71,16 @@ class Simulate(Common):
             "confirmed": confirmed,
         }
         told = [] if confirmed is None else [_confirmed(confirmed)]
-        return Outcome("\n".join([_table(baselines, rounds, unit), *told]), data)
+        return Outcome("\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)]), data)
+
+
+def _next(folder: Path, state: State) -> str:
+    """What a person may do now."""
+    if state.held:
+        return f"Next: etude tell {folder} --changed new (or forget, or same)."
+    if not state.trained:
+        return f"Next: etude simulate {folder} --rounds 1"
+    return f"Next: etude status {folder}, etude report {folder}, etude promote {folder}"
 
 
 def _confirmed(found: Mapping[str, Any]) -> str:

@@ -33,6 +33,8 @@ DECORRELATED = 0.5
 """s after which a deviation is another one."""
 CAUTION = 2.0
 """On second differences: what they bend by between samples is not known."""
+MORE = 2.0
+"""Times its deviations before any data that a model is taken to say at most, in searches; proofs ask it."""
 STEP = 1e-4
 """Of the penalty's differences, in SI units."""
 KEPT = 256
@@ -53,6 +55,8 @@ class CommandLimit:
         source: whose word it is, for the certificate.
         orders: of motion that these look at.
         said: sentences for the certificate, what this leaves open.
+        most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
+            be too much, since they are what costs. None: nothing is known of them.
     """
 
     quantity: str
@@ -67,6 +71,7 @@ class CommandLimit:
     orders: int = 3
     said: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COMMANDS,)
+    most: Array | None = None
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -97,9 +102,11 @@ class CommandLimit:
 
     def penalty(self, motion: Motion) -> tuple[float, Array]:
         """Mean square of what commands exceed, in parts of half a limit; gradient by differences."""
-        spread = self._spread(motion, float(np.ptp(motion.t)), SELDOM)
+        duration, gradient = float(np.ptp(motion.t)), np.zeros_like(motion.orders)
+        if self._clear(self.mean(motion), duration):
+            return 0.0, gradient
+        spread = self._spread(motion, duration, SELDOM)
         over = self._over(motion, spread)
-        gradient = np.zeros_like(motion.orders)
         at = np.flatnonzero(over.any(axis=1))
         if not len(at):
             return 0.0, gradient
@@ -122,6 +129,8 @@ class CommandLimit:
         room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
         if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
             return False  # by the mean alone: deviations cost more
+        if self._clear(mean, piece.duration):
+            return True
         return bool(np.all(self._spread(motion, piece.duration, SELDOM) <= room))
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
@@ -171,6 +180,13 @@ class CommandLimit:
     def _along(self, piece: Trajectory, spacing: float) -> Motion:
         count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
+
+    def _clear(self, mean: Array, duration: float) -> bool:
+        """Whether means (T, J) leave room for the most that deviations hardly exceed, for searches."""
+        if self.most is None:
+            return False
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        return bool(np.all(np.abs(mean - middle) + self.beyond(duration) * self.most <= CLOSE * half))
 
     def _spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
         """(T, J) deviations times b: from samples `apart`, s, the larger of two that are neighbours."""
@@ -241,8 +257,12 @@ def by_model(
     def deviation(motion: Motion) -> Array:
         return np.asarray(np.sqrt(model.predict(inputs.states(motion))[1]))
 
-    source = "the learned model"
-    return CommandLimit(quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders)
+    source, before = "the learned model", getattr(model, "prior_deviation", None)
+    doubted = getattr(model, "least", None) is not None  # then its mean may be wrong by all of itself
+    most = None if before is None or doubted else MORE * before
+    return CommandLimit(
+        quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders, most=most
+    )
 
 
 def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:

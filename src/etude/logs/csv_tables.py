@@ -85,6 +85,7 @@ def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
         place = first.index(header.encode()) + len(header.encode())
         body = first[place:].lstrip(b"\n")
     sample = body[: 2**16].decode(errors="ignore").split("\n")[:20]
+    _check_width(names, sample, separator, str(path))
     comma = separator != "," and bool(DECIMAL_COMMA.search("\n".join(sample)))
     if comma:
         repairs = (*repairs, "Numbers were read with a decimal comma.")
@@ -110,6 +111,18 @@ def _checked_names(names: Sequence[str], where: str) -> Sequence[str]:
     if double:
         raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
     return names
+
+
+def _check_width(names: Sequence[str], lines: Sequence[str], separator: str, where: str) -> None:
+    """DataError: the first row has more cells than there are columns, so that nobody knows which is which."""
+    row = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    cells = _cells(row, separator, where)
+    if len(cells) > len(names):
+        raise DataError(
+            f"the header names {len(names)} columns, and the first row has {len(cells)} cells",
+            where=where,
+            next_step="Name every column in the header, or take out separators at the end of rows.",
+        )
 
 
 def _judged(form: _Form, body: bytes, path: Path) -> _Form:

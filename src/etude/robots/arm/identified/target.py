@@ -108,10 +108,10 @@ def _count(rows: list[dict[str, Any]], known: str) -> int:
 
 
 def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
-    errors = found.errors
+    errors, told = found.errors, found.result.told
     said = [
-        f"The logs tell {found.result.told} combinations of {len(rows)} inertial parameters; of the single "
-        f"ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
+        f"The logs tell {told} combination{'s'[: told != 1]} of {len(rows)} inertial parameters; of the "
+        f"single ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
@@ -133,7 +133,7 @@ def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[
 
 
 def _digits(value: float) -> str:
-    return f"{value:.3g}"
+    return f"{value:#.3g}".removesuffix(".")
 
 
 def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> str:
