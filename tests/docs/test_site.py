@@ -54,6 +54,17 @@ def test_every_page_is_in_the_navigation_once() -> None:
     assert sorted(set(listed) - set(pages)) == []
 
 
+def test_no_page_links_out_of_the_folder_that_is_built() -> None:
+    """Such a link works in the repository and breaks the site: name the file instead."""
+    leaving = [
+        f"{page.relative_to(DOCS)}: {target}"
+        for page in DOCS.rglob("*.md")
+        for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", page.read_text(encoding="utf-8"))
+        if not (page.parent / target).resolve().is_relative_to(DOCS.resolve())
+    ]
+    assert leaving == []
+
+
 def test_every_decision_is_in_their_list() -> None:
     text = (DOCS / "decisions" / "README.md").read_text(encoding="utf-8")
     assert [p.name for p in (DOCS / "decisions").glob("0*.md") if f"({p.name})" not in text] == []

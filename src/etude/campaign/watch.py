@@ -103,7 +103,8 @@ def watch(
         campaign: the folder.
         logs: files, oldest first.
         degrees: their angles are degrees.
-        accept, repair: checks whose questions are answered so.
+        accept: checks whose questions are answered with: take it as it is.
+        repair: checks whose questions are answered with: put it right.
         propose: ask for a motion where the robot has changed.
         say: receives one sentence per step.
 
