@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude import plugins
-from etude.campaign.export import GROUP, Exported, export
+from etude.campaign.export import Exported, export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
@@ -94,8 +93,7 @@ def ask(
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
     motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
-    for name in formats:
-        plugins.load(GROUP, name)  # a name that is wrong is said before anything is asked
+    require_formats(formats)
     with campaign.writing():
         learn_pending(campaign, learner, say)
         state = campaign.state()

@@ -33,7 +33,7 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         motion = from_json(place.read_bytes())
     kept = kept_now(campaign, campaign.state())
-    return Bounded(motion, campaign.limits(kept.margins_of_chain(motion), kept.model(campaign)))
+    return Bounded(motion, kept.limits_as_played(campaign, motion))
 
 
 def _proposed(campaign: Campaign) -> Bounded:
@@ -50,5 +50,4 @@ def _proposed(campaign: Campaign) -> Bounded:
     )
     motion = stored_trajectory(campaign, newest.number)
     kept = kept_then(newest.asked)
-    limits = campaign.described_limits(kept.margins_of_chain(motion), kept.model(campaign))
-    return Bounded(motion, limits)
+    return Bounded(motion, kept.limits_as_played(campaign, motion, described=True))

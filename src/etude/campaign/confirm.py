@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etude import plugins
 from etude.campaign.ask import Proposal, present, stored_trajectory
-from etude.campaign.export import GROUP, export
+from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.forecast import expected_variance
 from etude.campaign.in_use import model_in_use
@@ -59,8 +58,7 @@ def ask_to_confirm(
         UsageError: nothing was learned yet, a file was changed, or an unknown format.
         UnsafeTrajectoryError: no such motion inside the limits.
     """
-    for name in formats:
-        plugins.load(GROUP, name)  # a name that is wrong is said before anything is asked
+    require_formats(formats)
     with campaign.writing():
         learn_pending(campaign, say=say)
         return _asked(campaign, new, formats, effort, say)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +36,12 @@ class Exported:
     certificate: Certificate
 
 
+def require_formats(names: Sequence[str]) -> None:
+    """Loads them: a name that is wrong is said before anything is asked. UsageError: there is none."""
+    for name in names:
+        plugins.load(GROUP, name)
+
+
 def export(
     campaign: Campaign, number: int, trajectory: Trajectory, folder: Path, name: str, *, effort: bool = False
 ) -> Exported:
@@ -57,7 +64,7 @@ def export(
     what = _with_effort(campaign, trajectory) if effort else trajectory
     files = exporter(what, campaign.kind, campaign.spec)
     kept = kept_then(campaign.round(number).asked)
-    limits = campaign.limits(kept.margins_of_chain(trajectory), kept.model(campaign))
+    limits = kept.limits_as_played(campaign, trajectory)
     certificate = certify_played(exporter, files, limits, trajectory)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}

@@ -86,7 +86,6 @@ def pinned(campaign: Campaign, digest: str) -> Path:
 
 def pin(campaign: Campaign, path: Path) -> tuple[Path, str]:
     """Copies a model's file to its place, whole or not at all; the path and the hash."""
-
     digest = sha256_of(path)
     copy = pinned(campaign, digest)
     write_atomic(copy, path.read_bytes())

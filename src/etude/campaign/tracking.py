@@ -82,6 +82,13 @@ class Kept:
         table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
         return {**self.margins, trajectory.form: (table, sure)}
 
+    def limits_as_played(
+        self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
+    ) -> Sequence[Limit]:
+        """The robot's, less the margins of a motion whose receiver knows no pieces."""
+        of = campaign.described_limits if described else campaign.limits
+        return of(self.margins_of_chain(trajectory), self.model(campaign))
+
     def as_facts(self) -> dict[str, Any]:
         """For the `asked` event; nothing where nothing is kept."""
         facts: dict[str, Any] = {} if self.number is None else {MODEL: self.number}

@@ -17,6 +17,7 @@ import numpy as np
 
 from etude.contracts import Array, Cone, Family, Model, Motion, Proof, Trajectory
 from etude.errors import UsageError
+from etude.limits.remembered import remembered
 from etude.limits.unseen import COMMANDS
 
 SPACING, COARSE = 0.005, 0.04
@@ -37,8 +38,6 @@ MORE = 2.0
 """Times its deviations before any data that a model is taken to say at most, in searches; proofs ask it."""
 STEP = 1e-4
 """Of the penalty's differences, in SI units."""
-KEPT = 256
-"""Proofs that are remembered: a certificate asks for each several times."""
 
 Answer = Callable[[Motion], Array]
 
@@ -138,12 +137,7 @@ class CommandLimit:
 
         UsageError of a curve that gives no accelerations, and of set-points that are held.
         """
-        key = piece.to_json()
-        if key not in self._proofs:
-            if len(self._proofs) >= KEPT:
-                self._proofs.clear()
-            self._proofs[key] = self._rows(piece)
-        return self._proofs[key]
+        return remembered(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, J + rates) the mean, and the slopes from sample to sample."""

@@ -16,7 +16,6 @@ from etude.robots.arm.identified.pseudo_inertia import (
     matrix_of,
     parameters_of,
     root_of,
-    transformed,
 )
 
 
@@ -58,15 +57,6 @@ def test_no_body_has_more_inertia_about_one_axis_than_about_the_others_together(
     assert not is_possible(flat + 1e-6 * np.eye(10)[6])
     assert not is_possible(-flat)
     assert np.linalg.matrix_rank(root_of(flat)) == 4, "a plate may fill out"
-
-
-def test_another_frame_shows_the_same_body() -> None:
-    rng = np.random.default_rng(3)
-    masses, places = cloud(rng)
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    turn, shift = turn * np.sign(np.linalg.det(turn)), rng.normal(size=3)
-    moved = of_points(masses, places @ turn.T + shift)
-    np.testing.assert_allclose(transformed(of_points(masses, places), turn, shift), moved, atol=1e-12)
 
 
 def test_the_divergence_and_its_derivatives() -> None:

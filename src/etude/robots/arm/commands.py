@@ -6,6 +6,7 @@ import numpy as np
 
 from etude.contracts import Array, Model, Motion
 from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at
+from etude.robots.arm.of_file import of_file
 from etude.robots.arm.physics.mean import FORCES, ArmPhysics
 from etude.robots.arm.physics.newton_euler import nominal_commands
 from etude.robots.arm.spec import ArmSpec
@@ -15,8 +16,6 @@ OPEN = (
     "Torques are those of the model file's masses alone: friction, rotors, and by how much the file is "
     "wrong, are not in them until a log was learned."
 )
-_KEPT = 8
-"""Descriptions that are remembered: the model file is read once for each."""
 _known: dict[str, CommandLimit | OpenCommands] = {}
 
 
@@ -32,13 +31,7 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         return kept_at(own, home)
     if spec.model_file is None or spec.command_unit not in FORCES:
         return None
-    stamp = spec.model_file.stat()
-    key = repr((spec, stamp.st_mtime_ns, stamp.st_size))
-    if key not in _known:
-        if len(_known) >= _KEPT:
-            _known.clear()
-        _known[key] = kept_at(_nominal(spec), home)
-    return _known[key]
+    return of_file(_known, spec, lambda: kept_at(_nominal(spec), home))
 
 
 def _nominal(spec: ArmSpec) -> CommandLimit:

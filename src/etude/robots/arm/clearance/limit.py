@@ -12,6 +12,7 @@ import numpy as np
 from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, Trajectory
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
+from etude.limits.remembered import remembered
 from etude.limits.tracking import ASSUMED
 from etude.limits.unseen import COLLISIONS
 from etude.robots.arm.clearance.confirmed import excess
@@ -26,8 +27,6 @@ LOOK = 2
 """One of so many of a way's first samples is looked at in searches."""
 TAKEN = 0.75
 """Of the room that a gap has at home, the part that tracking may take."""
-KEPT = 256
-"""Proofs that are remembered: a certificate asks for each several times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,27 +93,22 @@ class Clearance:
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row for each pair of rigid parts, and for each part and what stands around."""
-        key = piece.to_json()
-        if key not in self._proofs:
-            if len(self._proofs) >= KEPT:
-                self._proofs.clear()
-            self._proofs[key] = self._rows(way_of(piece), *self._error(piece))
-        return self._proofs[key]
+        return remembered(
+            self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece))
+        )
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
-        key = piece.to_json()
-        if key not in self._words:
-            if len(self._words) >= KEPT:
-                self._words.clear()
-            way, error = way_of(piece), self._error(piece)[0]
-            wanted = self._wanted + np.minimum(ROOM, 0.5 * self._wanted)
-            x = way.knots[::LOOK]
-            first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
-            self._words[key] = all(
-                bool(np.all(self._distances(way.at(some)[0], error) >= wanted)) for some in (first, others)
-            )
-        return self._words[key]
+        return remembered(self._words, piece.to_json(), lambda: self._sampled(piece))
+
+    def _sampled(self, piece: Trajectory) -> bool:
+        way, error = way_of(piece), self._error(piece)[0]
+        wanted = self._wanted + np.minimum(ROOM, 0.5 * self._wanted)
+        x = way.knots[::LOOK]
+        first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
+        return all(
+            bool(np.all(self._distances(way.at(some)[0], error) >= wanted)) for some in (first, others)
+        )
 
     @cached_property
     def _wanted(self) -> Array:

@@ -15,12 +15,11 @@ from etude.robots.arm.clearance.srdf import Pairs, disabled
 from etude.robots.arm.clearance.surroundings import Floor, Surroundings
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.of_file import of_file
 from etude.robots.arm.spec import ArmSpec
 
 BELOW = 0.005
 """m: a base that reaches deeper below its own zero does not stand on a floor there."""
-_KEPT = 8
-"""Descriptions that are remembered: shapes are loaded and poses tried once for each."""
 _known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
 
 
@@ -94,15 +93,13 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
 def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] | None:
     if spec.model_file is None or not spec.around.collision.look:
         return None
-    stamp = spec.model_file.stat()
-    key = repr((spec, stamp.st_mtime_ns, stamp.st_size))
-    if key not in _known:
-        if len(_known) >= _KEPT:
-            _known.clear()
+    file = spec.model_file
+
+    def made() -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]:
         loaded = load_arm(spec)
-        leave = disabled(spec.model_file)
-        _known[key] = loaded, settled(loaded, spec.lower, spec.upper, spec.around, leave), {}
-    return _known[key]
+        return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file)), {}
+
+    return of_file(_known, spec, made)
 
 
 def _on_a_floor(skeleton: Skeleton, around: Surroundings) -> tuple[Surroundings, str]:

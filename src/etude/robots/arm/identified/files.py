@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.identified.pseudo_inertia import PAIRS
+from etude.robots.arm.identified.pseudo_inertia import PAIRS, inertia_of
 from etude.robots.arm.loading.inertia import ENTRIES
 from etude.robots.arm.loading.parsing import parsed
 
@@ -29,10 +29,7 @@ class JointTerms:
 def central(phi: Array) -> tuple[float, Array, Array]:
     """Mass, centre (3,) and inertia about the centre (3, 3) of [m, m c, I about the origin] (10,)."""
     mass, centre = float(phi[0]), phi[1:4] / phi[0]
-    inertia = np.zeros((3, 3))
-    for value, (i, j) in zip(phi[4:], PAIRS, strict=True):
-        inertia[i, j] = inertia[j, i] = value
-    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return mass, centre, inertia_of(phi) - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
 def written(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> tuple[str, bytes]:

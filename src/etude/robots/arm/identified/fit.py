@@ -53,9 +53,10 @@ class Identified:
             turns = drive.gear * drive.coefficients
             if len(drive.bodies) or np.count_nonzero(turns) != 1 or turns[j] == 0.0:
                 continue
-            armature, damping = (max(0.0, float(self.own[j, k])) * float(turns[j]) ** 2 for k in (0, 1))
-            friction = max(0.0, float(self.own[j, 2:-1].sum())) * abs(float(turns[j]))
-            found[name] = JointTerms(armature, damping, friction)
+            own, turn = dict(zip(EXTRA_TERMS, self.own[j].tolist(), strict=True)), abs(float(turns[j]))
+            armature, damping = (max(0.0, own[term]) * turn**2 for term in ("armature", "viscous"))
+            friction = sum(value for term, value in own.items() if term.startswith("friction"))
+            found[name] = JointTerms(armature, damping, max(0.0, friction) * turn)
         return found
 
 
@@ -73,7 +74,6 @@ def identified(samples: Samples, spec: ArmSpec, mean: RigidBodyMean) -> Identifi
     whole = evidence.normal()
     result = consistent(*evidence.reduced(whole), links.nominal)
     own = evidence.own_terms(whole, result.phi)
-    assert own.shape[1] == len(EXTRA_TERMS)
     return Identified(links, result, own, evidence.deviation, _left_out(evidence, links, samples))
 
 

@@ -10,19 +10,26 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array
+from etude.robots.arm.loading.inertia import ENTRIES
 
 SIZE = 10
 FLATTEST = 1e-3
 """Of the mean second moment: a body as flat as a plate may fill out by so much, or it could not change."""
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+PAIRS = tuple((i, j) for _, i, j in ENTRIES)
 """Places of [xx yy zz xy xz yz]."""
+
+
+def inertia_of(phi: Array) -> Array:
+    """I (3, 3) about the body's origin."""
+    inertia = np.zeros((3, 3))
+    for value, (i, j) in zip(phi[4:], PAIRS, strict=True):
+        inertia[i, j] = inertia[j, i] = value
+    return inertia
 
 
 def matrix_of(phi: Array) -> Array:
     """P (4, 4) of [m, m c, I about the origin: xx yy zz xy xz yz] (10,)."""
-    inertia = np.zeros((3, 3))
-    for value, (i, j) in zip(phi[4:], PAIRS, strict=True):
-        inertia[i, j] = inertia[j, i] = value
+    inertia = inertia_of(phi)
     P = np.zeros((4, 4))
     P[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     P[:3, 3] = P[3, :3] = phi[1:4]
@@ -72,10 +79,3 @@ def coordinates(phi: Array) -> Array:
     """T (10, 10): parameters T x of P = L X L', X the matrix with coordinates x and L the root at `phi`."""
     L = root_of(phi)
     return np.column_stack([parameters_of(L @ E @ L.T) for E in basis()])
-
-
-def transformed(phi: Array, turn: Array, shift: Array) -> Array:
-    """The parameters (10,) in a frame in which the body's own has rotation `turn` and origin `shift`, m."""
-    G = np.eye(4)
-    G[:3, :3], G[:3, 3] = turn, shift
-    return parameters_of(G @ matrix_of(phi) @ G.T)

@@ -16,6 +16,7 @@ import numpy as np
 
 from etude.contracts import Array, Cone, Family, Motion, Proof, Trajectory
 from etude.errors import UsageError
+from etude.limits.remembered import remembered
 from etude.limits.unseen import SPEED
 from etude.robots.arm.clearance.way import largest
 from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion, cross
@@ -30,7 +31,6 @@ LOOK = 0.04
 """s between samples in searches."""
 CLOSE = 0.99
 """Part of a limit that is used in searches: the proof then has room."""
-KEPT = 256
 PLACES = ("x", "y", "z")
 
 
@@ -124,12 +124,7 @@ class SpaceLimit:
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each quantity; UsageError of curves whose acceleration nothing bounds."""
-        key = piece.to_json()
-        if key not in self._proofs:
-            if len(self._proofs) >= KEPT:
-                self._proofs.clear()
-            self._proofs[key] = self._rows(piece)
-        return self._proofs[key]
+        return remembered(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, r) speeds, places and distances from the cylinder's axis."""

@@ -7,6 +7,7 @@ import numpy as np
 from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.loading.load import load_arm
+from etude.robots.arm.of_file import of_file
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 from etude.robots.arm.rehearsal.body import tips
@@ -16,7 +17,6 @@ from etude.robots.arm.space.table import Cartesian
 from etude.robots.arm.spec import ArmSpec
 
 TOOL = "tool"
-_KEPT = 8
 _known: dict[str, SpaceLimit] = {}
 
 
@@ -34,13 +34,7 @@ def space_of(spec: ArmSpec) -> SpaceLimit | None:
             f"robot '{spec.name}' has no model_file, and [cartesian] needs to know where its links are",
             next_step="Add a URDF or MJCF to the robot file, or take [cartesian] out.",
         )
-    stamp = spec.model_file.stat()
-    key = repr((spec, stamp.st_mtime_ns, stamp.st_size))
-    if key not in _known:
-        if len(_known) >= _KEPT:
-            _known.clear()
-        _known[key] = _made(spec, table)
-    return _known[key]
+    return of_file(_known, spec, lambda: _made(spec, table))
 
 
 def _made(spec: ArmSpec, table: Cartesian) -> SpaceLimit:
