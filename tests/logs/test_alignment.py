@@ -9,8 +9,11 @@ EVERYDAY_RATE = 200.0
 """Hz; logs of more rows take longer and are left to the slow test."""
 EVERYDAY = [seed for seed in range(60) if Case.of(seed).rate < EVERYDAY_RATE][:20]
 
+TOPS = 20444
+"""Noise makes several tops of one peak here, one of them near the clock's own start."""
 
-@pytest.mark.parametrize("seed", EVERYDAY)
+
+@pytest.mark.parametrize("seed", [*EVERYDAY, TOPS])
 def test_a_log_of_the_proposal_is_aligned_to_a_sample(seed: int) -> None:
     case = Case.of(seed)
     assert case.error() <= 1.0 / case.rate + 1e-6, case

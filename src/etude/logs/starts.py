@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,8 @@ from etude.contracts import Array, Mask, Trajectory
 from etude.logs.delay import likely_delays
 from etude.logs.smoothing import resample, uniform_grid
 
-REFINEMENTS, LARGEST_STEP = 4, 0.1  # steps of Gauss and Newton towards the start, and s of each at most
+REFINEMENTS, LARGEST_STEP = 20, 0.1  # steps of Gauss and Newton towards the start, and s of each at most
+SETTLED = 1e-3  # of a row: a shorter step is none
 ROWS = 2000  # on which starts are compared
 WILD = 4.0  # squared deviation over the spread, beyond which all rows are equally wrong
 # Cost of a second, over the proposal's duration: of the proposal that the log lacks, and at most of a row
@@ -41,6 +43,10 @@ class Plan:
         times = np.minimum(np.arange(len(self.values)) / self.rate, self.duration)
         return resample(times, self.values, t)
 
+    def slope(self, t: Array) -> Array:
+        """(T, k) the rate of change at times t, over a row to either side."""
+        return (self.at(t + 1.0 / self.rate) - self.at(t - 1.0 / self.rate)) * (0.5 * self.rate)
+
     def inside(self, t: Array) -> Mask:
         half = 0.5 / self.rate
         return np.asarray((t >= -half) & (t <= self.duration + half))
@@ -61,15 +67,22 @@ def best_start(t: Array, measured: Array, plan: Plan, *, begun: bool = False) ->
     motion = resample(t, measured, grid)
     span = (-2.0 / plan.rate if begun else -plan.duration, float(grid[-1] - grid[0]))
     delays = likely_delays(plan.values, motion, plan.rate, span)
-    starts = [float(t[0] + delay.seconds) for delay in delays]
     few = np.unique(np.linspace(0, len(grid) - 1, ROWS).astype(np.int64))
-    costs = [_cost(grid[few] - start, motion[few], plan) for start in starts]
-    likely = [start for start, cost in zip(starts, costs, strict=True) if cost <= min(costs) + TIE]
-    near = [start for start in likely if abs(start) <= LONGEST_LAG]
+    starts = _likely([float(t[0] + delay.seconds) for delay in delays], grid[few], motion[few], plan)
+    # noise makes several tops of one: those near the clock's own start count by where they lead
+    led = [_refined(start, grid[few], motion[few], plan) for start in starts if abs(start) <= LONGEST_LAG]
+    near = _likely([start for start in led if abs(start) <= LONGEST_LAG], grid[few], motion[few], plan)
     if near:
-        return _refined(min(near, key=lambda start: costs[starts.index(start)]), grid, motion, plan)
-    first = min(likely, key=lambda start: (round(costs[starts.index(start)], 6), abs(start - t[0])))
+        return _refined(min(near, key=near.__getitem__), grid, motion, plan)
+    first = min(starts, key=lambda start: (round(starts[start], 6), abs(start - t[0])))
     return _refined(first, grid, motion, plan)
+
+
+def _likely(starts: Sequence[float], t: Array, motion: Array, plan: Plan) -> dict[float, float]:
+    """Costs by start of those that cannot be told from the best."""
+    costs = {start: _cost(t - start, motion, plan) for start in starts}
+    least = min(costs.values(), default=0.0)
+    return {start: cost for start, cost in costs.items() if cost <= least + TIE}
 
 
 def _refined(start: float, t: Array, motion: Array, plan: Plan) -> float:
@@ -78,13 +91,14 @@ def _refined(start: float, t: Array, motion: Array, plan: Plan) -> float:
         inside = plan.inside(t - start)
         if inside.sum() < 3:
             break
-        wanted = plan.at(t[inside] - start) / plan.scale
-        slope = np.gradient(wanted, 1.0 / plan.rate, axis=0)
+        wanted, slope = plan.at(t[inside] - start) / plan.scale, plan.slope(t[inside] - start) / plan.scale
         error = motion[inside] / plan.scale - wanted
         error = error - error.mean(axis=0)
         slope = slope - slope.mean(axis=0)
         step = -float((error * slope).sum()) / max(float((slope * slope).sum()), 1e-300)
         start += float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+        if abs(step) < SETTLED / plan.rate:
+            break
     return start
 
 
