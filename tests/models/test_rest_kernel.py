@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
+from etude.contracts import Log
 from etude.errors import UsageError
+from etude.models.contracts import Offered
 from etude.models.forms import kernel_of, kernel_words
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured
 from etude.models.gp.point_kernel import PointCovariances
 from etude.models.gp.rest import RestNoise, standing
+from etude.models.model import LearnedModel
+from etude.models.process import Posteriors
 
 COLUMNS = [
     (channel, part, "", op)
@@ -58,3 +65,30 @@ def test_the_standing_kernel_adds_memory_to_the_structured_one_and_is_stored() -
     np.testing.assert_allclose(PointCovariances(kernel, theta, 12)(Z[0], Z), kernel.value(theta, Z[:1], Z)[0])
     with pytest.raises(UsageError, match="what friction remembers"):
         standing(COLUMNS[:8], ("b",))
+
+
+def test_no_noise_makes_a_known_command_fade() -> None:
+    """Neither a sensor's nor what friction holds at rest, though each is far above what was to be learned."""
+    rng = np.random.default_rng(4)
+    at = np.column_stack([rng.uniform(-1.0, 1.0, 400), np.repeat([0.0, 1.0], 200)])
+    y = np.sin(at[:, 0]) + rng.normal(size=400) * np.where(at[:, 1] > 0.0, 20.0, 2.0)
+    gp = ExactGP(SquaredExponential((0,)) + KERNEL, np.array([0.0, 0.0, np.log(20.0)]), np.log(2.0))
+    own, one = Posteriors((gp.condition(at, y),)), np.ones(1)
+    candidate = Offered("gp", (0,), one, None, own, np.array([[0.0], [3.0]]), 1.5 * one)
+    model = LearnedModel(cast("Any", Plain()), (candidate,), ("a",), np.zeros((2, 2)), True, one)
+    states = {"q": np.array([[0.3], [0.3], [9.0], [9.0]]), "rest": np.array([[0.0], [1.0], [0.0], [1.0]])}
+    (mean, variance), (faded, same) = model.predict(states), model.faded(states)
+    np.testing.assert_array_equal(variance, same)
+    assert variance[1, 0] - variance[0, 0] == pytest.approx(1.5 * 9.0 * 400.0, rel=1e-6)
+    assert mean[0, 0] > 0.3
+    np.testing.assert_array_equal(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0])
+    np.testing.assert_array_equal(replace(model, least=one).faded(states)[0], 0.0)
+
+
+class Plain:
+    """Inputs that are a position and how much a joint rests."""
+
+    columns = (("q", "a", "rad", ""), ("rest", "a", "", ""))
+
+    def of_log(self, log: Log) -> np.ndarray:
+        return np.column_stack([log["q"], log["rest"]])

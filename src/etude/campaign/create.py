@@ -26,7 +26,7 @@ class Part:
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     mesh_roots: tuple[Path, ...] = ()
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 WHOLE = Part()
@@ -76,9 +76,9 @@ def _chosen(kind: Kind, description: Path, part: Part) -> Described:
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",
             where=str(description),
-            next_step="Leave --joints, --hold, --mesh-root and --range out.",
+            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity and --command out.",
         )
-    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots, part.ranges)
+    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots, part.limits)
     return found
 
 

@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from etude.campaign.folder import Campaign
 
 
+HOLD = "--hold", "joint=position", "finger=0.02"
+VELOCITY = "--velocity", "joint=limit", "wrist=2.1"
+COMMAND = "--command", "joint=limit", "wrist=40"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Init(Common):
     """Start a campaign: a folder that holds the robot, the configuration and everything to come."""
@@ -32,6 +37,11 @@ class Init(Common):
     range: tuple[str, ...] = ()
     """How far joints may go, joint=lower:upper in rad or m: of joints that turn without end, or less than the
     file allows."""
+    velocity: tuple[str, ...] = ()
+    """How fast joints may go, joint=limit in rad/s or m/s ("*=2.1" for all), in place of the file's; an MJCF
+    has none."""
+    command: tuple[str, ...] = ()
+    """The largest commands, joint=limit in N m or N ("*=40" for all), in place of the file's."""
     mesh_root: tuple[Path, ...] = ()
     """Folders to look for meshes in first, with their package's name or without."""
 
@@ -41,7 +51,7 @@ class Init(Common):
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        part = Part(self.joints, _positions(self.hold), self.mesh_root, _ranges(self.range))
+        part = Part(self.joints, _numbers(self.hold, HOLD), self.mesh_root, self._limits())
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
@@ -53,22 +63,30 @@ class Init(Common):
         data = {"folder": str(self.folder), "robot": campaign.name, "axes": campaign.axes, "confirm": confirm}
         return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})
 
+    def _limits(self) -> dict[str, dict[str, float]]:
+        """By joint or pattern, in place of the file's."""
+        found: dict[str, dict[str, float]] = {}
+        for joint, (low, high) in _ranges(self.range).items():
+            found[joint] = {"lower": low, "upper": high}
+        for name, given, form in (("velocity", self.velocity, VELOCITY), ("command", self.command, COMMAND)):
+            for joint, value in _numbers(given, form).items():
+                found.setdefault(joint, {})[name] = value
+        return found
 
-def _positions(held: tuple[str, ...]) -> dict[str, float]:
-    """Positions by joint of joint=position. UsageError if one is no such thing."""
+
+def _numbers(given: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
+    """Numbers by joint of joint=number. UsageError, in the words of `form`, if one is no such thing."""
     from etude.errors import UsageError
 
-    found = {}
-    for one in held:
-        joint, _, position = one.rpartition("=")
+    found, (option, wanted, example) = {}, form
+    for one in given:
+        joint, _, number = one.rpartition("=")
         try:
-            found[joint] = float(position)
+            found[joint] = float(number)
         except ValueError:
             joint = ""
         if not joint:
-            raise UsageError(
-                f"{one!r} is no joint=position", where="--hold", next_step="Write --hold finger=0.02."
-            )
+            raise UsageError(f"{one!r} is no {wanted}", where=option, next_step=f"Write {option} {example}.")
     return found
 
 

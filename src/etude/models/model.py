@@ -14,8 +14,10 @@ from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
 from etude.models.given import as_log
+from etude.models.gp.rest import resting
 from etude.models.linear import at_rest
 from etude.models.student_t import StudentT
+from etude.models.trust import trusted
 
 PHYSICAL = ("nominal", "identified")
 """Means that go on where no data are, so that a command may fade to them."""
@@ -87,10 +89,18 @@ class LearnedModel:
     @property
     def prior_deviation(self) -> Array:
         """(J,) deviation of what the candidates in use explain, before any data, command units."""
+        return self._prior(noise=True)
+
+    @property
+    def signal_deviation(self) -> Array:
+        """(J,) the same without noise, of which nothing can be learned."""
+        return self._prior(noise=False)
+
+    def _prior(self, *, noise: bool) -> Array:
         variance = np.zeros(len(self.commands))
         for candidate, own in self._in_use():
             assert candidate.process is not None
-            prior = candidate.process.signal_variance + candidate.process.noise_variance
+            prior = candidate.process.signal_variance + noise * candidate.process.noise_variance
             variance[own] += candidate.weights * candidate.units[1] ** 2 * prior
         return np.asarray(np.sqrt(variance))
 
@@ -120,7 +130,19 @@ class LearnedModel:
 
         `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
         """
+        average, variance, _ = self._predicted(as_log(log, self.inputs.columns))
+        return average, variance
+
+    def faded(self, log: Any) -> tuple[Array, Array]:
+        """What a feedforward adds (n, J), and the variance of `predict`: its mean where the model knows more
+        than before any data, what is `safe` elsewhere.
+        """
         log = as_log(log, self.inputs.columns)
+        average, variance, noise = self._predicted(log)
+        return trusted(average, variance - noise, self.signal_deviation, self.safe(log)), variance
+
+    def _predicted(self, log: Log) -> tuple[Array, Array, Array]:
+        """Mean and variance (n, J), and the part of the variance that is noise, at rest too."""
         X, means = self.inputs.of_log(log), _Means(log)
         parts = []
         average = np.zeros((len(log), len(self.commands)))
@@ -131,13 +153,15 @@ class LearnedModel:
             noisy = latent + candidate.process.noise_variance
             average[:, own] += candidate.weights * mean
             parts.append((own, candidate, mean, candidate.calibration * candidate.units[1] ** 2 * noisy))
-        variance = np.zeros_like(average)
+        variance, noise = np.zeros_like(average), np.zeros_like(average)
         for own, candidate, mean, spread in parts:
             variance[:, own] += candidate.weights * (spread + (mean - average[:, own]) ** 2)
+            noise[:, own] += candidate.weights * _noise_of(candidate, X)
         if self.least is not None:  # a mean that is not believed may be wrong by all of itself
             doubted = self.least > 0.0
             variance = np.where(doubted, np.maximum(variance, self.least + average**2), variance)
-        return average, variance
+            noise = np.where(doubted, 0.0, noise)
+        return average, variance, noise
 
     def mean(self, log: Log) -> Array:
         """Commands (n, J) alone, without the price of their variances."""
@@ -228,6 +252,16 @@ class _Means:
 
     def _ask(self, mean: Mean) -> Array:
         return mean.static(self._log) if self._static else mean.predict(self._log)
+
+
+def _noise_of(candidate: Candidate, X: Array) -> Array:
+    """(n, m) noise in a candidate's variance, at rest too, command units²."""
+    assert candidate.process is not None
+    own: Sequence[Any] = getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+    held = np.stack([resting(pairs, X) for pairs in own], axis=1)
+    return np.asarray(
+        candidate.calibration * candidate.units[1] ** 2 * (candidate.process.noise_variance + held)
+    )
 
 
 def _outputs(candidate: Candidate, X: Array) -> Array:

@@ -11,8 +11,10 @@ import numpy as np
 
 from etude.contracts import Array, Code, FitData, Index, Posterior
 from etude.errors import UsageError
+from etude.models.contracts import HasKernel
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
 from etude.models.gp.exact import ExactPosterior
+from etude.models.gp.rest import rests
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
 
 WORDS = "words"
@@ -63,6 +65,11 @@ class Posteriors:
     def signal_variance(self) -> Array:
         """(m,) prior variance of the commands, averaged over the inputs."""
         return np.array([posterior.signal_variance for posterior in self.own])
+
+    @property
+    def rests(self) -> tuple[tuple[tuple[int, float], ...], ...]:
+        """Of each command the noise at rest that its latent variance holds, as `gp.rest.rests`."""
+        return tuple(rests(p.kernel, p.theta) if isinstance(p, HasKernel) else () for p in self.own)
 
     @property
     def shared(self) -> SharedPosterior | None:

@@ -17,6 +17,9 @@ def trust(variance: Array, prior_deviation: Array) -> Array:
     """Weight (T, J) of a model's mean: 1 where its variance (T, J) is small against the prior's (J,), else 0.
 
     A quintic step, so a feedforward along a smooth trajectory has no jumps in its first two derivatives.
+
+    An arm's variances come without noise, at rest too (`LearnedModel.faded`): nothing can be learned of it,
+    and beside physics, which leave little to learn, it would hide what was.
     """
     ratio = variance / prior_deviation**2
     return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))

@@ -12,6 +12,7 @@ from etude.contracts import Log, Motion
 from etude.errors import NumericalError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
+from etude.models.trust import trusted
 from etude.robots.arm.controller import ModelController, PerfectController
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.recipe import ArmData, samples_of
@@ -28,15 +29,16 @@ class Constant:
 
     mean: tuple[float, ...]
     variance: tuple[float, ...] = (0.0, 0.0)
-    fallback: tuple[float, float] = (0.0, 0.0)
-    prior_deviation: np.ndarray = field(default_factory=lambda: np.array([10.0, 2.0]))
+    fallback: tuple[float, ...] = (0.0, 0.0)
+    signal_deviation: np.ndarray = field(default_factory=lambda: np.array([10.0, 2.0]))
     inputs: ArmInputs = field(default_factory=lambda: ArmInputs.of(SPEC, 0.02))
 
     def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
         return np.tile(self.mean, (len(log), 1)), np.tile(self.variance, (len(log), 1))
 
-    def safe(self, log: Log) -> np.ndarray:
-        return np.tile(self.fallback, (len(log), 1))
+    def faded(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
+        mean, variance = self.predict(log)
+        return trusted(mean, variance, self.signal_deviation, np.tile(self.fallback, (len(log), 1))), variance
 
 
 def planned(model: Constant, fade: bool = True) -> np.ndarray:
@@ -66,7 +68,7 @@ def test_predictions_that_are_not_finite_are_refused_with_the_joint() -> None:
 
 
 def test_another_robots_model_is_refused() -> None:
-    three = Constant((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), prior_deviation=np.ones(3))
+    three = Constant((1.0,) * 3, (0.0,) * 3, (0.0,) * 3, np.ones(3))
     with pytest.raises(UsageError, match="3 commands, the robot two 2 joints"):
         planned(three)
 

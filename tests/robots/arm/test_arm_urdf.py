@@ -88,7 +88,8 @@ def test_missing_limits_are_all_listed(tmp_path: Path) -> None:
     )
     with pytest.raises(UsageError) as problem:
         spec_from_model(path)
-    assert "shoulder (velocity, acceleration); elbow (command)" in str(problem.value)
+    assert "velocity of shoulder; command of elbow" in str(problem.value)
+    assert "--velocity '*=2.0' --command '*=50'" in str(problem.value)
     given = {
         "shoulder": {"velocity": 1.0},
         "elbow": {"lower": -1, "upper": 1, "command": 5, "acceleration": 2},
@@ -100,12 +101,13 @@ def test_missing_limits_are_all_listed(tmp_path: Path) -> None:
 def test_mjcf_loads_without_its_meshes(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(MJCF)
-    with pytest.raises(
-        UsageError, match=r"shoulder \(velocity, acceleration\); slide \(velocity, acceleration\)"
-    ):
+    with pytest.raises(UsageError, match=r"velocity of shoulder, slide \["):
         spec_from_model(path)
     given = {"shoulder": {"velocity": 1.0}, "slide": {"velocity": 0.5, "acceleration": 1.0}}
     spec = spec_from_model(path, given=given, command_unit="N").spec
+    for all_or_one in ({"*": {"velocity": 0.5}, "shoulder": {"velocity": 1.0}}, given):
+        assert spec_from_model(path, given=all_or_one).spec.velocity.tolist() == [1.0, 0.5]
+        assert spec_from_model(path, given=dict(reversed(all_or_one.items()))).spec.velocity[0] == 1.0
     np.testing.assert_allclose(spec.lower, [-np.pi / 3, 0.0])
     np.testing.assert_allclose(spec.command, [100.0, 9.0])
     assert load_arm(spec).model().ngeom == 1
@@ -152,3 +154,18 @@ def test_floating_bases_and_absent_models_are_refused(tmp_path: Path, urdf: Path
         load_arm(replace(spec, model_file=None))
     with pytest.raises(UsageError, match="there is no model file"):
         load_arm(replace(spec, model_file=tmp_path / "gone.urdf"))
+
+
+@pytest.mark.parametrize(
+    ("text", "named", "unnamed"),
+    [(URDF, '<robot name=" lbr ">', "<robot>"), (MJCF, '<mujoco model="lbr">', '<mujoco model="">')],
+)
+def test_a_robot_is_called_what_its_file_calls_it(
+    tmp_path: Path, text: str, named: str, unnamed: str
+) -> None:
+    path, begin, given = tmp_path / "model.xml", text.split(">", 1)[0] + ">", {"*": {"velocity": 1.0}}
+    path.write_text(text.replace(begin, named, 1))
+    assert spec_from_model(path, given=given).spec.name == "lbr"
+    assert spec_from_model(path, given=given, name="mine").spec.name == "mine"
+    path.write_text(text.replace(begin, unnamed, 1))
+    assert spec_from_model(path, given=given).spec.name == "model"

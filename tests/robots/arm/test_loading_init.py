@@ -94,3 +94,18 @@ def test_a_range_of_ones_own_is_no_assumption(tmp_path: Path, capsys: pytest.Cap
     ):
         assert main(["init", str(tmp_path / "other"), "--robot", str(urdf), "--range", wrong]) != 0
         assert words in capsys.readouterr().err
+
+
+def test_limits_that_a_file_has_no_place_for_come_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, lab = write(tmp_path), tmp_path / "lab"
+    options = ["--joints", "shoulder", "wrist", "--velocity", "*=0.5", "wrist=0.7", "--command", "wr*=3"]
+    assert main(["init", str(lab), "--robot", str(urdf), *options]) == 0
+    assert "shoulder 1, wrist 1.4 (rad/s^2" in capsys.readouterr().out
+    spec = etude.open_campaign(lab).spec
+    assert spec.velocity.tolist() == [0.5, 0.7]
+    assert spec.command[1] == 3.0 != spec.command[0]
+    for wrong, words in (("0.5", "'0.5' is no joint=limit"), ("knee=1", "no moving joint knee")):
+        assert main(["init", str(tmp_path / "other"), "--robot", str(urdf), "--velocity", wrong]) == 2
+        assert words in capsys.readouterr().err

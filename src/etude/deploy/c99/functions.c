@@ -83,13 +83,13 @@ unsigned @NAME_predict(@NAME_state *state, const @NAME_real *input, @NAME_real *
 unsigned @NAME_faded(@NAME_state *state, const @NAME_real *input, @NAME_real *command, @NAME_real *variance)
 {
     static const real prior[@UPPER_COMMANDS] = {@PRIOR};
-    real in[@UPPER_INPUTS], safe[@UPPER_COMMANDS];
+    real in[@UPPER_INPUTS], safe[@UPPER_COMMANDS], noise[@UPPER_COMMANDS];
     const unsigned flags = @NAME_taken(state->last, input, in);
     int j;
     memcpy(state->last, in, sizeof in);
-    @NAME_answer(in, @MEMORY, 0, command, variance, safe);
+    @NAME_answer(in, @MEMORY, 0, command, variance, safe, noise);
     for (j = 0; j < @UPPER_COMMANDS; ++j) {
-        const real beyond = (variance[j] * prior[j] - @TRUSTED) / @SPAN;
+        const real beyond = ((variance[j] - noise[j]) * prior[j] - @TRUSTED) / @SPAN;
         const real low = beyond > R(0.0) ? beyond : R(0.0), s = low < R(1.0) ? low : R(1.0);
         const real trust = R(1.0) - s * s * s * (R(10.0) - R(15.0) * s + R(6.0) * s * s);
         command[j] = safe[j] + trust * (command[j] - safe[j]);

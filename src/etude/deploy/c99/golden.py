@@ -8,7 +8,6 @@ import numpy as np
 
 from etude.contracts import Array, Index, Log
 from etude.deploy.c99.plan import Plan
-from etude.models.trust import trusted
 
 COUNT = 100
 SEED = 20
@@ -65,9 +64,8 @@ def answered(plan: Plan, states: Array) -> Golden:
     mean, variance = plan.model.predict(log)
     still = np.where(plan.still, 0.0, inside)
     gravity = plan.model.static(log_of(plan, still))
-    deviation = plan.model.prior_deviation
     with np.errstate(divide="ignore", invalid="ignore"):
-        faded = trusted(mean, variance, deviation, plan.model.safe(log))
+        faded, _ = plan.model.faded(log)
     flags |= LIMITED * np.any((mean > plan.most) | (mean < plan.least), axis=1).astype(int)
     clipped = [np.clip(values, plan.least, plan.most) for values in (mean, faded, gravity)]
     return Golden(states, clipped[0], variance, clipped[1], clipped[2], flags)

@@ -101,7 +101,7 @@ def _answer(plan: Plan, form: Form) -> str:
         places[channel.name] = at
         at += len(channel.parts)
     arguments = "const real *in, real *memory, int still, real *command"
-    arguments += ", real *variance" * form.variance + ", real *safe" * form.fade
+    arguments += ", real *variance" * form.variance + ", real *safe, real *noise" * form.fade
     lines = [f"static void {name}_answer({arguments})", "{", f"    real x[{D}];"]
     lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
     for k, candidate in enumerate(plan.candidates):
@@ -132,7 +132,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
     """The average of the candidates, and its variance."""
     J, lines = len(plan.model.commands), []
     lines += [f"    command[{j}] = R(0.0);" for j in range(J)]
-    lines += [f"    safe[{j}] = R(0.0);" for j in range(J)] if form.fade else []
+    lines += [f"    safe[{j}] = noise[{j}] = R(0.0);" for j in range(J)] if form.fade else []
     for k, candidate in enumerate(plan.candidates):
         spread = f"variance ? spread{k} : 0" if form.variance else "0"
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
@@ -146,7 +146,22 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
                 lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
                 if form.fade and physical and source:
                     lines.append(f"    safe[{j}] += {real(weight)} * {source};")
-    return lines + (_spreads(plan) if form.variance else [])
+    return [*lines, *(_noise(plan) if form.fade else []), *(_spreads(plan) if form.variance else [])]
+
+
+def _noise(plan: Plan) -> list[str]:
+    """The part of the variance that is noise, at rest too; none where a command is not believed."""
+    found, least = [], plan.model.least
+    for candidate in plan.candidates:
+        assert candidate.process is not None
+        rests = getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+        for i, j in enumerate(candidate.commands):
+            factor = float(candidate.weights[i] * candidate.calibration[i] * candidate.units[1, i] ** 2)
+            if factor and not (least is not None and least[j] > 0.0):
+                known = real(factor * float(candidate.process.noise_variance[i]))
+                terms = [known, *(f"{real(factor * s)} * x[{c}] * x[{c}]" for c, s in rests[i])]
+                found.append(f"    noise[{j}] += {' + '.join(terms)};")
+    return found
 
 
 def _spreads(plan: Plan) -> list[str]:
@@ -182,9 +197,9 @@ def _functions(plan: Plan, form: Form) -> str:
         "UPPER": plan.name.upper(),
         "MEMORY": "state->memory" if plan.memory else "0",
         "FORGET": "    memset(state->memory, 0, sizeof state->memory);\n" if plan.memory else "",
-        "NONE": ", 0" * form.variance + f", {'safe'}" * form.fade,
-        "SAFE": f"    real safe[{len(plan.limit)}];\n" if form.fade else "",
-        "KEPT": ", safe" * form.fade,
+        "NONE": ", 0" * form.variance + ", safe, noise" * form.fade,
+        "SAFE": f"    real safe[{len(plan.limit)}], noise[{len(plan.limit)}];\n" if form.fade else "",
+        "KEPT": ", safe, noise" * form.fade,
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
         "PRIOR": ", ".join(real(1.0 / v**2) for v in _prior(plan)) if form.fade else "",
@@ -198,4 +213,4 @@ def _functions(plan: Plan, form: Form) -> str:
 
 
 def _prior(plan: Plan) -> Any:
-    return np.maximum(plan.model.prior_deviation, float(np.finfo(float).tiny) ** 0.25)
+    return np.maximum(plan.model.signal_deviation, float(np.finfo(float).tiny) ** 0.25)

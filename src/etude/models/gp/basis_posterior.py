@@ -23,7 +23,7 @@ class BasisPosterior:
     samples taught it. Far from the basis points the prior returns.
 
     Attributes:
-        noise_variance: sn². signal_variance: mean of k(x, x) over the training inputs.
+        noise_variance: sn². signal_variance: mean of k(x, x) over the training inputs, without noise at rest.
         basis: (u, D) basis points.
         weights: (u,) w.
         half: (u, u) R, lower triangular.

@@ -14,6 +14,7 @@ from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernels import Kernel
+from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
 
 Array = NDArray[np.float64]
@@ -137,8 +138,8 @@ class ExactPosterior:
 
     @cached_property
     def signal_variance(self) -> float:
-        """Mean of k(x, x) over the training inputs."""
-        return float(self.kernel.diagonal(self.theta, self.X).mean())
+        """Mean of k(x, x) over the training inputs, without noise at rest."""
+        return mean_signal(self.kernel, self.theta, self.X)
 
     @cached_property
     def L_inverse(self) -> Array:

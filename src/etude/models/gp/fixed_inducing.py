@@ -15,7 +15,7 @@ from etude.contracts import Array, Index
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.rest import rest_variance
+from etude.models.gp.rest import mean_signal, rest_variance
 from etude.threads import threads_for
 
 JITTER = 1e-8
@@ -69,7 +69,7 @@ class FixedInducing:
             middle[np.diag_indices_from(middle)] += 1.0
             upper, _ = factorise(np.asfortranarray(middle[::-1, ::-1]), ROUNDING, announce=False)
             half = np.asfortranarray(upper.T[::-1, ::-1] @ self.L_inverse)
-            signal = float(gp.kernel.diagonal(gp.theta, self.X).mean())
+            signal = mean_signal(gp.kernel, gp.theta, self.X)
             weights = self.L_inverse.T @ beta
         return BasisPosterior(gp.kernel, gp.theta, gp.noise_variance, signal, self.Z, weights, half)
 

@@ -57,13 +57,25 @@ class RestNoise(Kernel):
         return np.asarray(X[:, self.column])
 
 
+def rests(kernel: Kernel, theta: Array) -> tuple[tuple[int, float], ...]:
+    """Of each noise at rest in a sum of kernels its column c and s²."""
+    parts = kernel.shares(theta) if isinstance(kernel, Sum) else [(kernel, theta)]
+    return tuple((k.column, float(np.exp(2.0 * own[0]))) for k, own in parts if isinstance(k, RestNoise))
+
+
 def rest_variance(kernel: Kernel, theta: Array, X: Array) -> Array:
     """(n,) what noise at rest adds to each sample's own variance, in a sum of kernels."""
-    found = np.zeros(len(X))
-    for part, own in kernel.shares(theta) if isinstance(kernel, Sum) else [(kernel, theta)]:
-        if isinstance(part, RestNoise):
-            found += part.diagonal(own, X)
-    return found
+    return resting(rests(kernel, theta), X)
+
+
+def resting(found: Sequence[tuple[int, float]], X: Array) -> Array:
+    """(n,) the same of what `rests` found."""
+    return np.asarray(sum((s * X[:, c] ** 2 for c, s in found), start=np.zeros(len(X))))
+
+
+def mean_signal(kernel: Kernel, theta: Array, X: Array) -> float:
+    """Mean of k(x, x) over inputs (n, D), without noise at rest: that is nothing to be learned."""
+    return float((kernel.diagonal(theta, X) - rest_variance(kernel, theta, X)).mean())
 
 
 def standing(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:

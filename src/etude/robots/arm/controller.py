@@ -9,20 +9,17 @@ import numpy as np
 
 from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
-from etude.models.trust import trusted
 from etude.robots.arm.plant.following import Following
 from etude.robots.arm.spec import ArmSpec
 
 
 class Fading(Protocol):
-    """A model that says what it knew before any data, and what a command may fade to (`LearnedModel`)."""
+    """A model that says what of it is to be used, too (`LearnedModel`)."""
 
     @property
     def inputs(self) -> Inputs: ...
-    @property
-    def prior_deviation(self) -> Array: ...
     def predict(self, log: Log) -> tuple[Array, Array]: ...
-    def safe(self, log: Log) -> Array: ...
+    def faded(self, log: Log) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +54,13 @@ class ModelController:
         """Nothing is learned on the way."""
 
     def _commands(self, log: Log) -> tuple[Array, Array]:
-        mean, variance = self.model.predict(log)
+        mean, variance = self.model.faded(log) if self.fade else self.model.predict(log)
         if mean.shape[1] != self.spec.dof:
             raise UsageError(
                 f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",
                 next_step="Use the model that was trained for this robot.",
             )
         self._require_finite(mean, variance)
-        if self.fade:
-            mean = trusted(mean, variance, self.model.prior_deviation, self.model.safe(log))
         return np.clip(mean, -self.spec.command, self.spec.command), np.sqrt(variance)
 
     def _require_finite(self, mean: Array, variance: Array) -> None:

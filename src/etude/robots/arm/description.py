@@ -24,25 +24,24 @@ def read(
     path: Path,
     joints: Sequence[str] | None = None,
     held: Mapping[str, float] | None = None,
-    ranges: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, Mapping[str, float]] | None = None,
 ) -> tuple[ArmSpec, tuple[str, ...]]:
     """The robot of a robot file, a URDF or an MJCF; and what a person should confirm of it.
 
-    `joints` and `held` choose an arm of a model file, see `loading.load.load`; `ranges` (rad or m) count in
+    `joints` and `held` choose an arm of a model file, see `loading.load.load`; `limits` count in
     place of the file's.
     """
     if path.suffix.lower() == ".toml":
-        if joints or held or ranges:
+        if joints or held or limits:
             raise UsageError(
-                "a robot file says itself which joints move, how far, and where others are held",
+                "a robot file says itself which joints move, how far and fast, and where others are held",
                 where=str(path),
                 next_step="Change its [[axis]] and [held] tables, or give the URDF or MJCF to --robot.",
             )
         return read_robot(path), ()
     from etude.robots.arm.urdf import spec_from_model
 
-    given = {joint: {"lower": low, "upper": high} for joint, (low, high) in (ranges or {}).items()}
-    found = spec_from_model(path, joints=joints, held=held, given=given)
+    found = spec_from_model(path, joints=joints, held=held, given=limits)
     return found.spec, found.confirm
 
 
@@ -51,14 +50,14 @@ def describe(
     joints: Sequence[str] | None = None,
     held: Mapping[str, float] | None = None,
     mesh_roots: Sequence[Path] = (),
-    ranges: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Described:
     """robot.toml and a whole copy of the model file that it points to, with its meshes.
 
     Raises:
         UsageError: no robot, or a model file that cannot be read or completed.
     """
-    spec, confirm = read(path, joints, held, ranges)
+    spec, confirm = read(path, joints, held, limits)
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
         from etude.robots.arm.clearance.of_robot import completed

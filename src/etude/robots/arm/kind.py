@@ -97,12 +97,12 @@ class ArmKind:
         joints: Sequence[str],
         held: Mapping[str, float],
         mesh_roots: Sequence[Path],
-        ranges: Mapping[str, tuple[float, float]],
+        limits: Mapping[str, Mapping[str, float]],
     ) -> Described:
-        """The same of a part of a larger robot, with meshes from these folders and these ranges."""
+        """The same of a part of a larger robot, with meshes from these folders and these limits."""
         from etude.robots.arm.description import describe
 
-        return describe(path, joints or None, held, mesh_roots, ranges)
+        return describe(path, joints or None, held, mesh_roots, limits)
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""

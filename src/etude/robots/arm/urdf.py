@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from etude.errors import UsageError
@@ -46,20 +48,22 @@ def spec_from_model(
 
     Args:
         path: the model file; it becomes the robot's `model_file`.
-        name: the robot's name; the file's stem by default.
+        name: the robot's name; by default the one in the file, or its stem where it has none.
         joints, held: see `loading.load.load`.
         command_unit, rate: not in the file; see ArmSpec.
-        given: joint -> limit -> value, for limits that the file lacks or that should replace its own. Neither
-            format knows accelerations: those not given are velocity limit / STOPPING_TIME, to be confirmed;
-            a joint that turns without end is given half a turn to either side, to be confirmed too.
+        given: joint or pattern (of those that move; a name goes before a pattern) -> limit -> value, for
+            limits that the file lacks or that should replace its own. Neither format knows accelerations:
+            those not given are velocity limit / STOPPING_TIME, to be confirmed; a joint that turns without
+            end is given half a turn to either side, to be confirmed too.
 
     Raises:
         UsageError: as `load`; or an unknown joint, missing limits (all are listed), impossible limits.
     """
-    choice, moving, stated = _read(path, joints, dict(held or {}))
-    _require_known(given or {}, moving, path)
-    _require_within(given or {}, stated, path)
-    limits = {joint: {**stated[joint], **(given or {}).get(joint, {})} for joint in choice.joints}
+    root = parsed(path)
+    choice, moving, stated = _read(root, path, joints, dict(held or {}))
+    own_limits = _by_joint(given or {}, choice.joints, list(moving), path)
+    _require_within(own_limits, stated, path)
+    limits = {joint: {**stated[joint], **own_limits.get(joint, {})} for joint in choice.joints}
     assumed = (*_assume_ranges(limits, moving), *_assume_accelerations(limits))
     _require_all(limits, path)
     axes = tuple(
@@ -71,15 +75,19 @@ def spec_from_model(
         for joint, values in limits.items()
     )
     own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
-    spec = ArmSpec(name or path.stem, axes, command_unit, rate, path.resolve(), held=own)
+    spec = ArmSpec(name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=own)
     return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *assumed))
 
 
+def _name_in(root: ET.Element) -> str:
+    """What the file calls the robot; "" if nothing."""
+    return root.get("name" if root.tag == "robot" else "model", "").strip()
+
+
 def _read(
-    path: Path, joints: Sequence[str] | None, held: Mapping[str, float]
+    root: ET.Element, path: Path, joints: Sequence[str] | None, held: Mapping[str, float]
 ) -> tuple[Choice, dict[str, Moving], Limits]:
     """The choice of joints, all that move, and the limits that the file states."""
-    root = parsed(path)
     if root.tag == "robot":
         from etude.robots.arm.loading.urdf import chosen_of
         from etude.robots.arm.loading.urdf_tree import read_tree
@@ -95,14 +103,24 @@ def _read(
     return choice, {joint.name: joint for joint in found}, limits
 
 
-def _require_known(given: Mapping[str, object], moving: Mapping[str, Moving], path: Path) -> None:
-    unknown = [joint for joint in given if joint not in moving]
+def _by_joint(
+    given: Mapping[str, Mapping[str, float]], arm: Sequence[str], moving: Sequence[str], path: Path
+) -> dict[str, dict[str, float]]:
+    """The same by joint, what names one before what a pattern says. UsageError for what fits none."""
+    found: dict[str, dict[str, float]] = {}
+    unknown = []
+    for pattern, values in sorted(given.items(), key=lambda own: own[0] in moving):
+        fits = [pattern] if pattern in moving else [joint for joint in arm if fnmatchcase(joint, pattern)]
+        for joint in fits:
+            found.setdefault(joint, {}).update(values)
+        unknown += [] if fits else [pattern]
     if unknown:
         raise UsageError(
             f"the model has no moving joint {', '.join(unknown)}",
             where=str(path),
             next_step=f"Its moving joints are {', '.join(moving)}.",
         )
+    return found
 
 
 def _require_within(given: Mapping[str, Mapping[str, float]], stated: Limits, path: Path) -> None:
@@ -152,11 +170,19 @@ def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
 
 
 def _require_all(limits: Limits, path: Path) -> None:
-    missing = {joint: [limit for limit in WANTED if limit not in values] for joint, values in limits.items()}
-    lacking = [f"{joint} ({', '.join(which)})" for joint, which in missing.items() if which]
+    """UsageError for what is neither stated nor given; accelerations follow from velocities."""
+    joints = {limit: [j for j, values in limits.items() if limit not in values] for limit in WANTED}
+    lacking = {limit: own for limit, own in joints.items() if own}
+    if "velocity" in lacking:
+        del lacking["acceleration"]
     if lacking:
+        words = [f"{limit} of {', '.join(map(_shown, own))}" for limit, own in lacking.items()]
+        ends = ["range" if limit in ("lower", "upper") else limit for limit in lacking]
+        example = {"range": "'*=-3:3'", "velocity": "'*=2.0'", "command": "'*=50'"}
+        options = [f"--{own} {example[own]}" for own in dict.fromkeys(ends) if own in example]
         raise UsageError(
-            f"limits are missing for {'; '.join(lacking)}",
+            f"limits are missing: {'; '.join(words)}",
             where=str(path),
-            next_step="No limit is guessed: add them to the model file, or write the robot file by hand.",
+            next_step="No limit is guessed: take them from the data sheet, for each joint (wrist=...) or for "
+            f"all, in the manner of {' '.join(options)}, or write the robot file by hand.",
         )
