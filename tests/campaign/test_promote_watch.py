@@ -15,6 +15,7 @@ from test_learning import CONFIG
 from etude.campaign.ask import stored_trajectory
 from etude.campaign.confirm import ask_to_confirm
 from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.foretold import SPREAD
 from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
 from etude.campaign.learn import newest_model
@@ -222,13 +223,16 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     assert found["without"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
     assert max(found["with"]) < 0.02
     assert found["units"] == ["deg", "deg"]
-    ratio = np.array(found["forecast_ratio"])
-    np.testing.assert_allclose(found["forecast"], ratio * found["without"])
+    ratio, first = np.array(found["left_over"]), fresh.round(made.number).runs["without"]
+    wide = [np.hypot(ratio * first["moving"] * by, first["noise"]) for by in (1.0 / SPREAD, SPREAD)]
+    np.testing.assert_allclose(found["forecast"], np.stack(wide, axis=1))
     assert np.all((ratio > 0.0) & (ratio < 1.0))
+    assert first["moving"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
+    assert found["moving"][0] == pytest.approx(found["with"][0], rel=0.5)
     page = str(confirmation(read_record(fresh.path)))
     assert f"Trajectory {made.number}." in page
     assert number(found["without"][0]) in page
-    assert number(found["forecast"][1]) in page
+    assert " .. ".join(number(v, 2) for v in found["forecast"][1]) in page
     assert (fresh.model_folder(5) / "model.npz").read_bytes() == before
     assert fresh.state().pending == []
     assert [r.number for r in fresh.state().learned] == [1, 2, 3, 4, 5]

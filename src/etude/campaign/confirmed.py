@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,23 @@ import numpy as np
 
 from etude.campaign.ask import stored_trajectory
 from etude.campaign.folder import Campaign
+from etude.campaign.foretold import LEFT_OVER, TRAINED, errors, expected, moving
 from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
 from etude.campaign.told import How, Told, aligned_with, read
-from etude.contracts import Log, Trajectory
+from etude.contracts import Array, Log, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import log_bytes
 from etude.storage import write_atomic
 
 RUNS = ("without", "with")
+SHOWN = {
+    "without": "without",
+    "with": "with",
+    "moving": "with, while it moves",
+    "forecast": "the same, forecast",
+}
+"""What of `confirmed` is shown to people, and what it is called."""
 
 
 def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How) -> Told:
@@ -42,7 +50,8 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     number, aligned = _confirming(campaign, log, known if number is None else [number])
-    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run)
+    trained = (campaign.round(number).asked or {}).get(TRAINED)
+    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, trained)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
     more = {"sha256": digest, "source": path.name, "repairs": list(aligned.repairs)}
@@ -78,8 +87,13 @@ def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path
     )
 
 
-def run_facts(campaign: Campaign, log: Log, trajectory: Trajectory, run: str) -> dict[str, Any]:
+def run_facts(
+    campaign: Campaign, log: Log, trajectory: Trajectory, run: str, trained: Sequence[float] | None = None
+) -> dict[str, Any]:
     """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
+
+    With the top speeds of training also the error while the axis moves (None: it hardly does), and the mean
+    absolute noise of its encoder, which is in all errors.
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -88,28 +102,54 @@ def run_facts(campaign: Campaign, log: Log, trajectory: Trajectory, run: str) ->
     inside = (log.t >= 0.0) & (log.t <= trajectory.duration)
     if path not in log or not inside.any():
         raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
-    wanted = trajectory.motion(log.t[inside], 1).orders[0]
-    error = np.abs(log[path][inside] - wanted).mean(axis=0)
+    log = log.take(inside)
     units = campaign.channel(path).units
-    shown = [math.degrees(e) if u == "rad" else float(e) for e, u in zip(error, units, strict=True)]
-    return {"run": run, "error": shown, "units": ["deg" if u == "rad" else u for u in units]}
+    every = np.ones((len(log), len(units)), dtype=bool)
+    found = {"error": errors(log, path, trajectory, every)[0]}
+    if trained is not None:
+        own, noise = errors(log, path, trajectory, moving(trajectory, log.t, np.asarray(trained)))
+        found |= {"moving": own, "noise": noise}
+    shown = {name: _shown(values, units) for name, values in found.items()}
+    return {"run": run, **shown, "units": ["deg" if u == "rad" else u for u in units]}
+
+
+def _shown(values: Array, units: Sequence[str]) -> list[float | None]:
+    """In degrees where the unit is rad; None for NaN."""
+    scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
+    return [None if math.isnan(v) else v for v in scaled]
 
 
 def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
-    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open."""
+    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open.
+
+    "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
+    the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
+    """
     asked, runs = one.asked or {}, one.runs
-    without, ratio = (runs.get("without") or {}).get("error"), asked.get("forecast")
-    forecast = None
-    if without is not None and ratio is not None:
-        forecast = [float(e * r) for e, r in zip(without, ratio, strict=True)]
+    without, fed = runs.get("without") or {}, runs.get("with") or {}
     units = next((list(facts["units"]) for facts in runs.values()), None)
     return {
         "number": one.number,
         "axes": list(campaign.axes),
         "units": units,
-        "without": without,
-        "with": (runs.get("with") or {}).get("error"),
-        "forecast": forecast,
-        "forecast_ratio": ratio,
+        "without": without.get("error"),
+        "with": fed.get("error"),
+        "moving": fed.get("moving"),
+        "forecast": _forecast(asked, without),
+        "left_over": asked.get(LEFT_OVER),
         "model_sha256": asked.get("model_sha256"),
     }
+
+
+def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[list[float] | None] | None:
+    if asked.get(LEFT_OVER) is None or without.get("moving") is None:
+        return None
+    rows = zip(asked[LEFT_OVER], without["moving"], without["noise"], strict=True)
+    return [None if None in row else list(expected(*row)) for row in rows]
+
+
+def in_words(value: float | Sequence[float] | None) -> str:
+    """A figure of `confirmed`, or the two that it lies between; "-" for None."""
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, int | float) else " .. ".join(f"{v:.2g}" for v in value)
