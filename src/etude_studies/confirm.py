@@ -1,6 +1,6 @@
 """etude study confirm: does the forecast of the error with the feedforward hold, joint by joint?
 
-A cell is one robot and seed: a model of two random motions of a minute; its test motions, another random one,
+A cell is one robot and seed: a model of four random motions of a minute; its test motions, another random one,
 and the same in which one joint rests, one moves by a fiftieth and one by a fifth. Each runs without and with
 the feedforward. What is counted is the error of a joint while it moves over the middle of its forecast.
 """
@@ -25,7 +25,8 @@ from etude_studies.world import World
 
 ROBOTS = ("arm4", "arm4_rough", "seven_loop")
 STREAM, NOISE_STREAM = 12, 13
-LOGS = 2
+LOGS = 4
+"""The fewest with which a model is calibrated."""
 PARTS = (0.0, 0.02, 0.2)
 """How far three joints in turn go in the last motion, beside the random one."""
 
@@ -62,7 +63,7 @@ def rows_of(robot: str, cells: list[list[list[float | None]]]) -> list[Row]:
 
 
 def measured(robot: str, seed: int) -> list[list[float | None]]:
-    """[error over the middle of its forecast, whether inside] of each joint in each motion; None: not told."""
+    """[error over the middle of its forecast, whether inside] of each joint and motion; None: not told."""
     made: Any = seven_loop() if robot == "seven_loop" else World.of(robot).robot
     world: World = made.world if robot == "seven_loop" else World.of(robot)
     kind, spec, config, rng = world.kind, world.spec, world.config, np.random.default_rng([seed, STREAM])
@@ -101,7 +102,7 @@ def _joints(world: World, model: LearnedModel, motion: Any, logs: list[Log]) -> 
 
 @dataclass(frozen=True, eq=False)
 class Partly:
-    """Another motion, of which each joint goes only a part of the way (enough of a `contracts.Trajectory`)."""
+    """Another motion, of which each joint goes a part of the way (enough of a `contracts.Trajectory`)."""
 
     once: Trajectory
     factors: Array
