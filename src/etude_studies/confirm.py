@@ -1,8 +1,8 @@
 """etude study confirm: does the forecast of the error with the feedforward hold, joint by joint?
 
-A cell is one robot and seed: a model of four random motions of a minute; its test motions, another random one,
-and the same in which one joint rests, one moves by a fiftieth and one by a fifth. Each runs without and with
-the feedforward. What is counted is the error of a joint while it moves over the middle of its forecast.
+A cell is one robot and seed: a model of four random motions of a minute; its test motions, another random
+one, and the same in which one joint rests, one moves by a fiftieth and one by a fifth. Each runs without and
+with the feedforward. What is counted is the error of a joint while it moves over the middle of its forecast.
 """
 
 from __future__ import annotations
