@@ -19,12 +19,13 @@ from etude.campaign.foretold import SPREAD
 from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
 from etude.campaign.learn import newest_model
-from etude.campaign.predict import check_table, predict
+from etude.campaign.predict import check_table, predict, write_table
 from etude.campaign.promote import promote, rollback
 from etude.campaign.several import tell
 from etude.campaign.status import status
 from etude.campaign.watch import watch
 from etude.cli import main
+from etude.contracts import Motion
 from etude.errors import DataError, UsageError
 from etude.report.markup import number
 from etude.report.record import read_record
@@ -73,6 +74,27 @@ def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campa
         predict(fresh, one)
     with pytest.raises(UsageError, match=r"Name it x.csv"):
         check_table(tmp_path / "x.txt")
+
+
+def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, tmp_path: Path) -> None:
+    model = newest_model(fresh, fresh.state())
+    plain = [i for i, column in enumerate(model.inputs.columns) if not column[3]]
+    middle, half = model.ranges[:, plain].mean(axis=0), 0.5 * np.ptp(model.ranges[:, plain], axis=0)
+    reach = np.array([0.0, 0.999, 0.0, 1.001, 0.0])  # of the knee's position, in half ranges
+    states = np.tile(middle, (5, 1))
+    states[:, 1] += reach * half[1]
+    states[4, 2] = middle[2] - 1.001 * half[2]
+    log = model.inputs.states(Motion(np.arange(5) / 50.0, states.reshape(5, 3, 2).transpose(1, 0, 2)))
+    found = predict(fresh, log)
+    assert found["outside"][:, 0].tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
+    assert found.repairs == (
+        "2 of 5 rows (40 %) lie outside what was learned (q of knee, qd of hip): "
+        "there the model extrapolates.",
+    )
+    assert predict(fresh, log.take(slice(0, 3))).repairs == ()
+    write_table(tmp_path / "c.csv", found)
+    lines = (tmp_path / "c.csv").read_text().splitlines()
+    assert [line.split(",")[-1] for line in lines] == ["outside", "0.0", "0.0", "0.0", "1.0", "1.0"]
 
 
 def one_more(campaign: Campaign, folder: Path, seed: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -16,7 +16,9 @@ from etude.models.contracts import share_of
 from etude.models.given import as_log
 from etude.models.linear import at_rest
 from etude.models.student_t import StudentT
+from etude.progress import counted
 
+_InUse = tuple[Candidate, list[int]]
 PHYSICAL = ("nominal", "identified")
 """Means that go on where no data are, so that a command may fade to them."""
 
@@ -120,11 +122,14 @@ class LearnedModel:
 
         `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
         """
-        log = as_log(log, self.inputs.columns)
+        return self._predicted(as_log(log, self.inputs.columns), iter)
+
+    def _predicted(self, log: Log, each: Callable[[list[_InUse]], Iterable[_InUse]]) -> tuple[Array, Array]:
+        """The same; `each` goes through the candidates."""
         X, means = self.inputs.of_log(log), _Means(log)
         parts = []
         average = np.zeros((len(log), len(self.commands)))
-        for candidate, own in self._in_use():
+        for candidate, own in each(self._in_use()):
             assert candidate.process is not None
             output, latent = candidate.process.predict(X)
             mean = means.of(candidate) + candidate.units[1] * output
@@ -145,8 +150,8 @@ class LearnedModel:
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
 
     def commanded(self, log: Log) -> Log:
-        """Channels "command" and "deviation", (n, J), at each row of a log of states."""
-        mean, variance = self.predict(log)
+        """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
+        mean, variance = self._predicted(as_log(log, self.inputs.columns), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
         channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
         values = {"command": mean, "deviation": np.sqrt(variance)}
@@ -158,8 +163,12 @@ class LearnedModel:
         Channels "command" and "deviation", (T, J). Take a rate at which the inputs' memory sees where the
         motion turns (`inputs.rate`).
         """
+        return self.commanded(self.planned(trajectory, rate))
+
+    def planned(self, trajectory: Trajectory, rate: float) -> Log:
+        """The states of a perfect run at those times."""
         t = np.minimum(np.arange(int(np.ceil(trajectory.duration * rate)) + 1) / rate, trajectory.duration)
-        return self.commanded(self.inputs.states(trajectory.motion(t, self.inputs.orders)))
+        return self.inputs.states(trajectory.motion(t, self.inputs.orders))
 
     def static(self, log: Any) -> Array:
         """The part (n, J) of the commands that remains at rest; states as for `predict`."""
@@ -206,7 +215,7 @@ class LearnedModel:
             out[:, own] += candidate.weights * part
         return out
 
-    def _in_use(self) -> list[tuple[Candidate, list[int]]]:
+    def _in_use(self) -> list[_InUse]:
         return [(c, list(c.commands)) for c in self.candidates if c.weights.any()]
 
 
