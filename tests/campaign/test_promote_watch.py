@@ -27,6 +27,7 @@ from etude.campaign.watch import watch
 from etude.cli import main
 from etude.contracts import Motion
 from etude.errors import DataError, UsageError
+from etude.progress import watched
 from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.confirmation import confirmation
@@ -85,7 +86,11 @@ def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, t
     states[:, 1] += reach * half[1]
     states[4, 2] = middle[2] - 1.001 * half[2]
     log = model.inputs.states(Motion(np.arange(5) / 50.0, states.reshape(5, 3, 2).transpose(1, 0, 2)))
-    found = predict(fresh, log)
+    done: list[float] = []
+    with watched(done.append):
+        found = predict(fresh, log)
+    assert 0.0 in done
+    assert done[-1] == 1.0
     assert found["outside"][:, 0].tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
     assert found.repairs == (
         "2 of 5 rows (40 %) lie outside what was learned (q of knee, qd of hip): "
@@ -278,7 +283,7 @@ def test_watch_names_a_change_and_proposes_a_motion(
     assert [one["verdict"] for one in data["logs"]] == ["unchanged", "changed"]
     assert data["kind"] == kind
     assert data["logs"][1]["kind"] == kind
-    assert data["proposal"]["duration"] <= 20.0
+    assert data["proposal"]["duration"] == fresh.config.duration
     state = open_campaign(fresh.path).state()
     assert [r.number for r in state.told] == told
     assert [r.number for r in state.proposals] == [data["proposal"]["number"]]

@@ -19,6 +19,7 @@ from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.online.learner import OnlineConfig
+from etude.progress import watched
 
 KIND = plugins.load("etude.robots", "arm")
 PATH = KIND.built_in()["arm4"]
@@ -35,7 +36,11 @@ def files() -> dict[str, bytes]:
     samples = KIND.samples(SPEC, CONFIG, [log], [np.zeros(len(log), dtype=np.int64)])
     model = train_ladder(samples, KIND.inputs(SPEC, CONFIG), {}, KIND.limit(SPEC), SMALL, rng).model
     options = OnlineOptions(KIND.described(PATH).files, [log], OnlineConfig(size=60), model_hash="abc")
-    return dict(write(model, KIND, SPEC, CONFIG, options))
+    done: list[float] = []
+    with watched(done.append):
+        found = dict(write(model, KIND, SPEC, CONFIG, options))
+    assert sorted({round(4.0 * part) for part in done}) == [0, 1, 2, 3, 4]  # says how far it is
+    return found
 
 
 def put(folder: Path, files: dict[str, bytes]) -> Path:

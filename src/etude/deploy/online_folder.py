@@ -28,6 +28,7 @@ from etude.models.online.learner import OnlineConfig
 from etude.models.online.methods import known
 from etude.models.store import model_bytes
 from etude.options import taken
+from etude.progress import counted
 
 MODEL, SETTINGS, CERTIFICATE, README, HASHES = (
     *("model.npz", "settings.json", "certificate.json", "README.md", "hashes.json"),
@@ -74,7 +75,7 @@ def write(
     limits = command_limits(kind, spec)
     feedback = feedback_of(options.logs, kind.channels(spec), kind.path, limits, spec.rate)
     rng = np.random.default_rng(options.seed)
-    for j in range(len(model.commands)):  # or it would be refused on the robot
+    for j in counted(range(len(model.commands))):  # or it would be refused on the robot
         learning_command(model, j, options.learning, rng)
     home = kind.home(spec)
     orders = np.stack([home, *np.zeros((model.inputs.orders - 1, len(home)))])
