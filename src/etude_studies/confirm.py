@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.foretold import errors, expected, left_over, moving, trained_speeds
+from etude.campaign.foretold import errors, left_over, moving, trained_speeds, without_it
 from etude.contracts import Array, Controller, Log, Motion, Trajectory
 from etude.models.model import LearnedModel
 from etude.progress import counted
@@ -89,15 +89,16 @@ def _joints(world: World, model: LearnedModel, motion: Any, logs: list[Log]) -> 
     path = world.kind.path
     rates = next(c for c in world.kind.channels(world.spec) if c.derivative_of == path)
     trained = trained_speeds(model, rates)
-    (without, noise), (fed, _) = (errors(log, path, motion, moving(motion, log.t, trained)) for log in logs)
-    found: list[list[float | None]] = []
-    for j, part in enumerate(left_over(model, motion, trained)):
-        if part is None:
-            found.append([None, None])
-            continue
-        low, high = expected(part, without[j], noise[j])
-        found.append([float(fed[j] / np.hypot(part * without[j], noise[j])), float(low <= fed[j] <= high)])
-    return found
+    without, fed = logs
+    commands = model.mean(model.inputs.states(motion.motion(without.t, model.inputs.orders)))
+    found = without_it(without, path, motion, moving(motion, without.t, trained), commands)
+    error = errors(fed, path, motion, moving(motion, fed.t, trained))
+    left = left_over(model, motion, trained)
+    middle = np.hypot(np.array(left, dtype=float) * found.own, found.rest)
+    return [
+        [None, None] if said is None else [float(e / m), float(said[0] <= e <= said[1])]
+        for e, m, said in zip(error, middle, found.expected(left), strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

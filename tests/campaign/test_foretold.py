@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.foretold import HALF_NORMAL, errors, left_over, moving, trained_speeds
+from etude.campaign.foretold import (
+    HALF_NORMAL,
+    SPREAD,
+    errors,
+    left_over,
+    moving,
+    shared_lag,
+    trained_speeds,
+    without_it,
+)
 from etude.contracts import Array, Channel, Log, Motion
 
 CHANNELS = {"q": Channel("q", ("a", "b", "c"), ("rad",) * 3)}
@@ -62,13 +71,32 @@ def test_only_what_a_joint_does_while_it_moves_counts() -> None:
     assert found[1:] == [None, None]
 
 
-def test_errors_are_taken_apart_from_the_noise_of_the_encoder() -> None:
+def test_an_error_is_the_command_s_the_lag_s_and_the_encoder_s() -> None:
     plan: Any = Plan()
     t, rng = np.arange(0.0, 10.0, 0.01), np.random.default_rng(0)
-    off = np.where(t < 5.0, 0.3, -0.1)[:, None] * np.array([1.0, 1.0, 0.0])
-    q = plan.motion(t, 1).orders[0] + off + np.array([0.0, 0.0, 0.02]) * rng.standard_normal((len(t), 3))
-    use = np.stack([t < 5.0, np.zeros_like(t, bool), t >= 0.0], axis=1)
-    found, noise = errors(Log(t, CHANNELS, {"q": q}), "q", plan, use)
-    np.testing.assert_allclose(found, [0.3, np.nan, HALF_NORMAL * 0.02], rtol=0.05)
-    assert noise[2] == pytest.approx(HALF_NORMAL * 0.02, rel=0.05)
-    assert noise[0] < 0.01  # one step of 0.4
+    place, rate = plan.motion(t, 2).orders
+    command = np.cos(3.0 * t)[:, None] * np.array([2.0, 1.0, 0.5]) + 0.5 * np.sign(rate)
+    noise = np.array([0.0, 0.0, 0.001]) * rng.standard_normal((len(t), 3))
+    q = place - 0.02 * rate + 0.1 * command + noise
+    use = np.stack([t < 6.0, np.zeros_like(t, bool), t < 6.0], axis=1)
+    found = without_it(Log(t, CHANNELS, {"q": q}), "q", plan, use, command)
+    pushed = 0.1 * np.abs(command[t < 6.0]).mean(axis=0)
+    np.testing.assert_allclose(found.own, [pushed[0], np.nan, pushed[2]], rtol=0.01)
+    np.testing.assert_allclose(found.late[0], 0.02 * np.abs(rate[t < 6.0, 0]).mean(), rtol=0.05)
+    assert found.noise[2] == pytest.approx(HALF_NORMAL * 0.001, rel=0.5)  # steps of the command are in it
+    first, none, other = found.expected([0.2, 0.2, None])
+    assert first is not None
+    assert none is other is None
+    wide = 0.2 * found.own[0] * np.array([1.0 / SPREAD, SPREAD])
+    np.testing.assert_allclose(first, np.hypot(wide, found.rest[0]))
+    off = Log(t, CHANNELS, {"q": place + 0.3})
+    np.testing.assert_allclose(errors(off, "q", plan, use), [0.3, np.nan, 0.3])
+
+
+def test_a_lag_is_believed_only_where_all_axes_have_it() -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    rate, command = np.sin(t)[:, None] * np.ones(3), np.cos(2.0 * t)[:, None] * np.ones(3)
+    use = np.ones(rate.shape, dtype=bool)
+    for lags, wanted in (((-0.03, -0.01, -0.02), -0.01), ((-0.03, 0.01, -0.02), 0.0)):
+        assert shared_lag(rate * lags + 0.5 * command, rate, command, use) == pytest.approx(wanted, abs=1e-9)
+    assert shared_lag(rate, rate, command, ~use) == 0.0

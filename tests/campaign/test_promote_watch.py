@@ -251,7 +251,8 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     assert max(found["with"]) < 0.02
     assert found["units"] == ["deg", "deg"]
     ratio, first = np.array(found["left_over"]), fresh.round(made.number).runs["without"]
-    wide = [np.hypot(ratio * first["moving"] * by, first["noise"]) for by in (1.0 / SPREAD, SPREAD)]
+    rest = np.hypot(first["late"], first["noise"])
+    wide = [np.hypot(ratio * first["own"] * by, rest) for by in (1.0 / SPREAD, SPREAD)]
     np.testing.assert_allclose(found["forecast"], np.stack(wide, axis=1))
     assert np.all((ratio > 0.0) & (ratio < 1.0))
     assert first["moving"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)

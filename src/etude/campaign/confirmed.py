@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from etude.campaign.ask import stored_trajectory
+from etude.campaign.confirm import FEEDFORWARD
 from etude.campaign.folder import Campaign
-from etude.campaign.foretold import LEFT_OVER, TRAINED, errors, expected, moving
+from etude.campaign.foretold import LEFT_OVER, TRAINED, Without, errors, moving, without_it
 from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
 from etude.campaign.told import How, Told, aligned_with, read
 from etude.contracts import Array, Log, Trajectory
+from etude.deploy.trajectory_files import read_table
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import log_bytes
 from etude.storage import write_atomic
@@ -50,8 +52,8 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     number, aligned = _confirming(campaign, log, known if number is None else [number])
-    trained = (campaign.round(number).asked or {}).get(TRAINED)
-    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, trained)
+    sent = Sent.of(campaign, number)
+    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
     more = {"sha256": digest, "source": path.name, "repairs": list(aligned.repairs)}
@@ -88,12 +90,12 @@ def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path
 
 
 def run_facts(
-    campaign: Campaign, log: Log, trajectory: Trajectory, run: str, trained: Sequence[float] | None = None
+    campaign: Campaign, log: Log, trajectory: Trajectory, run: str, sent: Sent | None = None
 ) -> dict[str, Any]:
     """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
 
-    With the top speeds of training also the error while the axis moves (None: it hardly does), and the mean
-    absolute noise of its encoder, which is in all errors.
+    With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
+    and of the run without it what makes that error up (`foretold.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -104,13 +106,35 @@ def run_facts(
         raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
     log = log.take(inside)
     units = campaign.channel(path).units
-    every = np.ones((len(log), len(units)), dtype=bool)
-    found = {"error": errors(log, path, trajectory, every)[0]}
-    if trained is not None:
-        own, noise = errors(log, path, trajectory, moving(trajectory, log.t, np.asarray(trained)))
-        found |= {"moving": own, "noise": noise}
+    found = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}
+    if sent is not None:
+        use = moving(trajectory, log.t, sent.trained)
+        found["moving"] = errors(log, path, trajectory, use)
+        found |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
     shown = {name: _shown(values, units) for name, values in found.items()}
     return {"run": run, **shown, "units": ["deg" if u == "rad" else u for u in units]}
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """The feedforward of a motion: t (T,) s, command (T, k); top speeds in training, trained (k,)."""
+
+    t: Array
+    command: Array
+    trained: Array
+
+    @classmethod
+    def of(cls, campaign: Campaign, number: int) -> Sent | None:
+        """None of a motion that has no forecast."""
+        trained = (campaign.round(number).asked or {}).get(TRAINED)
+        if trained is None:
+            return None
+        rows = read_table((campaign.proposal(number) / FEEDFORWARD).read_bytes())[1]
+        return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
+
+    def at(self, t: Array) -> Array:
+        """(T, k) commands."""
+        return np.stack([np.interp(t, self.t, own) for own in self.command.T], axis=1)
 
 
 def _shown(values: Array, units: Sequence[str]) -> list[float | None]:
@@ -135,17 +159,18 @@ def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
         "without": without.get("error"),
         "with": fed.get("error"),
         "moving": fed.get("moving"),
-        "forecast": _forecast(asked, without),
+        "forecast": _forecast(asked, without) or None,
         "left_over": asked.get(LEFT_OVER),
         "model_sha256": asked.get("model_sha256"),
     }
 
 
-def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[list[float] | None] | None:
-    if asked.get(LEFT_OVER) is None or without.get("moving") is None:
-        return None
-    rows = zip(asked[LEFT_OVER], without["moving"], without["noise"], strict=True)
-    return [None if None in row else list(expected(*row)) for row in rows]
+def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[tuple[float, float] | None]:
+    left = asked.get(LEFT_OVER)
+    if left is None or "own" not in without:
+        return []
+    parts = (np.array(without[name], dtype=float) for name in ("own", "late", "noise"))
+    return Without(*parts).expected(left)
 
 
 def in_words(value: float | Sequence[float] | None) -> str:

@@ -8,7 +8,8 @@ becomes a tracking error, so nothing is said of joints that stand.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,20 +72,65 @@ def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> li
     ]
 
 
-def errors(log: Log, path: str, trajectory: Trajectory, use: Mask) -> tuple[Array, Array]:
-    """Mean absolute error (k,) where `use` (T, k), NaN of nothing, and that of the encoder's noise (k,).
+def errors(log: Log, path: str, trajectory: Trajectory, use: Mask) -> Array:
+    """(k,) mean absolute tracking error where `use` (T, k), NaN of nothing."""
+    return _mean(log[path] - trajectory.motion(log.t, 1).orders[0], use)
 
-    The noise is what second differences of the error hold: a joint's own motion is much slower.
+
+@dataclass(frozen=True)
+class Without:
+    """What makes the error of a run without the feedforward, mean absolute values (k,) while each axis moves.
+
+    Attributes:
+        own: less the lag, what the feedback leaves of the command that it has to give alone.
+        late: of a lag that all axes share: sampling, filters, delays. The feedforward does not take it away.
+        noise: of the encoder, which is in all errors.
     """
-    error = log[path] - trajectory.motion(log.t, 1).orders[0]
-    counts = use.sum(axis=0)
-    found = np.where(use, np.abs(error), 0.0).sum(axis=0) / np.where(counts, counts, np.nan)
+
+    own: Array
+    late: Array
+    noise: Array
+
+    @property
+    def rest(self) -> Array:
+        """(k,) what no feedforward takes away."""
+        return np.hypot(self.late, self.noise)
+
+    def expected(self, left: Sequence[float | None]) -> list[tuple[float, float] | None]:
+        """Least and most error of each axis while it moves, of the parts that are `left_over`."""
+        rows = zip(left, self.own, self.rest, strict=True)
+        return [
+            None
+            if part is None or np.isnan(own)
+            else (math.hypot(part * own / SPREAD, rest), math.hypot(part * own * SPREAD, rest))
+            for part, own, rest in rows
+        ]
+
+
+def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: Array) -> Without:
+    """Of a run without the feedforward, whose command (T, k) it would have been.
+
+    Noise is what second differences of the error hold: a joint's own motion is much slower.
+    """
+    place, rate = trajectory.motion(log.t, 2).orders[:2]
+    error = log[path] - place
     noise = np.sqrt(np.mean(np.diff(error, 2, axis=0) ** 2, axis=0) / 6.0)
-    return found, HALF_NORMAL * noise
+    late = shared_lag(error, rate, command, use) * rate
+    return Without(_mean(error - late, use), _mean(late, use), HALF_NORMAL * noise)
 
 
-def expected(part: float, without: float, noise: float) -> tuple[float, float]:
-    """Least and most error of an axis while it moves, the encoder's noise in it: `part` (`left_over`) of that
-    without the feedforward.
+def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:
+    """s that errors (T, k) follow the rates (T, k) by in every axis, beside what they follow the command by.
+
+    Of each axis by least squares where it moves. They are biased wherever friction makes command and rate
+    alike, so the least of them counts, and none where two differ in sign.
     """
-    return math.hypot(part * without / SPREAD, noise), math.hypot(part * without * SPREAD, noise)
+    pairs = [(np.column_stack([rate[own, j], command[own, j]]), error[own, j]) for j, own in enumerate(use.T)]
+    found = [float(np.linalg.lstsq(A, e, rcond=None)[0][0]) for A, e in pairs if len(e)]
+    alike = bool(found) and (min(found) > 0.0 or max(found) < 0.0)
+    return min(found, key=abs) if alike else 0.0
+
+
+def _mean(values: Array, use: Mask) -> Array:
+    counts = use.sum(axis=0)
+    return np.where(use, np.abs(values), 0.0).sum(axis=0) / np.where(counts, counts, np.nan)

@@ -25,8 +25,8 @@ def confirmation(record: Record) -> Html:
         "Mean absolute tracking errors on a motion that no model was trained on, under the robot's own "
         "feedback alone and with the commands of the model in use. The forecast is of the axes while they "
         "move: the part of the command that the model did not claim to know when the motion was written, "
-        "times the error without it, and the encoder's noise, within a factor. Of one that stands "
-        "nothing is forecast: friction holds what its command leaves over."
+        "times the error without it, and what stays: the encoder's noise, a lag of all axes. "
+        "Of one that stands nothing is forecast: friction holds what its command leaves over."
     )
     return section("confirmation", TITLE, text, *(_table(one) for one in told))
 
@@ -42,7 +42,7 @@ def _table(one: Mapping[str, Any]) -> Html:
     return Html(paragraph(f"Trajectory {one['number']}.") + table(("axis", *SHOWN.values(), "unit"), rows))
 
 
-def _figure(value: float | list[float] | None) -> str:
-    if isinstance(value, list):
+def _figure(value: float | tuple[float, float] | None) -> str:
+    if isinstance(value, tuple):
         return f"{number(value[0], 2)} .. {number(value[1], 2)}"
     return number(value)
