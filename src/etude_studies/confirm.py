@@ -94,7 +94,7 @@ def _joints(world: World, model: LearnedModel, motion: Any, logs: list[Log]) -> 
     found = without_it(without, path, motion, moving(motion, without.t, trained), commands)
     error = errors(fed, path, motion, moving(motion, fed.t, trained))
     left = left_over(model, motion, trained)
-    middle = np.hypot(np.array(left, dtype=float) * found.own, found.rest)
+    middle = np.hypot(np.array(left, dtype=float) * found.moving, found.noise)
     return [
         [None, None] if said is None else [float(e / m), float(said[0] <= e <= said[1])]
         for e, m, said in zip(error, middle, found.expected(left), strict=True)

@@ -79,16 +79,18 @@ def test_an_error_is_the_command_s_the_lag_s_and_the_encoder_s() -> None:
     noise = np.array([0.0, 0.0, 0.001]) * rng.standard_normal((len(t), 3))
     q = place - 0.02 * rate + 0.1 * command + noise
     use = np.stack([t < 6.0, np.zeros_like(t, bool), t < 6.0], axis=1)
-    found = without_it(Log(t, CHANNELS, {"q": q}), "q", plan, use, command)
-    pushed = 0.1 * np.abs(command[t < 6.0]).mean(axis=0)
-    np.testing.assert_allclose(found.own, [pushed[0], np.nan, pushed[2]], rtol=0.01)
+    log = Log(t, CHANNELS, {"q": q})
+    found = without_it(log, "q", plan, use, command)
+    np.testing.assert_allclose(found.moving, errors(log, "q", plan, use))
     np.testing.assert_allclose(found.late[0], 0.02 * np.abs(rate[t < 6.0, 0]).mean(), rtol=0.05)
     assert found.noise[2] == pytest.approx(HALF_NORMAL * 0.001, rel=0.5)  # steps of the command are in it
     first, none, other = found.expected([0.2, 0.2, None])
     assert first is not None
     assert none is other is None
-    wide = 0.2 * found.own[0] * np.array([1.0 / SPREAD, SPREAD])
-    np.testing.assert_allclose(first, np.hypot(wide, found.rest[0]))
+    part, late, noise = 0.2 * found.moving[0], found.late[0], found.noise[0]
+    assert first == pytest.approx(
+        (np.hypot(part / SPREAD, noise), np.sqrt((part * SPREAD) ** 2 + late**2 + noise**2))
+    )
     off = Log(t, CHANNELS, {"q": place + 0.3})
     np.testing.assert_allclose(errors(off, "q", plan, use), [0.3, np.nan, 0.3])
 

@@ -251,9 +251,10 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     assert max(found["with"]) < 0.02
     assert found["units"] == ["deg", "deg"]
     ratio, first = np.array(found["left_over"]), fresh.round(made.number).runs["without"]
-    rest = np.hypot(first["late"], first["noise"])
-    wide = [np.hypot(ratio * first["own"] * by, rest) for by in (1.0 / SPREAD, SPREAD)]
-    np.testing.assert_allclose(found["forecast"], np.stack(wide, axis=1))
+    part = ratio * first["moving"]
+    most = np.hypot(SPREAD * part, np.hypot(first["late"], first["noise"]))
+    wide = np.stack([np.hypot(part / SPREAD, first["noise"]), most], axis=1)
+    np.testing.assert_allclose(found["forecast"], wide)
     assert np.all((ratio > 0.0) & (ratio < 1.0))
     assert first["moving"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
     assert found["moving"][0] == pytest.approx(found["with"][0], rel=0.5)

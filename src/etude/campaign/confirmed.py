@@ -95,7 +95,7 @@ def run_facts(
     """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
 
     With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
-    and of the run without it what makes that error up (`foretold.Without`).
+    and of the run without it what a lag and noise are of that (`foretold.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -167,9 +167,9 @@ def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
 
 def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[tuple[float, float] | None]:
     left = asked.get(LEFT_OVER)
-    if left is None or "own" not in without:
+    if left is None or "late" not in without:
         return []
-    parts = (np.array(without[name], dtype=float) for name in ("own", "late", "noise"))
+    parts = (np.array(without[name], dtype=float) for name in ("moving", "late", "noise"))
     return Without(*parts).expected(left)
 
 

@@ -79,31 +79,30 @@ def errors(log: Log, path: str, trajectory: Trajectory, use: Mask) -> Array:
 
 @dataclass(frozen=True)
 class Without:
-    """What makes the error of a run without the feedforward, mean absolute values (k,) while each axis moves.
+    """A run without the feedforward, mean absolute values (k,).
 
     Attributes:
-        own: less the lag, what the feedback leaves of the command that it has to give alone.
-        late: of a lag that all axes share: sampling, filters, delays. The feedforward does not take it away.
+        moving: error of each axis while it moves.
+        late: what of it a lag of all axes would be, of sampling, filters or delays.
         noise: of the encoder, which is in all errors.
     """
 
-    own: Array
+    moving: Array
     late: Array
     noise: Array
 
-    @property
-    def rest(self) -> Array:
-        """(k,) what no feedforward takes away."""
-        return np.hypot(self.late, self.noise)
-
     def expected(self, left: Sequence[float | None]) -> list[tuple[float, float] | None]:
-        """Least and most error of each axis while it moves, of the parts that are `left_over`."""
-        rows = zip(left, self.own, self.rest, strict=True)
+        """Least and most error of each axis while it moves, of the parts that are `left_over`.
+
+        No feedforward takes a lag away. Friction that the model does not know may look like one, so it
+        counts in the upper end alone.
+        """
+        rows = zip(left, self.moving, self.late, self.noise, strict=True)
         return [
             None
-            if part is None or np.isnan(own)
-            else (math.hypot(part * own / SPREAD, rest), math.hypot(part * own * SPREAD, rest))
-            for part, own, rest in rows
+            if part is None or np.isnan(error)
+            else (math.hypot(part * error / SPREAD, noise), math.hypot(part * error * SPREAD, late, noise))
+            for part, error, late, noise in rows
         ]
 
 
@@ -116,7 +115,7 @@ def without_it(log: Log, path: str, trajectory: Trajectory, use: Mask, command: 
     error = log[path] - place
     noise = np.sqrt(np.mean(np.diff(error, 2, axis=0) ** 2, axis=0) / 6.0)
     late = shared_lag(error, rate, command, use) * rate
-    return Without(_mean(error - late, use), _mean(late, use), HALF_NORMAL * noise)
+    return Without(_mean(error, use), _mean(late, use), HALF_NORMAL * noise)
 
 
 def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:

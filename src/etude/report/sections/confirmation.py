@@ -25,8 +25,8 @@ def confirmation(record: Record) -> Html:
         "Mean absolute tracking errors on a motion that no model was trained on, under the robot's own "
         "feedback alone and with the commands of the model in use. The forecast is of the axes while they "
         "move: the part of the command that the model did not claim to know when the motion was written, "
-        "times the error without it, and what stays: the encoder's noise, a lag of all axes. "
-        "Of one that stands nothing is forecast: friction holds what its command leaves over."
+        "times the error without it, and what stays: the encoder's noise, and at most a lag of "
+        "all axes. Of one that stands nothing is forecast: friction holds what its command leaves over."
     )
     return section("confirmation", TITLE, text, *(_table(one) for one in told))
 
