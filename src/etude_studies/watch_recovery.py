@@ -3,7 +3,8 @@ of one learned from new logs alone, as `etude tell --changed new` does.
 
 The model is that of a campaign after two logs. A simulated arm repeats a motion that it has not seen; before
 the second pass it takes up a load, or its friction grows. Errors are those of ten seconds over those of the
-same ten seconds before it. They are back from the first window on after which none is over a quarter larger.
+same ten seconds before it. They are back from the first window on after which none, of a whole pass at least,
+is over a quarter larger.
 The batch models learn one or two other motions that the changed arm makes under its feedback alone, of 20 s
 or of a minute (what `etude watch` proposes is as long), and run the motion again. All of a cell see the same
 motion and noise.
@@ -81,7 +82,7 @@ def _back(log: Log, before: Array) -> dict[str, Any]:
     ratios = np.concatenate([_windows(log, k * PASS_S) / before for k in range(1, PASSES)])
     late = np.flatnonzero(ratios > BACK)
     first = 0 if not len(late) else int(late[-1]) + 1
-    seconds = None if first >= len(ratios) else WINDOW_S * first
+    seconds = None if first > len(ratios) - len(before) else WINDOW_S * first
     return {"seconds": seconds, "ratio": float(ratios[-len(before) :].mean())}
 
 

@@ -101,6 +101,10 @@ def test_the_error_is_back_where_no_later_window_is_larger() -> None:
     log = Log(t, channels, {"q_des": error[:, None], "q_true": np.zeros((len(t), 1))})
     before = np.ones(6)
     assert _back(log, before) == {"seconds": 3 * WINDOW_S, "ratio": pytest.approx(0.99 * BACK)}
+    error[t < 2.0 * PASS_S + 1.5 * WINDOW_S] = 3.0
+    error[t < PASS_S] = 1.0
+    assert _back(log, before)["seconds"] is None  # not for a whole pass
+    error[t >= PASS_S] = 1.0
     error[-1] = 99.0
     assert _back(log, before)["seconds"] is None
 
