@@ -13,7 +13,8 @@ import pytest
 
 from etude import plugins
 from etude.campaign.config import preset_config
-from etude.deploy.online_folder import HASHES, OnlineOptions, write
+from etude.deploy import online_folder
+from etude.deploy.online_folder import HASHES, ONLINE, OnlineOptions, write
 from etude.deploy.runtime import Deployed, open_online
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
@@ -209,3 +210,18 @@ def test_a_vehicle_is_judged_by_what_its_controller_says(tmp_path) -> None:
     assert opened.counts.suspected > 5
     assert set(opened.weights().values()) == {0.0}
     assert "front_right" in opened.reports()[0][1]
+
+
+def test_the_target_takes_a_half_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[OnlineConfig] = []
+    monkeypatch.setattr(online_folder, "write", lambda *given: seen.append(given[-1].learning) or {})
+    supplied = {"description": {}, "logs": [], "config": CONFIG}
+    for more in ({}, {"half_life": "30"}, {"half_life": 20.0, "method": "ssgp"}):
+        ONLINE(None, KIND, SPEC, supplied | more)
+    assert [(own.method, own.half_life) for own in seen] == [
+        ("variance", None),
+        ("variance", 30.0),
+        ("ssgp", 20.0),
+    ]
+    with pytest.raises(UsageError, match="half_life = 'long' is no number"):
+        ONLINE(None, KIND, SPEC, supplied | {"half_life": "long"})

@@ -92,18 +92,21 @@ def write(
 
 @dataclass(frozen=True)
 class Told:
-    """Options of the target: what the campaign supplies, how to learn, and what its learners draw."""
+    """Options of the target: what the campaign supplies, how to learn, what its learners draw, and the s in
+    which what they learned counts half (None: for ever), a number or its text.
+    """
 
     description: Mapping[str, bytes]
     logs: Sequence[Log]
     config: Any
     method: str = "variance"
+    half_life: float | str | None = None
     seed: int = 0
     model_hash: str = ""
 
 
 class Online:
-    """The target `online` (`contracts.Target`): options method and seed."""
+    """The target `online` (`contracts.Target`): options method, half_life and seed."""
 
     needs = ("config", "logs", "description")
 
@@ -113,7 +116,7 @@ class Online:
         own = OnlineOptions(
             told.description,
             told.logs,
-            OnlineConfig(known(told.method)),
+            OnlineConfig(known(told.method), half_life=_seconds(told.half_life)),
             seed=int(told.seed),
             model_hash=told.model_hash,
         )
@@ -122,6 +125,15 @@ class Online:
 
 
 ONLINE = Online()
+
+
+def _seconds(half_life: float | str | None) -> float | None:
+    try:
+        return None if half_life is None else float(half_life)
+    except ValueError:
+        raise UsageError(
+            f"half_life = {half_life!r} is no number of seconds", next_step="--set half_life=30, for example."
+        ) from None
 
 
 def stored_feedback(feedback: Feedback) -> dict[str, Any]:
