@@ -132,4 +132,5 @@ def shared_lag(error: Array, rate: Array, command: Array, use: Mask) -> float:
 
 def _mean(values: Array, use: Mask) -> Array:
     counts = use.sum(axis=0)
-    return np.where(use, np.abs(values), 0.0).sum(axis=0) / np.where(counts, counts, np.nan)
+    total = np.where(use, np.abs(values), 0.0).sum(axis=0)
+    return np.asarray(total / np.where(counts, counts, np.nan))

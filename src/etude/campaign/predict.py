@@ -125,7 +125,8 @@ def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:
     found, beyond = model.commanded(states), outside(inputs.of_log(states), inputs.columns, model.ranges)
     aside = replace(campaign.command, name=DEVIATION, role="aside")
     found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside})
-    found = found.put(Channel(OUTSIDE, ("data",), ("1",), "aside"), beyond.any(axis=1, keepdims=True) + 0.0)
+    marked = np.where(beyond.any(axis=1), 1.0, 0.0)[:, None]
+    found = found.put(Channel(OUTSIDE, ("data",), ("1",), "aside"), marked)
     return found.repaired(*_beyond(model, beyond))
 
 
