@@ -87,6 +87,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.studies": {
         "arm": "etude_studies.arm:run",
         "changed_robot": "etude_studies.changed_robot:run",
+        "confirm": "etude_studies.confirm:run",
         "design": "etude_studies.design:run",
         "design_gain": "etude_studies.design_gain:run",
         "more_joints": "etude_studies.more_joints:run",

@@ -56,6 +56,7 @@ UNGUARDED: dict[str, OnlineConfig | None] = {
 }
 FORGETTING: dict[str, OnlineConfig | None] = {
     "variance_forgetting": OnlineConfig("variance", half_life=HALF_LIFE_S),
+    "variance_forgetting_unguarded": OnlineConfig("variance", half_life=HALF_LIFE_S, guarded=False),
     "ssgp_forgetting": OnlineConfig("ssgp", half_life=HALF_LIFE_S),
 }
 PLACES: dict[tuple[str, str], dict[str, OnlineConfig | None]] = {

@@ -15,7 +15,7 @@ from etude_studies.thesis.statistics import wilson
 
 KINDS = {"load": "payload", "friction": "friction"} | dict.fromkeys(SENSOR, "sensor")
 CHANGES = ("payload", "friction", "sensor")
-WAYS = ("frozen", "online", "batch_20", "batch_60", "batch_120")
+WAYS = ("frozen", "online", "forgetting", "batch_20", "batch_60", "batch_120")
 Cells = Sequence[Mapping[str, Any]]
 
 
@@ -77,23 +77,26 @@ def _faults(cells: Cells) -> list[Row]:
 
 
 def _recovery(cells: Cells) -> list[Row]:
-    """Seconds until the error is back, medians; and what the error is over that before the change."""
+    """What the error is over that before the change, at once and at the end; and seconds until it is back."""
     rows = []
     for robot, change in dict.fromkeys((c["robot"], c["change"]) for c in cells):
         own = [c for c in cells if (c["robot"], c["change"]) == (robot, change)]
         name = f"{robot}_{change}"
-        rows.append(Row(f"error_at_once_{name}", float(np.median([c["at_once"] for c in own])), "1", "times"))
+        rows.append(_middle(f"error_before_{name}", [c["before_deg"] for c in own], "deg"))
+        rows.append(_middle(f"error_at_once_{name}", [c["at_once"] for c in own]))
         for way in WAYS:
             seconds = [np.inf if c[way]["seconds"] is None else c[way]["seconds"] for c in own]
-            back = sum(np.isfinite(seconds))
-            middle = float(np.median(seconds))
-            rows.append(Row(f"back_{way}_{name}", middle, "s", f"median; {back} of {len(own)} came back"))
-            rows.append(
-                Row(
-                    f"ratio_{way}_{name}", float(np.median([c[way]["ratio"] for c in own])), "1", "at the end"
-                )
-            )
+            back = int(sum(np.isfinite(seconds)))
+            said = f"median; {back} of {len(own)} came back"
+            rows.append(Row(f"back_{way}_{name}", float(np.median(seconds)), "s", said))
+            rows.append(_middle(f"ratio_{way}_{name}", [c[way]["ratio"] for c in own]))
     return rows
+
+
+def _middle(metric: str, values: Sequence[float], unit: str = "1") -> Row:
+    """The median, and the least and most in words."""
+    said = f"median; {min(values):.3g} .. {max(values):.3g}"
+    return Row(metric, float(np.median(values)), unit, said)
 
 
 def _of(wins: int, n: int) -> str:

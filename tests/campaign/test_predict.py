@@ -76,7 +76,7 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert main(["predict", str(lab), str(path), "--output", str(tmp_path / "c.parquet")]) == 0
     found = pl.read_parquet(tmp_path / "c.parquet")
     assert found.columns[:2] == ["time", "command_waist"]
-    assert found.columns[-1] == "deviation_wrist"
+    assert found.columns[-2:] == ["deviation_wrist", "outside"]
     log = etude.predict(lab, path)
     assert any("qd and qdd made of the positions" in sentence.lower() for sentence in log.repairs)
     assert 0.9 * len(t) < len(log) < len(t)

@@ -15,16 +15,19 @@ from test_learning import CONFIG
 from etude.campaign.ask import stored_trajectory
 from etude.campaign.confirm import ask_to_confirm
 from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.foretold import SPREAD
 from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
 from etude.campaign.learn import newest_model
-from etude.campaign.predict import check_table, predict
+from etude.campaign.predict import check_table, predict, write_table
 from etude.campaign.promote import promote, rollback
 from etude.campaign.several import tell
 from etude.campaign.status import status
 from etude.campaign.watch import watch
 from etude.cli import main
+from etude.contracts import Motion
 from etude.errors import DataError, UsageError
+from etude.progress import watched
 from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.confirmation import confirmation
@@ -72,6 +75,31 @@ def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campa
         predict(fresh, one)
     with pytest.raises(UsageError, match=r"Name it x.csv"):
         check_table(tmp_path / "x.txt")
+
+
+def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, tmp_path: Path) -> None:
+    model = newest_model(fresh, fresh.state())
+    plain = [i for i, column in enumerate(model.inputs.columns) if not column[3]]
+    middle, half = model.ranges[:, plain].mean(axis=0), 0.5 * np.ptp(model.ranges[:, plain], axis=0)
+    reach = np.array([0.0, 0.999, 0.0, 1.001, 0.0])  # of the knee's position, in half ranges
+    states = np.tile(middle, (5, 1))
+    states[:, 1] += reach * half[1]
+    states[4, 2] = middle[2] - 1.001 * half[2]
+    log = model.inputs.states(Motion(np.arange(5) / 50.0, states.reshape(5, 3, 2).transpose(1, 0, 2)))
+    done: list[float] = []
+    with watched(done.append):
+        found = predict(fresh, log)
+    assert 0.0 in done
+    assert done[-1] == 1.0
+    assert found["outside"][:, 0].tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
+    assert found.repairs == (
+        "2 of 5 rows (40 %) lie outside what was learned (q of knee, qd of hip): "
+        "there the model extrapolates.",
+    )
+    assert predict(fresh, log.take(slice(0, 3))).repairs == ()
+    write_table(tmp_path / "c.csv", found)
+    lines = (tmp_path / "c.csv").read_text().splitlines()
+    assert [line.split(",")[-1] for line in lines] == ["outside", "0.0", "0.0", "0.0", "1.0", "1.0"]
 
 
 def one_more(campaign: Campaign, folder: Path, seed: int) -> None:
@@ -222,13 +250,18 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     assert found["without"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
     assert max(found["with"]) < 0.02
     assert found["units"] == ["deg", "deg"]
-    ratio = np.array(found["forecast_ratio"])
-    np.testing.assert_allclose(found["forecast"], ratio * found["without"])
+    ratio, first = np.array(found["left_over"]), fresh.round(made.number).runs["without"]
+    part = ratio * first["moving"]
+    most = np.hypot(SPREAD * part, np.hypot(first["late"], first["noise"]))
+    wide = np.stack([np.hypot(part / SPREAD, first["noise"]), most], axis=1)
+    np.testing.assert_allclose(found["forecast"], wide)
     assert np.all((ratio > 0.0) & (ratio < 1.0))
+    assert first["moving"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
+    assert found["moving"][0] == pytest.approx(found["with"][0], rel=0.5)
     page = str(confirmation(read_record(fresh.path)))
     assert f"Trajectory {made.number}." in page
     assert number(found["without"][0]) in page
-    assert number(found["forecast"][1]) in page
+    assert " .. ".join(number(v, 2) for v in found["forecast"][1]) in page
     assert (fresh.model_folder(5) / "model.npz").read_bytes() == before
     assert fresh.state().pending == []
     assert [r.number for r in fresh.state().learned] == [1, 2, 3, 4, 5]
@@ -252,7 +285,7 @@ def test_watch_names_a_change_and_proposes_a_motion(
     assert [one["verdict"] for one in data["logs"]] == ["unchanged", "changed"]
     assert data["kind"] == kind
     assert data["logs"][1]["kind"] == kind
-    assert data["proposal"]["duration"] <= 20.0
+    assert data["proposal"]["duration"] == fresh.config.duration
     state = open_campaign(fresh.path).state()
     assert [r.number for r in state.told] == told
     assert [r.number for r in state.proposals] == [data["proposal"]["number"]]

@@ -13,12 +13,14 @@ import pytest
 
 from etude import plugins
 from etude.campaign.config import preset_config
-from etude.deploy.online_folder import HASHES, OnlineOptions, write
+from etude.deploy import online_folder
+from etude.deploy.online_folder import HASHES, ONLINE, OnlineOptions, write
 from etude.deploy.runtime import Deployed, open_online
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.online.learner import OnlineConfig
+from etude.progress import watched
 
 KIND = plugins.load("etude.robots", "arm")
 PATH = KIND.built_in()["arm4"]
@@ -35,7 +37,11 @@ def files() -> dict[str, bytes]:
     samples = KIND.samples(SPEC, CONFIG, [log], [np.zeros(len(log), dtype=np.int64)])
     model = train_ladder(samples, KIND.inputs(SPEC, CONFIG), {}, KIND.limit(SPEC), SMALL, rng).model
     options = OnlineOptions(KIND.described(PATH).files, [log], OnlineConfig(size=60), model_hash="abc")
-    return dict(write(model, KIND, SPEC, CONFIG, options))
+    done: list[float] = []
+    with watched(done.append):
+        found = dict(write(model, KIND, SPEC, CONFIG, options))
+    assert sorted({round(4.0 * part) for part in done}) == [0, 1, 2, 3, 4]  # says how far it is
+    return found
 
 
 def put(folder: Path, files: dict[str, bytes]) -> Path:
@@ -204,3 +210,18 @@ def test_a_vehicle_is_judged_by_what_its_controller_says(tmp_path) -> None:
     assert opened.counts.suspected > 5
     assert set(opened.weights().values()) == {0.0}
     assert "front_right" in opened.reports()[0][1]
+
+
+def test_the_target_takes_a_half_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[OnlineConfig] = []
+    monkeypatch.setattr(online_folder, "write", lambda *given: seen.append(given[-1].learning) or {})
+    supplied = {"description": {}, "logs": [], "config": CONFIG}
+    for more in ({}, {"half_life": "30"}, {"half_life": 20.0, "method": "ssgp"}):
+        ONLINE(None, KIND, SPEC, supplied | more)
+    assert [(own.method, own.half_life) for own in seen] == [
+        ("variance", None),
+        ("variance", 30.0),
+        ("ssgp", 20.0),
+    ]
+    with pytest.raises(UsageError, match="half_life = 'long' is no number"):
+        ONLINE(None, KIND, SPEC, supplied | {"half_life": "long"})

@@ -13,7 +13,7 @@ from etude_studies.bench_watch import run as bench
 from etude_studies.broken_sensors import ENCODER, FAULTS, GAIN, OFFSET, STUCK_S, broken
 from etude_studies.crazypad import LEAD_IN, MOTORS, STATES, samples_of
 from etude_studies.watch_recovery import BACK, PASS_S, WINDOW_S, _back
-from etude_studies.watch_rows import rows_of
+from etude_studies.watch_rows import WAYS, rows_of
 
 
 def run(alarm_s: float | None, named: str = "unknown", **more: Any) -> dict[str, Any]:
@@ -32,8 +32,9 @@ def test_rows_count_right_unknown_wrong_and_not_noticed() -> None:
     several = [{"robot": "arm", "growing": "little by little", "sudden": "little by little"}]
     way = {"seconds": 20.0, "ratio": 1.1}
     never = {"seconds": None, "ratio": 9.0}
-    ways = dict.fromkeys(("online", "batch_20", "batch_60"), way) | {"frozen": never, "batch_120": way}
-    recovery = [{"robot": "arm", "change": "payload", "at_once": 8.0, **ways}]
+    ways = dict.fromkeys(WAYS, way) | {"frozen": never}
+    facts = {"robot": "arm", "change": "payload", "before_deg": 0.1, **ways}
+    recovery = [{**facts, "at_once": ratio} for ratio in (8.0, 4.0)]
     rows = {row.metric: row for row in rows_of({"arm": [cell, other]}, several, recovery)}
     value = {name: row.value for name, row in rows.items()}
     assert (value["false_alarms_arm"], rows["false_alarms_arm"].reference[:4]) == (2, "of 4")
@@ -48,7 +49,9 @@ def test_rows_count_right_unknown_wrong_and_not_noticed() -> None:
     assert (value["growing_told"], value["sudden_told"]) == (1, 0)
     assert value["back_online_arm_payload"] == 20.0
     assert np.isinf(value["back_frozen_arm_payload"])
-    assert rows["back_frozen_arm_payload"].reference == "median; 0 of 1 came back"
+    assert rows["back_frozen_arm_payload"].reference == "median; 0 of 2 came back"
+    assert (value["error_at_once_arm_payload"], value["error_before_arm_payload"]) == (6.0, 0.1)
+    assert rows["error_at_once_arm_payload"].reference == "median; 4 .. 8"
 
 
 class Follows:
@@ -96,9 +99,14 @@ def test_the_error_is_back_where_no_later_window_is_larger() -> None:
     error[t >= PASS_S + 3 * WINDOW_S] = 0.99 * BACK
     channels = {n: Channel(n, ("a",), ("rad",)) for n in ("q_des", "q_true")}
     log = Log(t, channels, {"q_des": error[:, None], "q_true": np.zeros((len(t), 1))})
-    assert _back(log) == {"seconds": 3 * WINDOW_S, "ratio": pytest.approx(0.99 * BACK)}
+    before = np.ones(6)
+    assert _back(log, before) == {"seconds": 3 * WINDOW_S, "ratio": pytest.approx(0.99 * BACK)}
+    error[t < 2.0 * PASS_S + 1.5 * WINDOW_S] = 3.0
+    error[t < PASS_S] = 1.0
+    assert _back(log, before)["seconds"] is None  # not for a whole pass
+    error[t >= PASS_S] = 1.0
     error[-1] = 99.0
-    assert _back(log)["seconds"] is None
+    assert _back(log, before)["seconds"] is None
 
 
 def test_flights_are_cut_to_the_air_and_averaged() -> None:

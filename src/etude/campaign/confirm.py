@@ -16,7 +16,7 @@ import numpy as np
 from etude.campaign.ask import Proposal, present, stored_trajectory
 from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
-from etude.campaign.forecast import expected_variance
+from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.in_use import model_in_use
 from etude.campaign.learn import learn_pending
 from etude.campaign.motions import typical_motions
@@ -98,7 +98,7 @@ def _propose(
         "learned": len(state.trained),
         "active_limits": [list(pair) for pair in files.certificate.active()],
         "model_sha256": used.sha256,
-        "forecast": _forecast(campaign, used.model, files.trajectory),
+        **_forecast(campaign, used.model, files.trajectory),
         **kept.of(files.trajectory).as_facts(),
     }
     campaign.commit("asked", number, [*files.write(folder), table], **facts)
@@ -140,17 +140,11 @@ def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: Learned
     return text.getvalue().encode()
 
 
-def _forecast(campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> list[float] | None:
-    """(k,) expected error with the feedforward over that without; None where commands are not one an axis.
-
-    What feedback has to make up for without it is the whole command, and with it what the model does not
-    know; a linear feedback's errors are in proportion. Noise of the samples is not among them.
-    """
-    channel = campaign.command
-    if channel.acts_on != campaign.kind.path or len(channel.parts) != len(campaign.axes):
-        return None
-    t = np.arange(0.0, trajectory.duration, 0.1)
-    states = model.inputs.states(trajectory.motion(t, model.inputs.orders))
-    X, mean = model.inputs.of_log(states), model.mean(states)
-    left = np.sqrt([expected_variance(model, j, X) for j in range(len(channel.parts))])
-    return [float(v) for v in left / np.maximum(np.sqrt(np.mean(mean**2, axis=0) + left**2), 1e-300)]
+def _forecast(campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> dict[str, Any]:
+    """Facts of what error to expect; none where commands are not one an axis. See `foretold`."""
+    channel, path = campaign.command, campaign.kind.path
+    if channel.acts_on != path or len(channel.parts) != len(campaign.axes):
+        return {}
+    rates = next((c for c in campaign.channels if c.derivative_of == path), None)
+    trained = trained_speeds(model, rates) if rates is not None else np.zeros(len(campaign.axes))
+    return {LEFT_OVER: left_over(model, trajectory, trained), TRAINED: trained.tolist()}

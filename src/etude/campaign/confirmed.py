@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from etude.campaign.ask import stored_trajectory
+from etude.campaign.confirm import FEEDFORWARD
 from etude.campaign.folder import Campaign
+from etude.campaign.foretold import LEFT_OVER, TRAINED, Without, errors, moving, without_it
 from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
 from etude.campaign.told import How, Told, aligned_with, read
-from etude.contracts import Log, Trajectory
+from etude.contracts import Array, Log, Trajectory
+from etude.deploy.trajectory_files import read_table
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import log_bytes
 from etude.storage import write_atomic
 
 RUNS = ("without", "with")
+SHOWN = {
+    "without": "without",
+    "with": "with",
+    "moving": "with, while it moves",
+    "forecast": "the same, forecast",
+}
+"""What of `confirmed` is shown to people, and what it is called."""
 
 
 def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How) -> Told:
@@ -42,7 +52,8 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     number, aligned = _confirming(campaign, log, known if number is None else [number])
-    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run)
+    sent = Sent.of(campaign, number)
+    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
     more = {"sha256": digest, "source": path.name, "repairs": list(aligned.repairs)}
@@ -78,8 +89,13 @@ def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path
     )
 
 
-def run_facts(campaign: Campaign, log: Log, trajectory: Trajectory, run: str) -> dict[str, Any]:
+def run_facts(
+    campaign: Campaign, log: Log, trajectory: Trajectory, run: str, sent: Sent | None = None
+) -> dict[str, Any]:
     """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
+
+    With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
+    and of the run without it what a lag and noise are of that (`foretold.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -88,28 +104,77 @@ def run_facts(campaign: Campaign, log: Log, trajectory: Trajectory, run: str) ->
     inside = (log.t >= 0.0) & (log.t <= trajectory.duration)
     if path not in log or not inside.any():
         raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
-    wanted = trajectory.motion(log.t[inside], 1).orders[0]
-    error = np.abs(log[path][inside] - wanted).mean(axis=0)
+    log = log.take(inside)
     units = campaign.channel(path).units
-    shown = [math.degrees(e) if u == "rad" else float(e) for e, u in zip(error, units, strict=True)]
-    return {"run": run, "error": shown, "units": ["deg" if u == "rad" else u for u in units]}
+    found = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}
+    if sent is not None:
+        use = moving(trajectory, log.t, sent.trained)
+        found["moving"] = errors(log, path, trajectory, use)
+        found |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
+    shown = {name: _shown(values, units) for name, values in found.items()}
+    return {"run": run, **shown, "units": ["deg" if u == "rad" else u for u in units]}
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """The feedforward of a motion: t (T,) s, command (T, k); top speeds in training, trained (k,)."""
+
+    t: Array
+    command: Array
+    trained: Array
+
+    @classmethod
+    def of(cls, campaign: Campaign, number: int) -> Sent | None:
+        """None of a motion that has no forecast."""
+        trained = (campaign.round(number).asked or {}).get(TRAINED)
+        if trained is None:
+            return None
+        rows = read_table((campaign.proposal(number) / FEEDFORWARD).read_bytes())[1]
+        return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
+
+    def at(self, t: Array) -> Array:
+        """(T, k) commands."""
+        return np.stack([np.interp(t, self.t, own) for own in self.command.T], axis=1)
+
+
+def _shown(values: Array, units: Sequence[str]) -> list[float | None]:
+    """In degrees where the unit is rad; None for NaN."""
+    scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
+    return [None if math.isnan(v) else v for v in scaled]
 
 
 def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
-    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open."""
+    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open.
+
+    "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
+    the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
+    """
     asked, runs = one.asked or {}, one.runs
-    without, ratio = (runs.get("without") or {}).get("error"), asked.get("forecast")
-    forecast = None
-    if without is not None and ratio is not None:
-        forecast = [float(e * r) for e, r in zip(without, ratio, strict=True)]
+    without, fed = runs.get("without") or {}, runs.get("with") or {}
     units = next((list(facts["units"]) for facts in runs.values()), None)
     return {
         "number": one.number,
         "axes": list(campaign.axes),
         "units": units,
-        "without": without,
-        "with": (runs.get("with") or {}).get("error"),
-        "forecast": forecast,
-        "forecast_ratio": ratio,
+        "without": without.get("error"),
+        "with": fed.get("error"),
+        "moving": fed.get("moving"),
+        "forecast": _forecast(asked, without) or None,
+        "left_over": asked.get(LEFT_OVER),
         "model_sha256": asked.get("model_sha256"),
     }
+
+
+def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[tuple[float, float] | None]:
+    left = asked.get(LEFT_OVER)
+    if left is None or "late" not in without:
+        return []
+    parts = (np.array(without[name], dtype=float) for name in ("moving", "late", "noise"))
+    return Without(*parts).expected(left)
+
+
+def in_words(value: float | Sequence[float] | None) -> str:
+    """A figure of `confirmed`, or the two that it lies between; "-" for None."""
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, int | float) else " .. ".join(f"{v:.2g}" for v in value)

@@ -16,11 +16,14 @@ from etude.campaign.supplied import supplied
 from etude.contracts import Delivered, Target
 from etude.errors import UsageError
 from etude.options import MODEL_HASH
+from etude.progress import part
 from etude.storage import write_folder
 
 GROUP = "etude.targets"
 MARK = "etude-export.json"
 """Says what the folder is: one that holds it may be replaced by the next export."""
+GATHERING = 0.3
+"""About the part of the time in which logs and samples are gathered for a target."""
 EXPORTS = "exports"
 """Where in the campaign folders are written unless another is named."""
 
@@ -60,9 +63,11 @@ def export(
     campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
     target: Target = plugins.load(GROUP, to)
     used = model_in_use(campaign)
-    needed = supplied(campaign, getattr(target, "needs", ()), options)
+    with part(GATHERING):
+        needed = supplied(campaign, getattr(target, "needs", ()), options)
     options |= {**needed, MODEL_HASH: used.sha256}
-    delivered = target(used.model, campaign.kind, campaign.spec, options)
+    with part(1.0 - GATHERING):
+        delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
     write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
     said = (used.sentence, *delivered.said)

@@ -12,14 +12,17 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say, open_campaign
 from etude.campaign.in_use import model_in_use
-from etude.contracts import Array, Channel, Log, Trajectory
+from etude.contracts import Array, Channel, Log, Mask, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
 from etude.models.model import LearnedModel
+from etude.models.trust import outside
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
 
-COMMAND, DEVIATION = "command", "deviation"
+COMMAND, DEVIATION, OUTSIDE = "command", "deviation", "outside"
+MOST_NAMED = 3
+"""Inputs that are named where a motion leaves what was learned."""
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
 """Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
 
@@ -31,7 +34,8 @@ def predict(
     degrees: bool = False,
     say: Say = lambda _: None,
 ) -> Log:
-    """Commands and their deviations along a motion: channels "command" and "deviation", each (T, J).
+    """Commands along a motion: channels "command" and "deviation", each (T, J), and "outside" (T, 1): 1 where
+    a state is outside the data that the model was trained on, so that it extrapolates; `repairs` counts them.
 
     Args:
         campaign: the folder, or it opened.
@@ -52,21 +56,21 @@ def predict(
         if not place.exists():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         if place.suffix == ".json":
-            found = model.feedforward(_planned(campaign, place), rate=float(campaign.spec.rate))
-            return _in_units(found, campaign)
+            states = model.planned(_planned(campaign, place), rate=float(campaign.spec.rate))
+            return _in_units(model, states, campaign)
         motion = _read(campaign, place, degrees)
-    return _in_units(along(campaign, model, motion), campaign)
+    return _in_units(model, along(campaign, model, motion), campaign)
 
 
 def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
-    """The same of a log with the channels that the model looks at, or with those that the recipe needs.
+    """The log if it has the channels that the model looks at, else what the recipe makes of those it needs.
 
     Raises:
         DataError: it has neither.
     """
     wanted = dict.fromkeys(channel for channel, *_ in model.inputs.columns)
     missing = [name for name in wanted if name not in motion]
-    return model.commanded(_as_learning(campaign, motion, missing) if missing else motion)
+    return _as_learning(campaign, motion, missing) if missing else motion
 
 
 def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:
@@ -115,10 +119,28 @@ def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
     return start_at_zero(order_rows(drop_unreadable(log)))
 
 
-def _in_units(found: Log, campaign: Campaign) -> Log:
-    """With the robot's own channel of commands, so that their unit is known."""
-    named = {COMMAND: campaign.command, DEVIATION: replace(campaign.command, name=DEVIATION, role="aside")}
-    return replace(found, channels=named)
+def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:
+    """What the model says, with the robot's own channel of commands, so that their unit is known."""
+    inputs = model.inputs
+    found, beyond = model.commanded(states), outside(inputs.of_log(states), inputs.columns, model.ranges)
+    aside = replace(campaign.command, name=DEVIATION, role="aside")
+    found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside})
+    marked = np.where(beyond.any(axis=1), 1.0, 0.0)[:, None]
+    found = found.put(Channel(OUTSIDE, ("data",), ("1",), "aside"), marked)
+    return found.repaired(*_beyond(model, beyond))
+
+
+def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
+    """A sentence, if the motion leaves what was learned; inputs by how often, the first of them named."""
+    rows, counts = int(beyond.any(axis=1).sum()), beyond.sum(axis=0)
+    if not rows:
+        return []
+    names = [f"{channel} of {part}" for channel, part, _, op in model.inputs.columns if not op]
+    most = [names[i] for i in np.argsort(-counts, kind="stable")[:MOST_NAMED] if counts[i]]
+    others = int((counts > 0).sum()) - len(most)
+    more = f" and {others} more" if others else ""
+    share = f"{rows} of {len(beyond)} rows ({100 * rows / len(beyond):.0f} %)"
+    return [f"{share} lie outside what was learned ({', '.join(most)}{more}): there the model extrapolates."]
 
 
 def check_table(path: Path) -> None:
@@ -153,6 +175,7 @@ def _columns(found: Log) -> dict[str, Array]:
     for name in (COMMAND, DEVIATION):
         channel: Channel = found.channels[name]
         columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
+    columns |= {OUTSIDE: found[OUTSIDE][:, 0]}
     if not np.isfinite(np.column_stack([*columns.values()])).all():
         raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
     return columns

@@ -10,6 +10,7 @@ from etude.campaign.folder import ROBOT, Campaign
 from etude.campaign.learn import told_samples
 from etude.contracts import Log, Samples
 from etude.logs.log_file import read_log_file
+from etude.progress import counted
 
 
 def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -25,12 +26,12 @@ def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any])
         "description": lambda: description(campaign),
         "motion": lambda: bounded_motion(campaign, given.get("motion")),
     }
-    return {name: known[name]() for name in needs}
+    return {name: known[name]() for name in counted(needs)}
 
 
 def told_logs(campaign: Campaign) -> list[Log]:
     """The logs that the newest model was learned from."""
-    return [read_log_file(campaign.run_file(number)) for number in _numbers(campaign)]
+    return [read_log_file(campaign.run_file(number)) for number in counted(_numbers(campaign))]
 
 
 def all_samples(campaign: Campaign) -> Samples:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.campaign.ask import Proposal, ask, stored_trajectory
+from etude.campaign.ask import Proposal, ask
 from etude.campaign.changed import CAUSES, KINDS
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.in_use import InUse, model_in_use
@@ -22,8 +22,6 @@ from etude.models.cause import Cause
 from etude.models.judged import Judged, judged
 from etude.models.manner import Manner, manner
 
-TOP_UP_S = 20.0
-"""s of the motion that is proposed to a changed robot."""
 Verdict = Literal["unchanged", "changed", "refused"]
 MANNERS: dict[Manner, str] = {
     "at once": "It came at once.",
@@ -67,7 +65,7 @@ class Watched:
         logs: one by one.
         kind: of the change, as of a log; "" without one. manner: how it came.
         sentence: of all logs.
-        proposal: a short motion that would teach the changed robot; None without a change.
+        proposal: a motion that would teach the changed robot; None without a change.
         no_proposal: why there is none although the robot has changed.
     """
 
@@ -97,7 +95,7 @@ def watch(
     """Holds logs of any motion against the model in use, and says what has changed.
 
     Each log is judged by the test that `tell` asks (docs/changed_robot.md); nothing of it is kept. Where the
-    robot has changed a short motion is asked for, as `ask` does it.
+    robot has changed a motion is asked for, as `ask` does it.
 
     Args:
         campaign: the folder.
@@ -172,14 +170,11 @@ def _quiet(found: Sequence[WatchedLog]) -> str:
 
 
 def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:
-    """With a short motion, unless none can be made; an open one that is short enough is shown again."""
-    trajectory = campaign.config.trajectory
-    if campaign.config.duration > TOP_UP_S:
-        config = replace(campaign.config, trajectory=replace(trajectory, duration=TOP_UP_S))
-        campaign = replace(campaign, config=config)
-    open_ones = campaign.state().proposals
+    """With a motion as long as all of the campaign, unless none can be made; an open one is shown again.
+
+    A third of it left twice the error in simulation; see docs/promote_watch.md.
+    """
     try:
-        new = not open_ones or stored_trajectory(campaign, open_ones[-1].number).duration > 2.0 * TOP_UP_S
-        return replace(watched, proposal=ask(campaign, new=new, go_on=True, say=say))
+        return replace(watched, proposal=ask(campaign, go_on=True, say=say))
     except (UsageError, UnsafeTrajectoryError) as error:
         return replace(watched, no_proposal=error.fact)

@@ -14,7 +14,8 @@ from etude.commands.outcome import Outcome, Say
 
 @dataclass(frozen=True, kw_only=True)
 class Predict(Common):
-    """Write the commands that the model expects along a motion, each with its deviation."""
+    """Write the commands that the model expects along a motion, each with its deviation, and which rows lie
+    outside what it learned."""
 
     folder: Folder
     motion: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
@@ -37,5 +38,6 @@ class Predict(Common):
             say(sentence)
         channel = found.channels["command"]
         units = ", ".join(f"{p} [{u or '1'}]" for p, u in zip(channel.parts, channel.units, strict=True))
-        data = {"output": str(path), "rows": len(found), "repairs": list(found.repairs)}
+        outside = int(found["outside"].sum())
+        data = {"output": str(path), "rows": len(found), "outside": outside, "repairs": list(found.repairs)}
         return Outcome(f"{len(found)} commands and deviations of {units}\nWritten: {path}", data)

@@ -85,11 +85,10 @@ def _next(folder: Path, state: State) -> str:
 
 def _confirmed(found: Mapping[str, Any]) -> str:
     """What both runs of the motion that confirms left."""
+    from etude.campaign.confirmed import SHOWN, in_words
+
     none = [None] * len(found["axes"])
-    rows = [
-        [name, *("-" if value is None else f"{value:.3f}" for value in found[key] or none)]
-        for name, key in (("without", "without"), ("with", "with"), ("with, forecast", "forecast"))
-    ]
+    rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]
     unit = found["units"][0]
     return table([f"trajectory {found['number']}, feedforward, {unit}", *found["axes"]], rows)
 

@@ -117,16 +117,15 @@ def _model_in_use(found: Mapping[str, Any]) -> list[str]:
 
 def _confirmed(found: Mapping[str, Any]) -> list[str]:
     """Tracking errors of the motions that confirm, beside the forecast."""
+    from etude.campaign.confirmed import SHOWN, in_words
+
     lines = []
     for one in found["confirmed"]:
         if one["units"] is None:
             continue
         none = [None] * len(one["axes"])
         unit = one["units"][0] if len(set(one["units"])) == 1 else "own units"
-        rows = [
-            [name, *("-" if value is None else f"{value:.3g}" for value in one[key] or none)]
-            for name, key in (("without", "without"), ("with", "with"), ("with, forecast", "forecast"))
-        ]
+        rows = [[name, *map(in_words, one[key] or none)] for key, name in SHOWN.items()]
         lines += [
             f"Trajectory {one['number']}, never learned from: mean tracking error ({unit}), feedforward",
             table(["", *one["axes"]], rows),

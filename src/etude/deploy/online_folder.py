@@ -28,6 +28,7 @@ from etude.models.online.learner import OnlineConfig
 from etude.models.online.methods import known
 from etude.models.store import model_bytes
 from etude.options import taken
+from etude.progress import counted
 
 MODEL, SETTINGS, CERTIFICATE, README, HASHES = (
     *("model.npz", "settings.json", "certificate.json", "README.md", "hashes.json"),
@@ -74,7 +75,7 @@ def write(
     limits = command_limits(kind, spec)
     feedback = feedback_of(options.logs, kind.channels(spec), kind.path, limits, spec.rate)
     rng = np.random.default_rng(options.seed)
-    for j in range(len(model.commands)):  # or it would be refused on the robot
+    for j in counted(range(len(model.commands))):  # or it would be refused on the robot
         learning_command(model, j, options.learning, rng)
     home = kind.home(spec)
     orders = np.stack([home, *np.zeros((model.inputs.orders - 1, len(home)))])
@@ -91,18 +92,21 @@ def write(
 
 @dataclass(frozen=True)
 class Told:
-    """Options of the target: what the campaign supplies, how to learn, and what its learners draw."""
+    """Options of the target: what the campaign supplies, how to learn, what its learners draw, and the s in
+    which what they learned counts half (None: for ever), a number or its text.
+    """
 
     description: Mapping[str, bytes]
     logs: Sequence[Log]
     config: Any
     method: str = "variance"
+    half_life: float | str | None = None
     seed: int = 0
     model_hash: str = ""
 
 
 class Online:
-    """The target `online` (`contracts.Target`): options method and seed."""
+    """The target `online` (`contracts.Target`): options method, half_life and seed."""
 
     needs = ("config", "logs", "description")
 
@@ -112,7 +116,7 @@ class Online:
         own = OnlineOptions(
             told.description,
             told.logs,
-            OnlineConfig(known(told.method)),
+            OnlineConfig(known(told.method), half_life=_seconds(told.half_life)),
             seed=int(told.seed),
             model_hash=told.model_hash,
         )
@@ -121,6 +125,15 @@ class Online:
 
 
 ONLINE = Online()
+
+
+def _seconds(half_life: float | str | None) -> float | None:
+    try:
+        return None if half_life is None else float(half_life)
+    except ValueError:
+        raise UsageError(
+            f"half_life = {half_life!r} is no number of seconds", next_step="--set half_life=30, for example."
+        ) from None
 
 
 def stored_feedback(feedback: Feedback) -> dict[str, Any]:

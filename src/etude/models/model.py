@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -18,7 +18,9 @@ from etude.models.gp.rest import resting
 from etude.models.linear import at_rest
 from etude.models.student_t import StudentT
 from etude.models.trust import trusted
+from etude.progress import counted
 
+_InUse = tuple[Candidate, list[int]]
 PHYSICAL = ("nominal", "identified")
 """Means that go on where no data are, so that a command may fade to them."""
 
@@ -130,7 +132,7 @@ class LearnedModel:
 
         `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
         """
-        average, variance, _ = self._predicted(as_log(log, self.inputs.columns))
+        average, variance, _ = self._predicted(as_log(log, self.inputs.columns), iter)
         return average, variance
 
     def faded(self, log: Any) -> tuple[Array, Array]:
@@ -138,15 +140,19 @@ class LearnedModel:
         than before any data, what is `safe` elsewhere.
         """
         log = as_log(log, self.inputs.columns)
-        average, variance, noise = self._predicted(log)
+        average, variance, noise = self._predicted(log, iter)
         return trusted(average, variance - noise, self.signal_deviation, self.safe(log)), variance
 
-    def _predicted(self, log: Log) -> tuple[Array, Array, Array]:
-        """Mean and variance (n, J), and the part of the variance that is noise, at rest too."""
+    def _predicted(
+        self, log: Log, each: Callable[[list[_InUse]], Iterable[_InUse]]
+    ) -> tuple[Array, Array, Array]:
+        """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
+        through the candidates.
+        """
         X, means = self.inputs.of_log(log), _Means(log)
         parts = []
         average = np.zeros((len(log), len(self.commands)))
-        for candidate, own in self._in_use():
+        for candidate, own in each(self._in_use()):
             assert candidate.process is not None
             output, latent = candidate.process.predict(X)
             mean = means.of(candidate) + candidate.units[1] * output
@@ -169,8 +175,8 @@ class LearnedModel:
         return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
 
     def commanded(self, log: Log) -> Log:
-        """Channels "command" and "deviation", (n, J), at each row of a log of states."""
-        mean, variance = self.predict(log)
+        """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
+        mean, variance, _ = self._predicted(as_log(log, self.inputs.columns), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
         channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
         values = {"command": mean, "deviation": np.sqrt(variance)}
@@ -182,8 +188,12 @@ class LearnedModel:
         Channels "command" and "deviation", (T, J). Take a rate at which the inputs' memory sees where the
         motion turns (`inputs.rate`).
         """
+        return self.commanded(self.planned(trajectory, rate))
+
+    def planned(self, trajectory: Trajectory, rate: float) -> Log:
+        """The states of a perfect run at those times."""
         t = np.minimum(np.arange(int(np.ceil(trajectory.duration * rate)) + 1) / rate, trajectory.duration)
-        return self.commanded(self.inputs.states(trajectory.motion(t, self.inputs.orders)))
+        return self.inputs.states(trajectory.motion(t, self.inputs.orders))
 
     def static(self, log: Any) -> Array:
         """The part (n, J) of the commands that remains at rest; states as for `predict`."""
@@ -230,7 +240,7 @@ class LearnedModel:
             out[:, own] += candidate.weights * part
         return out
 
-    def _in_use(self) -> list[tuple[Candidate, list[int]]]:
+    def _in_use(self) -> list[_InUse]:
         return [(c, list(c.commands)) for c in self.candidates if c.weights.any()]
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Column, Mask
 
 # Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
 # learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.
@@ -28,6 +30,15 @@ def trust(variance: Array, prior_deviation: Array) -> Array:
 def trusted(mean: Array, variance: Array, prior_deviation: Array, safe: Array) -> Array:
     """Commands (T, J): the mean where it is trusted, blended with the safe command elsewhere."""
     return np.asarray(safe + trust(variance, prior_deviation) * (mean - safe))
+
+
+def outside(X: Array, columns: Sequence[Column], ranges: Array) -> Mask:
+    """(T, S) where each state, an input (T, D) that is a channel itself, is outside the ranges (2, D) trained
+    on: the model extrapolates. Exported code says so by a flag.
+    """
+    own = [i for i, column in enumerate(columns) if not column[3]]
+    low, high = ranges[:, own]
+    return np.asarray((X[:, own] < low) | (X[:, own] > high))
 
 
 def familiar(X: Array, ranges: Array) -> Array:
