@@ -91,11 +91,12 @@ def test_the_command_writes_a_table_that_reads_back(
     source = lab / "proposals" / "0001" / "trajectory.json"
     target = tmp_path / "commands.csv"
     assert main(["predict", str(lab), str(source), "--output", str(target), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    said = json.loads(printed.out)
     found = pl.read_csv(target)
-    assert len(found) == said["rows"]
+    assert (len(found), int(found["outside"].sum())) == (said["rows"], said["outside"])
     np.testing.assert_array_equal(found["command_elbow"], etude.predict(lab, source)["command"][:, 2])
-    assert "the newest model is used, of log 1" in capsys.readouterr().err
+    assert "the newest model is used, of log 1" in printed.err
     assert main(["predict", str(lab), str(source), "--output", str(tmp_path / "x.txt")]) == 2
     assert main(["predict", str(lab), str(tmp_path / "missing.csv")]) == 2
 

@@ -60,6 +60,7 @@ def _lines(found: Watched, folder: Path) -> list[str]:
         made = found.proposal
         lines.append(f"Proposed: trajectory {made.number}, {made.duration:g} s, in {made.folder}")
         lines.append(f"Run it, then: etude tell {folder} LOG --changed new")
+        lines.append(f"Then one more: etude ask {folder}. One log alone may teach less than is known.")
     elif found.no_proposal:
         lines.append(f"No motion is proposed: {found.no_proposal}.")
     return lines
