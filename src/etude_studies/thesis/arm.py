@@ -16,6 +16,7 @@ import polars as pl
 
 from etude.contracts import Array, Controller, Log, Samples, Trajectory
 from etude.models.model import LearnedModel
+from etude.models.trust import trusted
 from etude.robots.arm.controller import PerfectController
 from etude.threads import threads_for
 from etude_studies.measured import Measured
@@ -136,7 +137,7 @@ def _judged(settings: ArmSettings, seed: int, stage: Stage) -> Iterator[Measured
     yield from parameter_figures(model, stage.before, k)
     if k == settings.again and stage.before is not None:
         yield from trained_again(model, stage.before, settings.model_of(k), k)
-    faded, _ = model.faded(plan)
+    faded = trusted(mean, noisy, model.prior_deviation, model.safe(plan))
     beside: dict[str, Controller] = {"faded": Given(faded, world.spec.rate, limit)}
     if settings.beside:
         beside |= lines(world, stage.logs)
