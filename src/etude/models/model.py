@@ -90,7 +90,9 @@ class LearnedModel:
 
     @property
     def prior_deviation(self) -> Array:
-        """(J,) deviation of what the candidates in use explain, before any data, command units."""
+        """(J,) deviation of what the candidates in use explain, before any data, command units; with noise,
+        that of joints at rest among it.
+        """
         return self._prior(noise=True)
 
     @property
@@ -102,7 +104,10 @@ class LearnedModel:
         variance = np.zeros(len(self.commands))
         for candidate, own in self._in_use():
             assert candidate.process is not None
-            prior = candidate.process.signal_variance + noise * candidate.process.noise_variance
+            prior = candidate.process.signal_variance
+            if noise:
+                held = [sum(s for _, s in pairs) for pairs in _rests(candidate)]
+                prior = prior + candidate.process.noise_variance + held
             variance[own] += candidate.weights * candidate.units[1] ** 2 * prior
         return np.asarray(np.sqrt(variance))
 
@@ -264,11 +269,15 @@ class _Means:
         return mean.static(self._log) if self._static else mean.predict(self._log)
 
 
+def _rests(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
+    """Of each command the noise at rest that its variance holds, as `gp.rest.rests`."""
+    return getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+
+
 def _noise_of(candidate: Candidate, X: Array) -> Array:
     """(n, m) noise in a candidate's variance, at rest too, command units²."""
     assert candidate.process is not None
-    own: Sequence[Any] = getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
-    held = np.stack([resting(pairs, X) for pairs in own], axis=1)
+    held = np.stack([resting(pairs, X) for pairs in _rests(candidate)], axis=1)
     return np.asarray(
         candidate.calibration * candidate.units[1] ** 2 * (candidate.process.noise_variance + held)
     )
