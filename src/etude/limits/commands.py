@@ -24,6 +24,9 @@ SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""
 LOOK, CLOSE = 0.1, 0.99
 """s between samples in searches, and the part of each limit that these use."""
+FEW, AMPLE = 75, 0.75
+"""Samples of the first look in searches, and the part of each limit that these may use to pass; a rate takes
+more of them."""
 SELDOM = 0.4
 """s between samples of the deviation there: it changes more slowly than that."""
 SURE = 0.95
@@ -122,13 +125,20 @@ class CommandLimit:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
-        motion = self._along(piece, LOOK)
+        apart = piece.duration / FEW
+        if apart >= 2.0 * LOOK and not self.rated and self._keeps(piece, apart, AMPLE):
+            return True
+        return self._keeps(piece, LOOK, CLOSE)
+
+    def _keeps(self, piece: Trajectory, spacing: float, part: float) -> bool:
+        """Whether samples `spacing` s apart use at most that part of each limit."""
+        motion = self._along(piece, spacing)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
-        room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
-        if np.any(room < 0.0) or np.any(rates > CLOSE * self.rate):
+        room = part * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
+        if np.any(room < 0.0) or np.any(rates > part * self.rate):
             return False  # by the mean alone: deviations cost more
-        if self._clear(mean, piece.duration):
+        if self.most is not None and np.all(self.beyond(piece.duration) * self.most <= room):
             return True
         return bool(np.all(self._spread(motion, piece.duration, SELDOM) <= room))
 

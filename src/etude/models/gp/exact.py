@@ -168,7 +168,7 @@ class ExactPosterior:
         X = self._inputs(X)
         mean = np.empty(len(X))
         for rows in _blocks(len(X)):
-            mean[rows] = self.kernel.value(self.theta, X[rows], self.X) @ self.alpha
+            mean[rows] = self.kernel.weighted(self.theta, X[rows], self.X, self.alpha)
         return mean
 
     def covariance(self, X: Array, Z: Array) -> Array:

@@ -71,6 +71,10 @@ class Kernel(ABC):
         """k(X, Z), (n, m), in memory of its own."""
         return self.cross(theta, X, Z)[0]
 
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        """k(X, Z) alpha, (n,) or (n, c), of weights (m,) or (m, c): means need no more of the matrix."""
+        return np.asarray(self.value(theta, X, Z) @ alpha)
+
     def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
         """Gradient (P,) of sum(G * k(X, X)) with respect to theta; G is (n, n)."""
         return self.gram(theta, X)[1](G)
@@ -153,6 +157,9 @@ class Sum(_Composite):
         for part, own in others:
             out += part.value(own, X, Z)
         return out
+
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        return _total([part.weighted(own, X, Z, alpha) for part, own in self.shares(theta)])
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _total([part.diagonal(own, X) for part, own in self.shares(theta)])

@@ -135,6 +135,10 @@ class Linear(Kernel):
 
         return _active(X, self.dims) @ weighted.T, pull
 
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        slopes = (_active(Z, self.dims) * np.exp(2.0 * self.check(theta))).T @ alpha
+        return np.asarray(_active(X, self.dims) @ slopes)
+
     def diagonal(self, theta: Array, X: Array) -> Array:
         return np.asarray(_active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
 
