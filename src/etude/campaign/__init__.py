@@ -1,4 +1,15 @@
 """A campaign folder and what is done with it: the only circle, through files."""
 
-PUBLIC = ("config", "config_file", "create", "folder", "journal", "learn", "questions", "rounds", "simulate")
+PUBLIC = (
+    "config",
+    "config_file",
+    "create",
+    "folder",
+    "journal",
+    "learn",
+    "questions",
+    "rounds",
+    "simulate",
+    "stored",
+)
 """Modules that may be used from outside."""
