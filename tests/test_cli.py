@@ -273,7 +273,8 @@ def test_asking_loads_nothing_it_does_not_need(lab: Path, first: str) -> None:
     config.write_text(text.replace('first = "designed"', f'first = "{first}"'))
     code = (
         "import sys; from etude import cli; assert cli.main(sys.argv[1:]) == 0\n"
-        "print(sorted({'etude.campaign.learn', 'mujoco', 'numba', 'plotly', 'polars'} & set(sys.modules)), file=sys.stderr)"
+        "heavy = {'etude.campaign.learn', 'mujoco', 'numba', 'plotly', 'polars'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
     )
     command = [sys.executable, "-c", code, "ask", str(lab), "--new"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
