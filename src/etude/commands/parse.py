@@ -52,7 +52,7 @@ def command(arguments: Sequence[str]) -> Command:
     """
     first = arguments[0] if arguments else ""
     known = [first] if first in COMMANDS else list(COMMANDS)
-    classes = {name: _class(name) for name in known}
+    classes = {name: class_of(name) for name in known}
     for own in classes.values():
         in_words(own)
     of_one = len(known) == 1
@@ -71,7 +71,8 @@ def command(arguments: Sequence[str]) -> Command:
     return cast(Command, found)
 
 
-def _class(name: str) -> type:
+def class_of(name: str) -> type:
+    """The class of a command."""
     module, _, attribute = COMMANDS[name].partition(":")
     found: type = getattr(importlib.import_module(module), attribute)
     return found
