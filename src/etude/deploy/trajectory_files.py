@@ -172,7 +172,9 @@ def _check_table(
         bad |= _outside(limit, Motion(rows[:, 0], orders), written)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise UnsafeTrajectoryError(f"row {row + 2} of the table leaves the limits of '{robot}'", where=TABLE)
+        raise UnsafeTrajectoryError(
+            f"row {row + 2} of the table leaves the motion or the limits of '{robot}'", where=TABLE
+        )
 
 
 def motion_of_one(trajectory: Trajectory, inputs: Inputs) -> Motion:
