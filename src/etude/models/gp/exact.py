@@ -13,6 +13,7 @@ from scipy.linalg.lapack import dpotrs
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
 
@@ -145,10 +146,14 @@ class ExactPosterior:
         """L^-1 (n, n), made once: every prediction and gradient is then a triangular product."""
         return triangular_inverse(self.L)
 
+    @cached_property
+    def _against(self) -> Against:
+        return self.kernel.against(self.theta, self.X)
+
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
-        K, pull = self.kernel.cross(self.theta, X, self.X)
+        K, pull = self._against(X)
         return CovarianceFactors.of(self.kernel, self.theta, self.L_inverse, X, K, pull)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
