@@ -22,12 +22,12 @@ import etude
 from etude import cli, interrupt
 from etude.commands import help_texts, machine, progress_bar
 from etude.commands.outcome import table
-from etude.commands.parse import AnyCommand
+from etude.commands.parse import COMMANDS, class_of
 from etude.commands.terminal import coloured, fitted, width
 from etude.progress import counted, part, watched
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
-NAMES = sorted(next(own.name for own in get_args(c)[1:]) for c in get_args(AnyCommand))
+NAMES = sorted(COMMANDS)
 NOISE = re.compile(r"\{None\}|\bSTR\b|\bINT\b|\bFLOAT\b|\[\w+ \[|\(default: (None|False|''|)\)|,\}")
 
 
@@ -50,8 +50,7 @@ def test_helps_fit_and_speak_of_no_types(name: str, capsys: pytest.CaptureFixtur
 
 
 def test_every_option_of_every_command_is_explained() -> None:
-    for command in get_args(AnyCommand):
-        own = get_args(command)[0]
+    for own in map(class_of, COMMANDS):
         silent = {f.name for f in fields(own)} - set(help_texts._field_texts(own))
         hints = get_type_hints(own, include_extras=True)
         assert [n for n in silent if not any(getattr(a, "help", None) for a in get_args(hints[n])[1:])] == []

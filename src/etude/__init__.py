@@ -23,7 +23,7 @@ _PLACES = {
     "simulate": "etude.campaign.simulate",
     "read_log": "etude.campaign.reading",
     "load_robot": "etude.campaign.create",
-    "load_model": "etude.campaign.learn",
+    "load_model": "etude.campaign.stored",
     "predict": "etude.campaign.predict",
     "export": "etude.campaign.model_export",
     "certify": "etude.limits.certificate",

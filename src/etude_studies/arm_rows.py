@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import stored_model
 from etude.campaign.rounds import measured
+from etude.campaign.stored import stored_model
 from etude.logs.log_file import read_log_file
 from etude.models.score import score
 from etude_studies.rows import Row, mean_rows

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.campaign.learn import label
+from etude.campaign.stored import label
 from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
 from etude.logs.steps import median_rate, without_lag
 from etude.models.config import ModelConfig

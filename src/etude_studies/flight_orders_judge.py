@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.learn import label
+from etude.campaign.stored import label
 from etude.contracts import Array, Log, Samples, Trajectory
 from etude.design.reference import reference_states
 from etude.models.gp.exact import ExactGP, ExactPosterior

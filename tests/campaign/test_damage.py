@@ -19,7 +19,7 @@ from etude import cli, storage
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import MODEL, newest_model
+from etude.campaign.stored import MODEL, newest_model
 from etude.campaign.tell import tell
 from etude.errors import DataError, UsageError
 from etude.models import store

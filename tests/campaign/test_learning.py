@@ -14,8 +14,9 @@ from etude.campaign import learn as learning
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.history import calibration_factor, seen_by_the_rule
-from etude.campaign.learn import MIXED, label, newest_model, told_samples
+from etude.campaign.learn import told_samples
 from etude.campaign.status import status
+from etude.campaign.stored import MIXED, label, newest_model
 from etude.campaign.tell import tell
 from etude.errors import StopRuleReached
 

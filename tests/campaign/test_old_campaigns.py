@@ -10,9 +10,9 @@ import pytest
 
 from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import load_model, newest_model
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status
+from etude.campaign.stored import load_model, newest_model
 from etude.campaign.tell import tell
 from etude.errors import DataError
 

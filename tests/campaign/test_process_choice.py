@@ -7,8 +7,8 @@ from small_robot import make_campaign, random_motion, write_log
 
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.config_file import parse_config
-from etude.campaign.learn import newest_model
 from etude.campaign.status import status
+from etude.campaign.stored import newest_model
 from etude.campaign.tell import tell
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior

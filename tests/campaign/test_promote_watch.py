@@ -18,11 +18,11 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.foretold import SPREAD
 from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
-from etude.campaign.learn import newest_model
 from etude.campaign.predict import check_table, predict, write_table
 from etude.campaign.promote import promote, rollback
 from etude.campaign.several import tell
 from etude.campaign.status import status
+from etude.campaign.stored import newest_model
 from etude.campaign.watch import watch
 from etude.cli import main
 from etude.contracts import Motion
@@ -151,7 +151,8 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert used.decision == "not decided"
     assert "the model in use, of log 5" in found.refused[0]
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.learn import LEFT_OUT, told_samples
+    from etude.campaign.learn import told_samples
+    from etude.campaign.stored import LEFT_OUT
     from etude.models.left_out import read_left_out
     from etude.models.rows import in_order
 

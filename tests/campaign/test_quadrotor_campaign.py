@@ -10,9 +10,10 @@ from etude.campaign import simulate as simulating
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
-from etude.campaign.learn import load_model, told_samples
+from etude.campaign.learn import told_samples
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status
+from etude.campaign.stored import load_model
 from etude.campaign.tell import tell
 from etude.errors import DataError, UsageError
 from etude.limits.certificate import certify

@@ -167,6 +167,21 @@ def test_a_table_outside_the_limits_is_noticed(any_case: Case, monkeypatch: pyte
         any_case.render()
 
 
+def test_a_table_of_another_motion_is_noticed(any_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A millionth beside its motion: no limit sees that."""
+    real = csv_bytes
+
+    def wrong(*arguments: Any) -> bytes:
+        head, row = real(*arguments).rstrip().rsplit(b"\n", 1)
+        cells = row.split(b",")
+        cells[1] = repr(float(cells[1]) * (1.0 - 1e-6) - 1e-6).encode()
+        return head + b"\n" + b",".join(cells)
+
+    monkeypatch.setattr(module, "csv_bytes", wrong)
+    with pytest.raises(UnsafeTrajectoryError, match=r"row \d+ of the table leaves the motion"):
+        any_case.render()
+
+
 def test_a_table_that_is_no_number_is_noticed(any_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     real = csv_bytes
     monkeypatch.setattr(module, "csv_bytes", lambda *a: re.sub(rb",[^,\n]*\Z", b",nan", real(*a).strip()))

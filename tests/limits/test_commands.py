@@ -12,7 +12,17 @@ import pytest
 from etude.contracts import Array, Motion
 from etude.errors import UsageError
 from etude.limits.certificate import certify, spare
-from etude.limits.commands import CLOSE, COARSE, SPACING, CommandLimit, OpenCommands, by_model, kept_at
+from etude.limits.commands import (
+    AMPLE,
+    CLOSE,
+    COARSE,
+    FEW,
+    SPACING,
+    CommandLimit,
+    OpenCommands,
+    by_model,
+    kept_at,
+)
 from etude.limits.unseen import COMMANDS
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.splined import Splined
@@ -99,6 +109,39 @@ def test_searches_ask_what_the_proof_will_say() -> None:
         own = replace(LIMIT, upper=np.full(2, part * most), lower=-np.full(2, 20.0), _proofs={})
         assert own.keeps(SWING) == kept
         assert certify(SWING, [own]).ok == kept
+
+
+def test_a_first_look_passes_only_what_is_far_inside() -> None:
+    """It may only say what the closer look says too, and asks so few samples that it pays."""
+    asked: list[int] = []
+
+    def both(motion: Motion) -> tuple[Array, Array]:
+        asked.append(len(motion.t))
+        return pendulum(motion), np.full((len(motion.t), 2), 0.05)
+
+    long = SWING.slowed(6.0)
+    t = np.linspace(0.0, long.duration, 4201)
+    largest = np.abs(pendulum(long.motion(t, 3))).max() + LIMIT.beyond(long.duration) * 0.05
+    for part, closer in ((1.0 / (AMPLE - 0.01), False), (1.0 / (AMPLE + 0.05), True)):
+        counts: list[int] = []
+        own = replace(
+            LIMIT,
+            lower=-np.full(2, part * largest),
+            upper=np.full(2, part * largest),
+            mean=lambda motion, counts=counts: (counts.append(len(motion.t)), pendulum(motion))[1],
+            deviation=lambda motion: both(motion)[1],
+            both=both,
+            _proofs={},
+        )
+        asked.clear()
+        assert own.keeps(long)
+        assert asked[0] == FEW + 1
+        assert bool(counts) == closer, "what is nearer is looked at closely"
+    assert not replace(own, upper=np.full(2, 0.9 * largest), lower=-np.full(2, 0.9 * largest)).keeps(long)
+    short = replace(own, both=None, mean=pendulum, deviation=None)
+    asked.clear()
+    assert short.keeps(SWING)
+    assert not asked, "a short motion has no more samples than the first look"
 
 
 def test_a_search_asks_for_deviations_only_where_the_most_of_them_would_be_too_much() -> None:

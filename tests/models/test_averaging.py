@@ -10,10 +10,11 @@ from learning_examples import NAMES, PHYSICS, SMALL, Inputs, ladder, trajectorie
 
 from etude.errors import UsageError
 from etude.models.averaging import EXPONENT, LEAST, mixed, weighed
-from etude.models.candidates import INVERTED, REST_S, resting, work_sign
+from etude.models.candidates import REST_S, resting
 from etude.models.config import ModelConfig
 from etude.models.contracts import share_of
 from etude.models.fit import Folds
+from etude.models.recipes import INVERTED, work_sign
 from etude.models.store import model_bytes, model_of
 
 BOTH = replace(SMALL, candidates=("default", "gip_lin"))

@@ -17,8 +17,8 @@ from etude.campaign.chain import chained
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.journal import read_events
-from etude.campaign.learn import stored_model
 from etude.campaign.simulate import simulate
+from etude.campaign.stored import stored_model
 from etude.contracts import Channel, Log, Samples
 from etude.report import curves
 from etude.report.build import CONTENTS, build_report

@@ -11,5 +11,6 @@ PUBLIC = (
     "questions",
     "rounds",
     "simulate",
+    "stored",
 )
 """Modules that may be used from outside."""

@@ -10,17 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.export import Exported, export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
-from etude.campaign.learn import Learner, learn_pending, newest_model
 from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
-from etude.campaign.tasks import load_tasks
+from etude.campaign.stored import is_learned, newest_model
 from etude.campaign.tracking import Kept, kept_now, kept_then
-from etude.campaign.ways import Approached, approached
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
@@ -28,6 +25,9 @@ from etude.storage import unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 if TYPE_CHECKING:
+    from etude.campaign.export import Exported
+    from etude.campaign.learn import Learner
+    from etude.campaign.ways import Approached
     from etude.limits.certificate import Certificate
 
 ASK_STREAM = 1
@@ -92,10 +92,10 @@ def ask(
         UsageError: a file of the open proposal is missing, or is not what was committed; an unknown format.
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
-    motions = load_tasks(tasks, campaign.channel(campaign.kind.path)) if tasks else ()
-    require_formats(formats)
+    motions = _tasks(campaign, tasks)
+    _require(formats)
     with campaign.writing():
-        learn_pending(campaign, learner, say)
+        _learn(campaign, learner, say)
         state = campaign.state()
         if state.proposals and not new:
             number, made = state.proposals[-1].number, None
@@ -105,13 +105,52 @@ def ask(
             made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
         found = present(campaign, number, kept, made, speed)
         motion = stored_trajectory(campaign, number, speed)
-        way = approached(campaign, number, motion, found.folder, start, kept) if start else None
-        if way is not None and way.whole is not None:
-            motion, place = way.whole, way.folder
-        else:
-            place = found.folder
-        written = [export(campaign, number, motion, place, name, effort=effort) for name in formats]
-        return replace(found, exported=tuple(written), way=way)
+        way = _way(campaign, number, motion, found, start, kept) if start else None
+        whole = (motion, found.folder) if way is None or way.whole is None else (way.whole, way.folder)
+        return replace(found, exported=_exported(campaign, number, whole, formats, effort), way=way)
+
+
+# what a plain `ask` does not need is not loaded: it is the command that is run most
+
+
+def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
+    if tasks is None:
+        return ()
+    from etude.campaign.tasks import load_tasks
+
+    return load_tasks(tasks, campaign.channel(campaign.kind.path))
+
+
+def _require(formats: Sequence[str]) -> None:
+    if formats:
+        from etude.campaign.export import require_formats
+
+        require_formats(formats)
+
+
+def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
+    if not is_learned(campaign.state()):
+        from etude.campaign.learn import learn_pending
+
+        learn_pending(campaign, learner, say)
+
+
+def _way(
+    campaign: Campaign, number: int, motion: Trajectory, found: Proposal, start: str, kept: Kept
+) -> Approached:
+    from etude.campaign.ways import approached
+
+    return approached(campaign, number, motion, found.folder, start, kept)
+
+
+def _exported(
+    campaign: Campaign, number: int, whole: tuple[Trajectory, Path], formats: Sequence[str], effort: bool
+) -> tuple[Exported, ...]:
+    if not formats:
+        return ()
+    from etude.campaign.export import export
+
+    return tuple(export(campaign, number, *whole, name, effort=effort) for name in formats)
 
 
 def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import is_stored, stored_model
 from etude.campaign.state import CHANGED, State
+from etude.campaign.stored import is_stored, stored_model
 from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration

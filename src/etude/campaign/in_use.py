@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import MODEL, newest_model
 from etude.campaign.state import State
+from etude.campaign.stored import MODEL, newest_model
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.folder import Campaign, Say, open_campaign
+from etude.campaign.folder import Campaign, Say
 from etude.campaign.forecast import forecast
-from etude.campaign.journal import jsonable, require_intact
+from etude.campaign.journal import jsonable
 from etude.campaign.state import Round, State
+from etude.campaign.stored import LEFT_OUT, LINEAR, MIXED, MODEL, check_model, is_stored, label, stored_model
 from etude.contracts import Inputs, Samples
-from etude.errors import DataError, NumericalError, UsageError
+from etude.errors import DataError, NumericalError
 from etude.logs.log_file import read_log_file
 from etude.models.held_out import held_out_blocks, split_blocks
 from etude.models.ladder import Ladder, prequential, train_ladder
@@ -23,16 +24,12 @@ from etude.models.left_out import left_out_of
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.score import Score, score
-from etude.models.store import load_model as read_model
 from etude.models.store import save_model
 from etude.progress import part
-from etude.storage import sha256_of, write_atomic
+from etude.storage import write_atomic
 
-MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
-LINEAR, MIXED = "linear", "mixed"
-"""What every rung has to beat, and what is said where commands were given different rungs."""
 BLOCKS = 20
 """Parts of a log without proposal, some of which are held out."""
 
@@ -177,70 +174,6 @@ def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tupl
     return found
 
 
-def newest_model(campaign: Campaign, state: State) -> LearnedModel:
-    """The model in use: that of the last training.
-
-    Raises:
-        UsageError: nothing was learned yet, or a file of the model is missing or was changed.
-        DataError: the file is of another version.
-    """
-    if not state.trained:
-        raise UsageError(
-            "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
-        )
-    check_model(campaign, state)
-    return stored_model(campaign, state.trained[-1].number)
-
-
-def check_model(campaign: Campaign, state: State) -> None:
-    """Holds the model in use, if any, against the journal: a damaged one may still load.
-
-    One that Étude 0.1 stored is not used any more.
-
-    Raises:
-        UsageError: its file is missing or was changed.
-    """
-    if not state.trained or not is_stored(state.trained[-1]):
-        return
-    number = state.trained[-1].number
-    trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
-    advice = (
-        f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
-        "then tell its log again."
-    )
-    require_intact(campaign.path, trained[-1:], advice)
-
-
-def load_model(folder: str | Path) -> LearnedModel:
-    """The model in use in a campaign folder. Errors as `newest_model`."""
-    campaign = open_campaign(Path(folder))
-    return newest_model(campaign, campaign.state())
-
-
-def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
-    """The model with that rung for all commands; None if it was not trained for all."""
-    try:
-        return model.of_rung(rung)
-    except UsageError:
-        return None
-
-
-def label(rungs: Sequence[str]) -> str:
-    """One word for the rungs of all commands."""
-    return rungs[0] if len(set(rungs)) == 1 else MIXED
-
-
-def stored_model(campaign: Campaign, number: int) -> LearnedModel:
-    """The model that round `number` left, read once while its file stays. DataError: missing or damaged."""
-    kind, spec, config, path = campaign.kind, campaign.spec, campaign.config, campaign.model_folder(number)
-    digest = sha256_of(path / MODEL) if (path / MODEL).is_file() else ""
-    if digest not in campaign.models:
-        campaign.models.clear()  # only the last one read: models are large
-        inputs = kind.inputs(spec, config)
-        campaign.models[digest] = read_model(path / MODEL, inputs.restore, kind.physics(spec, config))
-    return campaign.models[digest]
-
-
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
     """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
     if not trained or not is_stored(trained[-1]):
@@ -310,11 +243,6 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dic
         "nmse": nmse,
         "nmse_all": every,
     }
-
-
-def is_stored(trained: Round) -> bool:
-    """Whether the model of a training is in the present form; 0.1 named no rungs."""
-    return "rungs" in (trained.trained or {})
 
 
 def _renew(campaign: Campaign, say: Say) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import newest_model
+from etude.campaign.stored import newest_model
 from etude.campaign.supplied import told_logs
 from etude.contracts import Controller, Robot
 from etude.errors import UsageError

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from etude.campaign.folder import Campaign, Say
-from etude.campaign.learn import learn_pending
 
 ERROR = "tracking_error_"
 """Begins the fact that holds the errors of a test run; their unit ends it."""
@@ -67,6 +66,8 @@ def interrupted_round(campaign: Campaign, say: Say) -> int | None:
     Raises:
         DataError, NumericalError: the log cannot be learned.
     """
+    from etude.campaign.learn import learn_pending
+
     with campaign.writing():
         learn_pending(campaign, say=say)
     trained = campaign.state().trained

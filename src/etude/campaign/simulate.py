@@ -12,7 +12,6 @@ import numpy as np
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask, stored_trajectory
 from etude.campaign.folder import ROBOT, Campaign, Say
-from etude.campaign.learn import newest_model, only_rung
 from etude.campaign.online import learning, require_ticks
 from etude.campaign.rounds import (
     ERROR,
@@ -22,6 +21,7 @@ from etude.campaign.rounds import (
     measured,
     robot_seconds,
 )
+from etude.campaign.stored import newest_model, only_rung
 from etude.campaign.tell import tell
 from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import stored_model
 from etude.campaign.state import State
+from etude.campaign.stored import stored_model
 from etude.contracts import Array, Limit, Log, Margins, Model, Trajectory
 from etude.errors import DataError, UsageError
 from etude.limits.tracking import LAST, Ranges, margins_of, within_room

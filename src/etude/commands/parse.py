@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
+import operator
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
-from typing import Annotated, cast, get_args
+from typing import Annotated, Any, cast
 
 import tyro
 
-from etude.commands.abandon import Abandon
-from etude.commands.ask import Ask
-from etude.commands.bench import Bench
-from etude.commands.demo import Demo
-from etude.commands.doctor import Doctor
-from etude.commands.export import Export
 from etude.commands.help_texts import Page, in_words
-from etude.commands.init import Init
-from etude.commands.inspect import Inspect
 from etude.commands.outcome import Command
-from etude.commands.plugins import Plugins
-from etude.commands.predict import Predict
-from etude.commands.promote import Promote
-from etude.commands.report import Report
-from etude.commands.rollback import Rollback
-from etude.commands.simulate import Simulate
-from etude.commands.status import Status
-from etude.commands.study import Study
-from etude.commands.tell import Tell
-from etude.commands.untell import Untell
-from etude.commands.watch import Watch
 
 DESCRIPTION = (
     "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
@@ -37,43 +21,64 @@ DESCRIPTION = (
     "etude --version says which one this is."
 )
 
-AnyCommand = (
-    Annotated[Init, tyro.conf.subcommand("init")]
-    | Annotated[Ask, tyro.conf.subcommand("ask")]
-    | Annotated[Tell, tyro.conf.subcommand("tell")]
-    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
-    | Annotated[Untell, tyro.conf.subcommand("untell")]
-    | Annotated[Abandon, tyro.conf.subcommand("abandon")]
-    | Annotated[Promote, tyro.conf.subcommand("promote")]
-    | Annotated[Rollback, tyro.conf.subcommand("rollback")]
-    | Annotated[Watch, tyro.conf.subcommand("watch")]
-    | Annotated[Status, tyro.conf.subcommand("status")]
-    | Annotated[Report, tyro.conf.subcommand("report")]
-    | Annotated[Predict, tyro.conf.subcommand("predict")]
-    | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Study, tyro.conf.subcommand("study")]
-    | Annotated[Plugins, tyro.conf.subcommand("plugins")]
-    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
-)
+COMMANDS = {
+    "init": "etude.commands.init:Init",
+    "ask": "etude.commands.ask:Ask",
+    "tell": "etude.commands.tell:Tell",
+    "inspect": "etude.commands.inspect:Inspect",
+    "untell": "etude.commands.untell:Untell",
+    "abandon": "etude.commands.abandon:Abandon",
+    "promote": "etude.commands.promote:Promote",
+    "rollback": "etude.commands.rollback:Rollback",
+    "watch": "etude.commands.watch:Watch",
+    "status": "etude.commands.status:Status",
+    "report": "etude.commands.report:Report",
+    "predict": "etude.commands.predict:Predict",
+    "export": "etude.commands.export:Export",
+    "simulate": "etude.commands.simulate:Simulate",
+    "demo": "etude.commands.demo:Demo",
+    "bench": "etude.commands.bench:Bench",
+    "study": "etude.commands.study:Study",
+    "plugins": "etude.commands.plugins:Plugins",
+    "doctor": "etude.commands.doctor:Doctor",
+}
+"""Their classes, in the order of the help."""
 
 
 def command(arguments: Sequence[str]) -> Command:
-    """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does."""
-    for own in get_args(AnyCommand):
-        in_words(get_args(own)[0])
+    """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does.
+
+    Of a command that stands first only its own module is loaded.
+    """
+    first = arguments[0] if arguments else ""
+    known = [first] if first in COMMANDS else list(COMMANDS)
+    classes = {name: class_of(name) for name in known}
+    for own in classes.values():
+        in_words(own)
+    of_one = len(known) == 1
     page = Page(sys.stdout)
     try:
         with redirect_stdout(page):
             found = tyro.cli(
-                AnyCommand,
-                prog="etude",
-                description=DESCRIPTION,
-                args=list(arguments),
+                classes[first] if of_one else _any_of(classes),
+                prog=f"etude {first}" if of_one else "etude",
+                description=None if of_one else DESCRIPTION,
+                args=list(arguments[1:] if of_one else arguments),
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
             )
     finally:
         page.printed()
     return cast(Command, found)
+
+
+def class_of(name: str) -> type:
+    """The class of a command."""
+    module, _, attribute = COMMANDS[name].partition(":")
+    found: type = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def _any_of(classes: Mapping[str, type]) -> Any:
+    """The union of all commands, each under its name."""
+    own = [Annotated[found, tyro.conf.subcommand(name)] for name, found in classes.items()]
+    return functools.reduce(operator.or_, own)

@@ -86,9 +86,9 @@ class Source:
         for family in {id(one): one for one in families}.values():
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
-            for place, p in zip(places, sample(rng, feasible, len(places)), strict=True):
-                kept = Kept.of(self.limits, family, p)
-                found[place] = Drawn(
-                    family, feasible, kept.drawn_home(family, feasible.centre, p, FEW_HALVINGS, quickly=True)
-                )
+            points, home = sample(rng, feasible, len(places)), feasible.centre
+            kept = Kept.of(self.limits, family, home)
+            for place, p in zip(places, points, strict=True):
+                p = kept.drawn_home(family, home, p, FEW_HALVINGS, quickly=True)
+                found[place] = Drawn(family, feasible, p)
         return [found[place] for place in range(count)]

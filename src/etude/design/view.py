@@ -11,10 +11,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Model, Physics, Posterior, Regressed
 from etude.errors import UsageError
-from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.inducing import InducingGP
-from etude.models.gp.inducing_training import greedy_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +84,8 @@ def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> 
     Raises:
         UsageError: none does, or the processes keep no samples.
     """
+    from etude.models.gp.bayesian_linear import BayesianLinear
+
     regressors = _regressed(physics).regressors()
     made = []
     for latent in latents:
@@ -143,6 +142,9 @@ def fast_posterior(posterior: Posterior, count: int) -> Posterior:
     """
     if not count or not isinstance(posterior, ExactPosterior) or len(posterior.X) <= count:
         return posterior
+    from etude.models.gp.inducing import InducingGP
+    from etude.models.gp.inducing_training import greedy_points
+
     kernel, theta, X = posterior.kernel, posterior.theta, posterior.X
     Z = X[greedy_points(kernel, theta, X, count)]
     log_noise = 0.5 * math.log(posterior.noise_variance)

@@ -24,6 +24,9 @@ SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""
 LOOK, CLOSE = 0.1, 0.99
 """s between samples in searches, and the part of each limit that these use."""
+FEW, AMPLE = 75, 0.75
+"""Samples of the first look in searches, and the part of each limit that these, and the larger of what two
+neighbours say, may use to pass. Rates take more of them."""
 SELDOM = 0.4
 """s between samples of the deviation there: it changes more slowly than that."""
 SURE = 0.95
@@ -40,6 +43,7 @@ STEP = 1e-4
 """Of the penalty's differences, in SI units."""
 
 Answer = Callable[[Motion], Array]
+Both = Callable[[Motion], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,7 @@ class CommandLimit:
         said: sentences for the certificate, what this leaves open.
         most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
             be too much, since they are what costs. None: nothing is known of them.
+        both: motion -> mean and deviation, at the price of a deviation; None: they are asked in turn.
     """
 
     quantity: str
@@ -71,6 +76,7 @@ class CommandLimit:
     said: tuple[str, ...] = ()
     looks_at: tuple[str, ...] = (COMMANDS,)
     most: Array | None = None
+    both: Both | None = None
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -122,6 +128,8 @@ class CommandLimit:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
+        if piece.duration / FEW >= 2.0 * LOOK and not self.rated and self._keeps_by_far(piece):
+            return True
         motion = self._along(piece, LOOK)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
@@ -131,6 +139,20 @@ class CommandLimit:
         if self._clear(mean, piece.duration):
             return True
         return bool(np.all(self._spread(motion, piece.duration, SELDOM) <= room))
+
+    def _keeps_by_far(self, piece: Trajectory) -> bool:
+        """Whether few samples use so little of each limit that what is between them cannot matter."""
+        mean, deviation = self._both(self._along(piece, piece.duration / FEW))
+        off = np.abs(mean - 0.5 * (self.upper + self.lower))
+        spread = self.beyond(piece.duration) * np.maximum(deviation[:-1], deviation[1:])
+        return bool(np.all(np.maximum(off[:-1], off[1:]) + spread <= AMPLE * 0.5 * (self.upper - self.lower)))
+
+    def _both(self, motion: Motion) -> tuple[Array, Array]:
+        """(T, J) means and deviations."""
+        if self.both is not None:
+            return self.both(motion)
+        mean = self.mean(motion)
+        return mean, np.zeros_like(mean) if self.deviation is None else self.deviation(motion)
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each rate that is limited; all of them "sampled".
@@ -248,14 +270,28 @@ def by_model(
         log = inputs.states(motion)
         return np.asarray(model.predict(log)[0] if cheap is None else cheap(log))
 
+    def both(motion: Motion) -> tuple[Array, Array]:
+        found, variance = model.predict(inputs.states(motion))
+        return np.asarray(found), np.asarray(np.sqrt(variance))
+
     def deviation(motion: Motion) -> Array:
-        return np.asarray(np.sqrt(model.predict(inputs.states(motion))[1]))
+        return both(motion)[1]
 
     source, before = "the learned model", getattr(model, "prior_deviation", None)
     doubted = getattr(model, "least", None) is not None  # then its mean may be wrong by all of itself
     most = None if before is None or doubted else MORE * before
     return CommandLimit(
-        quantity, unit, tuple(names), *ends, rate, mean, deviation, source, inputs.orders, most=most
+        quantity,
+        unit,
+        tuple(names),
+        *ends,
+        rate,
+        mean,
+        deviation,
+        source,
+        inputs.orders,
+        most=most,
+        both=both,
     )
 
 

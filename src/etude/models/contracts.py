@@ -21,7 +21,7 @@ class Offered(Candidate):
     """A candidate with its place among those of its rung.
 
     Attributes:
-        name: "default", or one of `candidates.CANDIDATES`.
+        name: "default", or one of `recipes.CANDIDATES`.
         share: (m,) weight within the rung, whatever rung a command has; None: 1, there is no other.
         error: (m,) mean absolute error on motion held out, command units; None where nobody kept it.
     """

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude import plugins
 from etude.contracts import Posterior
-from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
-from etude.models.gp.local_posterior import LocalPosterior, local_posterior_given
-from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.gp.rest import RestNoise
-from etude.models.gp.spectral_features import SpectralFeatures
-from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-from etude.models.lagrangian.joints import Joints
-from etude.models.lagrangian.kernel import Lagrangian
-from etude.models.lwpr.posterior import LWPRPosterior
+
+if TYPE_CHECKING:  # what is not stored is not loaded
+    from etude.models.gp.basis_posterior import BasisPosterior
+    from etude.models.gp.local_posterior import LocalPosterior
+    from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+    from etude.models.lwpr.posterior import LWPRPosterior
 
 Arrays = dict[str, NDArray[Any]]
 Words = dict[str, Any]
@@ -33,13 +31,13 @@ class Form:
     """How posteriors of one type are stored.
 
     Attributes:
-        type: the posteriors' type.
+        type: name of the posteriors' type, with its module below `etude.models`.
         arrays: names of its attributes that are arrays, stored as they are.
         words: names of its numbers, stored in full precision.
         make: words and a look-up of arrays -> the posterior.
     """
 
-    type: type
+    type: str
     arrays: tuple[str, ...]
     words: tuple[str, ...]
     make: Callable[[Words, Lookup], Posterior]
@@ -51,6 +49,8 @@ def _exact(words: Words, array: Lookup) -> ExactPosterior:
 
 
 def _basis(words: Words, array: Lookup) -> BasisPosterior:
+    from etude.models.gp.basis_posterior import BasisPosterior
+
     return BasisPosterior(
         kernel_of(words["kernel"]),
         array("theta"),
@@ -63,6 +63,9 @@ def _basis(words: Words, array: Lookup) -> BasisPosterior:
 
 
 def _spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
+    from etude.models.gp.spectral_features import SpectralFeatures
+    from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
+
     return SparseSpectrumPosterior(
         SpectralFeatures(array("frequencies")),
         float(words["signal_variance"]),
@@ -76,6 +79,8 @@ def _spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
 
 
 def _local(words: Words, array: Lookup) -> LocalPosterior:
+    from etude.models.gp.local_posterior import local_posterior_given
+
     return local_posterior_given(
         kernel_of(words["kernel"]),
         array("theta"),
@@ -91,6 +96,8 @@ LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
 
 
 def _lwpr(words: Words, array: Lookup) -> LWPRPosterior:
+    from etude.models.lwpr.posterior import LWPRPosterior
+
     return LWPRPosterior(
         float(words["noise_variance"]),
         float(words["signal_variance"]),
@@ -99,26 +106,26 @@ def _lwpr(words: Words, array: Lookup) -> LWPRPosterior:
 
 
 FORMS = {
-    "exact": Form(ExactPosterior, ("theta", "X", "y"), ("noise_variance",), _exact),
+    "exact": Form("gp.exact:ExactPosterior", ("theta", "X", "y"), ("noise_variance",), _exact),
     "basis": Form(
-        BasisPosterior,
+        "gp.basis_posterior:BasisPosterior",
         ("theta", "basis", "weights", "half"),
         ("noise_variance", "signal_variance"),
         _basis,
     ),
     "spectrum": Form(
-        SparseSpectrumPosterior,
+        "gp.spectral_posterior:SparseSpectrumPosterior",
         ("weights", "L", "X", "y", "theta"),
         ("noise_variance", "signal_variance"),
         _spectrum,
     ),
     "local": Form(
-        LocalPosterior,
+        "gp.local_posterior:LocalPosterior",
         ("theta", "centres", "lengths", "X", "y", "counts"),
         ("noise_variance", "nearest"),
         _local,
     ),
-    "lwpr": Form(LWPRPosterior, LWPR_ARRAYS, ("noise_variance", "signal_variance"), _lwpr),
+    "lwpr": Form("lwpr.posterior:LWPRPosterior", LWPR_ARRAYS, ("noise_variance", "signal_variance"), _lwpr),
 }
 """The forms by name; an exact posterior, of a dictionary too, is computed again from its points."""
 
@@ -133,9 +140,10 @@ def posterior_words(posterior: Posterior) -> Words:
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name. TypeError if its type has no form."""
-    arrays: Arrays = {name: getattr(posterior, name) for name in _form_of(posterior)[1].arrays}
-    if isinstance(posterior, SparseSpectrumPosterior):
-        arrays["frequencies"] = posterior.features.frequencies
+    name, form = _form_of(posterior)
+    arrays: Arrays = {name: getattr(posterior, name) for name in form.arrays}
+    if name == "spectrum":
+        arrays["frequencies"] = cast("SparseSpectrumPosterior", posterior).features.frequencies
     return arrays
 
 
@@ -152,14 +160,18 @@ def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) 
 
 
 def _form_of(posterior: Posterior) -> tuple[str, Form]:
+    own = f"{type(posterior).__module__}:{type(posterior).__name__}"
     for name, form in FORMS.items():
-        if type(posterior) is form.type:
+        if own == f"etude.models.{form.type}":
             return name, form
     raise TypeError(f"a posterior of type {type(posterior).__name__} has no form on disk yet")
 
 
 def kernel_words(kernel: Kernel) -> Words:
     """A kernel for JSON, a plug-in's by its name. TypeError for a type that has no form."""
+    from etude.models.gp.plugin_kernel import PluginKernel
+    from etude.models.lagrangian.kernel import Lagrangian
+
     if isinstance(kernel, PluginKernel):
         return {
             "type": "plugin",
@@ -193,6 +205,8 @@ def kernel_of(words: Words) -> Kernel:
     """
     kind = words["type"]
     if kind == "plugin":
+        from etude.models.gp.plugin_kernel import PluginKernel
+
         name, columns = words["name"], [tuple(column) for column in words["columns"]]
         factory = plugins.load("etude.kernels", name)
         return PluginKernel.of(name, factory, columns, tuple(words["commands"]))
@@ -206,6 +220,9 @@ def kernel_of(words: Words) -> Kernel:
     if kind == "RestNoise":
         return RestNoise(int(words["column"]))
     if kind == "Lagrangian":
+        from etude.models.lagrangian.joints import Joints
+        from etude.models.lagrangian.kernel import Lagrangian
+
         joints = {name: tuple(values) for name, values in words["joints"].items()}
         return Lagrangian(Joints(**joints), int(words["own"]))
     raise ValueError(f"unknown kernel {kind!r}")

@@ -19,13 +19,13 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
-from etude.models.candidates import CANDIDATES
 from etude.models.changed import FREEDOM
 from etude.models.contracts import Offered, share_of
 from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
+from etude.models.recipes import CANDIDATES
 from etude.models.student_t import StudentT
 from etude.storage import write_atomic
 

@@ -108,7 +108,7 @@ class Record:
 
     def model(self, number: int) -> Model | None:
         """The model in use after round `number`."""
-        from etude.campaign.learn import stored_model
+        from etude.campaign.stored import stored_model
 
         campaign = self.campaign
         if campaign is None:

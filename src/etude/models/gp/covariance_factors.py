@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dtrmm
 
+from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 
 Array = NDArray[np.float64]
@@ -46,6 +48,11 @@ class CovarianceFactors:
         V = dtrmm(1.0, L_inverse, K.T, lower=1).T
         return cls(kernel, theta, L_inverse, X, K, V, pull)
 
+    @cached_property
+    def against(self) -> Against:
+        """X (T', D) -> prior covariance (T', T) with these inputs, and its pull-back."""
+        return self.kernel.against(self.theta, self.X)
+
     def variance(self) -> Array:
         """Latent variance (T,), thesis (2.6); never below zero."""
         prior = self.kernel.diagonal(self.theta, self.X)
@@ -64,7 +71,7 @@ class CovarianceFactors:
             # another set is kept with its entry, so that its id cannot pass to a third; itself is not: in a
             # circle of references the matrices would wait for the garbage collector
             kept = None if other is self else other
-            self._read[id(other)] = (kept, *self.kernel.cross(self.theta, self.X, other.X))
+            self._read[id(other)] = (kept, *other.against(self.X))
         _, prior, pull = self._read[id(other)]
         return prior, pull
 

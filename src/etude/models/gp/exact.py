@@ -13,6 +13,7 @@ from scipy.linalg.lapack import dpotrs
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors
+from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
@@ -146,10 +147,14 @@ class ExactPosterior:
         """L^-1 (n, n), made once: every prediction and gradient is then a triangular product."""
         return triangular_inverse(self.L)
 
+    @cached_property
+    def _against(self) -> Against:
+        return self.kernel.against(self.theta, self.X)
+
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
-        K, pull = self.kernel.cross(self.theta, X, self.X)
+        K, pull = self._against(X)
         return CovarianceFactors.of(self.kernel, self.theta, self.L_inverse, X, K, pull)
 
     def predict(self, X: Array) -> tuple[Array, Array]:
@@ -169,7 +174,7 @@ class ExactPosterior:
         X = self._inputs(X)
         mean = np.empty(len(X))
         for rows in _blocks(len(X)):
-            mean[rows] = self.kernel.value(self.theta, X[rows], self.X) @ self.alpha
+            mean[rows] = self.kernel.weighted(self.theta, X[rows], self.X, self.alpha)
         return mean
 
     def covariance(self, X: Array, Z: Array) -> Array:

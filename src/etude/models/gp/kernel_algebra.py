@@ -21,6 +21,7 @@ from etude.errors import UsageError
 
 Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
+Against = Callable[[Array], tuple[Array, Pull]]
 Role = Literal["amplitude", "length", "slope"]
 
 
@@ -67,9 +68,17 @@ class Kernel(ABC):
         """Number P of hyperparameters."""
         return len(self.names())
 
+    def against(self, theta: Array, Z: Array) -> Against:
+        """X -> `cross` with Z (m, D) that stays: what depends on that alone is made once."""
+        return lambda X: self.cross(theta, X, Z)
+
     def value(self, theta: Array, X: Array, Z: Array) -> Array:
         """k(X, Z), (n, m), in memory of its own."""
         return self.cross(theta, X, Z)[0]
+
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        """k(X, Z) alpha, (n,) or (n, c), of weights (m,) or (m, c): means need no more of the matrix."""
+        return np.asarray(self.value(theta, X, Z) @ alpha)
 
     def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
         """Gradient (P,) of sum(G * k(X, X)) with respect to theta; G is (n, n)."""
@@ -140,12 +149,16 @@ class Sum(_Composite):
         return _total([K for K, _ in pairs]), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        pairs = [part.cross(own, X, Z) for part, own in self.shares(theta)]
+        return self.against(theta, Z)(X)
 
-        def pull(G: Array) -> Array:
-            return _total([pull_part(G) for _, pull_part in pairs])
+    def against(self, theta: Array, Z: Array) -> Against:
+        parts = [part.against(own, Z) for part, own in self.shares(theta)]
 
-        return _total([K for K, _ in pairs]), pull
+        def crossed(X: Array) -> tuple[Array, Pull]:
+            pairs = [part(X) for part in parts]
+            return _total([K for K, _ in pairs]), lambda G: _total([pull(G) for _, pull in pairs])
+
+        return crossed
 
     def value(self, theta: Array, X: Array, Z: Array) -> Array:
         (first, own), *others = self.shares(theta)
@@ -153,6 +166,9 @@ class Sum(_Composite):
         for part, own in others:
             out += part.value(own, X, Z)
         return out
+
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        return _total([part.weighted(own, X, Z, alpha) for part, own in self.shares(theta)])
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _total([part.diagonal(own, X) for part, own in self.shares(theta)])
@@ -182,13 +198,21 @@ class Product(_Composite):
         return _product(values), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        pairs = [part.cross(own, X, Z) for part, own in self.shares(theta)]
-        values = [K for K, _ in pairs]
+        return self.against(theta, Z)(X)
 
-        def pull(G: Array) -> Array:
-            return _total([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+    def against(self, theta: Array, Z: Array) -> Against:
+        parts = [part.against(own, Z) for part, own in self.shares(theta)]
 
-        return _product(values), pull
+        def crossed(X: Array) -> tuple[Array, Pull]:
+            pairs = [part(X) for part in parts]
+            values = [K for K, _ in pairs]
+
+            def pull(G: Array) -> Array:
+                return _total([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+
+            return _product(values), pull
+
+        return crossed
 
     def value(self, theta: Array, X: Array, Z: Array) -> Array:
         (first, own), *others = self.shares(theta)
@@ -228,6 +252,8 @@ def _total(terms: list[Array]) -> Array:
 
 def _product(factors: list[Array], without: int = -1) -> Array:
     kept = [factor for i, factor in enumerate(factors) if i != without]
+    if len(kept) == 1 < len(factors):
+        return kept[0]  # only read
     out = kept[0].copy(order="K")
     for factor in kept[1:]:
         out *= factor

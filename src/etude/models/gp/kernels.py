@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Column
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Against, Array, Kernel, Product, Pull, Role, Sum
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""
@@ -73,19 +73,28 @@ class SquaredExponential(Kernel):
         return K, pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        return self.against(theta, Z)(X)
+
+    def against(self, theta: Array, Z: Array) -> Against:
         log_s0, lengths = self._split(theta)
-        own, fixed = _active(X, self.dims), _active(Z, self.dims)
+        fixed = _active(Z, self.dims)
         centre = fixed.mean(axis=0)
-        U, V = (own - centre) / lengths, (fixed - centre) / lengths
-        K = _scaled_exponential(U, V, log_s0)
+        V = (fixed - centre) / lengths
+        right, beside = _right(V), _with_ones(V)
 
-        def pull(G: Array) -> Array:
-            GV = (G * K) @ _with_ones(V)
-            out = np.zeros(X.shape)
-            out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
-            return out
+        def crossed(X: Array) -> tuple[Array, Pull]:
+            U = (_active(X, self.dims) - centre) / lengths
+            K = _exponential(_left(U, log_s0), right, log_s0)
 
-        return K, pull
+            def pull(G: Array) -> Array:
+                GV = (G * K) @ beside
+                out = np.zeros(X.shape)
+                out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
+                return out
+
+            return K, pull
+
+        return crossed
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         log_s0, _ = self._split(theta)
@@ -126,14 +135,24 @@ class Linear(Kernel):
         return (A @ A.T).T, pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        return self.against(theta, Z)(X)
+
+    def against(self, theta: Array, Z: Array) -> Against:
         weighted = _active(Z, self.dims) * np.exp(2.0 * self.check(theta))
 
-        def pull(G: Array) -> Array:
-            out = np.zeros(X.shape)
-            out[:, self.dims] = G @ weighted
-            return out
+        def crossed(X: Array) -> tuple[Array, Pull]:
+            def pull(G: Array) -> Array:
+                out = np.zeros(X.shape)
+                out[:, self.dims] = G @ weighted
+                return out
 
-        return _active(X, self.dims) @ weighted.T, pull
+            return _active(X, self.dims) @ weighted.T, pull
+
+        return crossed
+
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+        slopes = (_active(Z, self.dims) * np.exp(2.0 * self.check(theta))).T @ alpha
+        return np.asarray(_active(X, self.dims) @ slopes)
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return np.asarray(_active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
@@ -207,8 +226,18 @@ def _motion(columns: Sequence[Column]) -> tuple[int, ...]:
 
 def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
     """exp(2 log_s0 - |u - v|²/2) (n, m): the exponent comes from one matrix product of width D + 2."""
-    left = np.column_stack([U, 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U), np.ones(len(U))])
-    right = np.column_stack([V, np.ones(len(V)), -0.5 * np.einsum("nd,nd->n", V, V)])
+    return _exponential(_left(U, log_s0), _right(V), log_s0)
+
+
+def _left(U: Array, log_s0: float) -> Array:
+    return np.column_stack([U, 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U), np.ones(len(U))])
+
+
+def _right(V: Array) -> Array:
+    return np.column_stack([V, np.ones(len(V)), -0.5 * np.einsum("nd,nd->n", V, V)])
+
+
+def _exponential(left: Array, right: Array, log_s0: float) -> Array:
     K: Array = left @ right.T
     # rounding may lift a near-zero distance below zero; far outside the data it could even overflow
     np.minimum(K, 2.0 * log_s0, out=K)

@@ -43,6 +43,10 @@ class RestNoise(Kernel):
         self.check(theta)
         return np.zeros((len(X), len(Z))), lambda _: np.zeros(X.shape)
 
+    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:  # noqa: ARG002
+        self.check(theta)
+        return np.zeros((len(X), *alpha.shape[1:]))
+
     def diagonal(self, theta: Array, X: Array) -> Array:
         return np.asarray(np.exp(2.0 * self.check(theta)[0]) * self._rest(X) ** 2)
 
