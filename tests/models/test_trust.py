@@ -31,6 +31,13 @@ def test_where_nothing_is_known_the_safe_command_is_what_remains() -> None:
     np.testing.assert_array_equal(found, [[3.0, -1.0], [0.5, 3.0]])
 
 
+def test_where_nothing_was_to_be_learned_the_command_is_a_number() -> None:
+    """A process without signal beside physics: its variance is all noise, which does not count."""
+    safe = np.array([[0.5, -2.0]])
+    found = trusted(safe, np.array([[0.0, 1e-17]]), np.zeros(2), safe)
+    np.testing.assert_array_equal(found, safe)
+
+
 def test_familiar_inputs_are_those_within_the_ranges() -> None:
     ranges = np.array([[0.0, -1.0], [2.0, 1.0]])
     X = np.array([[1.0, 0.0], [2.0, 1.0], [2.0 + 2.0 * REACH, 0.0], [1.0, -9.0], [2.0 + REACH, 0.0]])

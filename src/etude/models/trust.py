@@ -11,6 +11,8 @@ from etude.contracts import Array, Column, Mask
 # Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
 # learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.
 TRUSTED, UNKNOWN = 0.5, 0.9
+LEAST = 1e-12
+"""Least prior deviation, command units: where nothing was to be learned, the safe command is the mean."""
 REACH = 0.25
 """Part of an input's range beyond which an uncalibrated model is not asked."""
 
@@ -23,7 +25,7 @@ def trust(variance: Array, prior_deviation: Array) -> Array:
     An arm's variances come without noise, at rest too (`LearnedModel.faded`): nothing can be learned of it,
     and beside physics, which leave little to learn, it would hide what was.
     """
-    ratio = variance / prior_deviation**2
+    ratio = variance / np.maximum(prior_deviation, LEAST) ** 2
     return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))
 
 

@@ -64,8 +64,7 @@ def answered(plan: Plan, states: Array) -> Golden:
     mean, variance = plan.model.predict(log)
     still = np.where(plan.still, 0.0, inside)
     gravity = plan.model.static(log_of(plan, still))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        faded, _ = plan.model.faded(log)
+    faded, _ = plan.model.faded(log)
     flags |= LIMITED * np.any((mean > plan.most) | (mean < plan.least), axis=1).astype(int)
     clipped = [np.clip(values, plan.least, plan.most) for values in (mean, faded, gravity)]
     return Golden(states, clipped[0], variance, clipped[1], clipped[2], flags)

@@ -14,7 +14,7 @@ from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
-from etude.models.trust import TRUSTED, UNKNOWN
+from etude.models.trust import LEAST, TRUSTED, UNKNOWN
 
 PHYSICAL = ("nominal", "identified")
 
@@ -213,4 +213,4 @@ def _functions(plan: Plan, form: Form) -> str:
 
 
 def _prior(plan: Plan) -> Any:
-    return np.maximum(plan.model.signal_deviation, float(np.finfo(float).tiny) ** 0.25)
+    return np.maximum(plan.model.signal_deviation, LEAST)
