@@ -83,7 +83,7 @@ def test_deviations_count_as_often_as_all_commands_need() -> None:
     plain, wide = LIMIT.prove(SWING)[0], known.prove(SWING)[0]
     assert wide.proved_upper == pytest.approx(plain.proved_upper + 0.31235, abs=1e-3)
     assert "3.1 of its deviations" in wide.method
-    spread = known._spread(SWING.motion(np.linspace(0.0, 7.0, 1401)), 7.0)[:, 1]
+    spread = known.spread(SWING.motion(np.linspace(0.0, 7.0, 1401)), 7.0)[:, 1]
     t = np.linspace(0.0, 7.0, 1401)
     assert np.all(spread >= 3.1 * 0.1 * t - 1e-9), "never less than it is there"
     assert np.all(spread <= 3.13 * 0.1 * (t + COARSE) + 1e-9)
@@ -188,7 +188,7 @@ def test_where_rest_at_home_is_beyond_it_nothing_is_looked_at_and_it_says_why() 
     assert not certificate.rows
     assert "3.73 N m of b at rest at home" in " ".join(certificate.not_looked_at)
     vague = replace(LIMIT, deviation=lambda motion: np.full((len(motion.t), 2), 2.1))
-    assert vague._spread(SWING.motion(np.zeros(1)), 1.0).max() < 8.0
+    assert vague.spread(SWING.motion(np.zeros(1)), 1.0).max() < 8.0
     assert isinstance(kept_at(vague, np.zeros(2)), OpenCommands), "a longer motion needs more deviations"
 
 

@@ -64,6 +64,15 @@ def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averag
     )
 
 
+def test_where_no_candidate_predicted_anything_the_default_stays_in_use() -> None:
+    """Of two logs one in which nothing moves: neither can be predicted from the other."""
+    data = trajectories(2)
+    still = replace(data, moving=data.moving & (data.group == data.group[0])[:, None])
+    model = ladder(still, BOTH).model
+    assert set(model.chosen) == {"gp"}
+    assert (model.prior_deviation > 0.0).all()
+
+
 def test_designs_see_the_default_alone(averaged) -> None:
     found = averaged.model.latents()
     assert sorted(j for _, own in found for j in own) == [0, 1]

@@ -15,16 +15,20 @@ from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.campaign.stored import stored_model
 from etude.contracts import Array, Limit, Log, Margins, Model, Trajectory
+from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import DataError, UsageError
+from etude.limits.believed import after_run
 from etude.limits.tracking import LAST, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
-from etude.trajectories.json_text import SINGLE
+from etude.trajectories.json_text import SINGLE, from_json
 
 TRACKED, MARGINS, UNHELD, MODEL = "tracked", "margins", "unheld", "model"
 """Facts: largest errors by form, of a `told` event; of an `asked` one what was kept, what was not, and the
 round whose model said what the drives must give.
 """
 ACCELERATION = 2
+FULL = 100
+"""%, of the speed that was asked for."""
 QUANTITIES = ("position", "velocity")
 
 
@@ -64,9 +68,23 @@ class Kept:
         described: of the description alone, which a proposal that is open already is held against.
         """
         if described not in self._limits:
-            of = campaign.described_limits if described else campaign.limits
-            self._limits[described] = of(self.margins, self.model(campaign))
+            self._limits[described] = self._made(campaign, self.margins, described)
         return self._limits[described]
+
+    def _made(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
+        of = campaign.described_limits if described else campaign.limits
+        limits, ran = of(margins, self.model(campaign)), self._ran(campaign)
+        return limits if ran is None else after_run(limits, ran)
+
+    def _ran(self, campaign: Campaign) -> Trajectory | None:
+        """The motion that taught the model last, if it is known; a slower copy asks for less."""
+        if self.number is None or self.model(campaign) is None:
+            return None
+        with contextlib.suppress(UsageError, OSError):
+            told = campaign.round(self.number).told or {}
+            if not told.get("foreign", True) and told.get("speed") == FULL:
+                return from_json((campaign.proposal(self.number) / COEFFICIENTS).read_bytes())
+        return None
 
     def of(self, trajectory: Trajectory) -> Kept:
         """With the sentences about this motion, one piece after the other."""
@@ -86,8 +104,7 @@ class Kept:
         self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
     ) -> Sequence[Limit]:
         """The robot's, less the margins of a motion whose receiver knows no pieces."""
-        of = campaign.described_limits if described else campaign.limits
-        return of(self.margins_of_chain(trajectory), self.model(campaign))
+        return self._made(campaign, self.margins_of_chain(trajectory), described)
 
     def as_facts(self) -> dict[str, Any]:
         """For the `asked` event; nothing where nothing is kept."""

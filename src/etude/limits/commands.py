@@ -61,6 +61,7 @@ class CommandLimit:
         most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
             be too much, since they are what costs. None: nothing is known of them.
         both: motion -> mean and deviation, at the price of a deviation; None: they are asked in turn.
+        share: (J,) of the deviations that counts, see `believed`; None: all.
     """
 
     quantity: str
@@ -77,6 +78,7 @@ class CommandLimit:
     looks_at: tuple[str, ...] = (COMMANDS,)
     most: Array | None = None
     both: Both | None = None
+    share: Array | None = None
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -110,7 +112,7 @@ class CommandLimit:
         duration, gradient = float(np.ptp(motion.t)), np.zeros_like(motion.orders)
         if self._clear(self.mean(motion), duration):
             return 0.0, gradient
-        spread = self._spread(motion, duration, SELDOM)
+        spread = self.spread(motion, duration, SELDOM)
         over = self._over(motion, spread)
         at = np.flatnonzero(over.any(axis=1))
         if not len(at):
@@ -130,7 +132,7 @@ class CommandLimit:
         """Whether samples keep all that: for searches, whose result is then looked at closely."""
         if piece.duration / FEW >= 2.0 * LOOK and not self.rated and self._keeps_by_far(piece):
             return True
-        motion = self._along(piece, LOOK)
+        motion = self.along(piece, LOOK)
         mean, middle = self.mean(motion), 0.5 * (self.upper + self.lower)
         rates = np.abs(np.diff(mean, axis=0)) / np.diff(motion.t)[:, None]
         room = CLOSE * 0.5 * (self.upper - self.lower) - np.abs(mean - middle)
@@ -138,13 +140,13 @@ class CommandLimit:
             return False  # by the mean alone: deviations cost more
         if self._clear(mean, piece.duration):
             return True
-        return bool(np.all(self._spread(motion, piece.duration, SELDOM) <= room))
+        return bool(np.all(self.spread(motion, piece.duration, SELDOM) <= room))
 
     def _keeps_by_far(self, piece: Trajectory) -> bool:
         """Whether few samples use so little of each limit that what is between them cannot matter."""
-        mean, deviation = self._both(self._along(piece, piece.duration / FEW))
+        mean, deviation = self._both(self.along(piece, piece.duration / FEW))
         off = np.abs(mean - 0.5 * (self.upper + self.lower))
-        spread = self.beyond(piece.duration) * np.maximum(deviation[:-1], deviation[1:])
+        spread = self._counted(piece.duration) * np.maximum(deviation[:-1], deviation[1:])
         return bool(np.all(np.maximum(off[:-1], off[1:]) + spread <= AMPLE * 0.5 * (self.upper - self.lower)))
 
     def _both(self, motion: Motion) -> tuple[Array, Array]:
@@ -171,9 +173,9 @@ class CommandLimit:
         if getattr(piece, "held", False):
             raise UsageError(f"the {self.quantity} between set-points that are held is the receiver's own")
         piece.bound(self.orders - 1, 1)  # refuses curves that do not have it
-        motion = self._along(piece, SPACING)
+        motion = self.along(piece, SPACING)
         step, mean = float(motion.t[1] - motion.t[0]), self.mean(motion)
-        spread, bend = self._spread(motion, piece.duration), _bend(mean)
+        spread, bend = self.spread(motion, piece.duration), _bend(mean)
         low, high = (mean - spread - bend / 8.0).min(axis=0), (mean + spread + bend / 8.0).max(axis=0)
         text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
         rows = []
@@ -191,9 +193,13 @@ class CommandLimit:
     def _whose(self, piece: Trajectory) -> str:
         if self.deviation is None:
             return self.source
-        return f"{self.source} and {self.beyond(piece.duration):.2g} of its deviations"
+        own = self._counted(piece.duration)
+        most, least = float(own.max()), float(own.min())
+        count = f"{most:.2g}" if most == least else f"{least:.2g} to {most:.2g}"
+        return f"{self.source} and {count} of its deviations"
 
-    def _along(self, piece: Trajectory, spacing: float) -> Motion:
+    def along(self, piece: Trajectory, spacing: float) -> Motion:
+        """The motion every `spacing` s, its end too."""
         count = max(3, math.ceil(piece.duration / spacing - 1e-9)) + 1
         return piece.motion(np.linspace(0.0, piece.duration, count), self.orders)
 
@@ -202,9 +208,9 @@ class CommandLimit:
         if self.most is None:
             return False
         middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
-        return bool(np.all(np.abs(mean - middle) + self.beyond(duration) * self.most <= CLOSE * half))
+        return bool(np.all(np.abs(mean - middle) + self._counted(duration) * self.most <= CLOSE * half))
 
-    def _spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
+    def spread(self, motion: Motion, duration: float, apart: float = COARSE) -> Array:
         """(T, J) deviations times b: from samples `apart`, s, the larger of two that are neighbours."""
         if self.deviation is None:
             return np.zeros((len(motion.t), len(self.names)))
@@ -216,7 +222,11 @@ class CommandLimit:
             np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
         )
         right = np.minimum(left + 1, len(places) - 1)
-        return np.asarray(self.beyond(duration) * np.maximum(found[left], found[right]))
+        return np.asarray(self._counted(duration) * np.maximum(found[left], found[right]))
+
+    def _counted(self, duration: float) -> Array:
+        """(J,) deviations that count."""
+        return np.asarray(self.beyond(duration) * (1.0 if self.share is None else self.share))
 
     def _over(self, motion: Motion, spread: Array) -> Array:
         """(T, J) parts of half a limit by which commands exceed it, 0 inside."""
@@ -302,7 +312,7 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
     """
     still = Motion(np.zeros(1), np.zeros((limit.orders, 1, len(home))))
     still.orders[0, 0] = home
-    mean, spread = limit.mean(still)[0], limit._spread(still, LONGEST)[0]
+    mean, spread = limit.mean(still)[0], limit.spread(still, LONGEST)[0]
     over = np.maximum(mean + spread - limit.upper, limit.lower - mean + spread)
     if not np.any(over > 0.0):
         return limit

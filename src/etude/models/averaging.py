@@ -48,6 +48,8 @@ def averaged(
     needed = weights.max(axis=1) >= LEAST
     weights = np.where(needed[:, None], weights, 0.0)
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+    for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use
+        own[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
     use = _compared(defaults, (len(folds.X), J))
     held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
     kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
