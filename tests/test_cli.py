@@ -14,9 +14,9 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign.ask import stored_trajectory
 from etude.campaign.folder import open_campaign
 from etude.campaign.learn import Learned
+from etude.campaign.proposals import stored_trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
 

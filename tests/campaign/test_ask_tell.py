@@ -11,10 +11,11 @@ import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.abandon import abandon
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell
 from etude.campaign.told import Told
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError

@@ -16,9 +16,10 @@ from small_robot import make_campaign, write_log
 from test_learning import CONFIG as LEARNING
 
 from etude import cli, storage
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.stored import MODEL, newest_model
 from etude.campaign.tell import tell
 from etude.errors import DataError, UsageError

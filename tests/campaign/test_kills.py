@@ -14,10 +14,11 @@ import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
 from etude import storage
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell
 from etude.errors import EtudeError, UsageError
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from small_robot import make_campaign, random_motion, write_log
 
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.config_file import parse_config
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.status import status
 from etude.campaign.stored import newest_model
 from etude.campaign.tell import tell

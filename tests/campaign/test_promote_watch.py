@@ -12,7 +12,6 @@ from small_robot import command_of, make_campaign, random_motion, write_log
 from test_changed_robot import CHANGES, write_changed
 from test_learning import CONFIG
 
-from etude.campaign.ask import stored_trajectory
 from etude.campaign.confirm import ask_to_confirm
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.foretold import SPREAD
@@ -20,6 +19,7 @@ from etude.campaign.in_use import model_in_use, pinned
 from etude.campaign.journal import read_events
 from etude.campaign.predict import check_table, predict, write_table
 from etude.campaign.promote import promote, rollback
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.several import tell
 from etude.campaign.status import status
 from etude.campaign.stored import newest_model

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from etude.campaign import simulate as simulating
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.learn import told_samples
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status
 from etude.campaign.stored import load_model

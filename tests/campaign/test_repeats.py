@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
 from etude.campaign.learn import _scores, told_samples
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.repeats import CHECK, planned_states, share_within
 from etude.campaign.status import status
 from etude.campaign.tell import tell

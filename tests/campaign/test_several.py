@@ -12,9 +12,10 @@ import pytest
 from small_robot import random_motion, stub_learner, write_log
 
 from etude.campaign.abandon import abandon
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import damaged_files
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.several import ToldMany, tell
 from etude.campaign.state import replay
 from etude.campaign.status import status

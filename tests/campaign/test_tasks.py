@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from small_robot import make_campaign
 
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tasks import load_tasks
 from etude.contracts import Channel
 from etude.errors import UsageError

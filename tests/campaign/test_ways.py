@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell
 from etude.campaign.ways import pose_of
 from etude.cli import main

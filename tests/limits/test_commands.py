@@ -19,10 +19,9 @@ from etude.limits.commands import (
     FEW,
     SPACING,
     CommandLimit,
-    OpenCommands,
     by_model,
-    kept_at,
 )
+from etude.limits.open_commands import OpenCommands, kept_at
 from etude.limits.unseen import COMMANDS
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.splined import Splined

@@ -13,16 +13,16 @@ import numpy as np
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
+from etude.campaign.proposals import FULL, speed_folder, stored_trajectory
 from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.stored import is_learned, newest_model
 from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory
-from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
+from etude.deploy.trajectory_files import TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
-from etude.storage import unreadable, write_atomic
-from etude.trajectories.json_text import from_json
+from etude.storage import write_atomic
 
 if TYPE_CHECKING:
     from etude.campaign.export import Exported
@@ -64,7 +64,7 @@ def ask(
     *,
     new: bool = False,
     go_on: bool = False,
-    speed: int = 100,
+    speed: int = FULL,
     tasks: Path | None = None,
     formats: Sequence[str] = (),
     effort: bool = False,
@@ -153,23 +153,6 @@ def _exported(
     return tuple(export(campaign, number, *whole, name, effort=effort) for name in formats)
 
 
-def stored_trajectory(campaign: Campaign, number: int, speed: int = 100) -> Trajectory:
-    """The trajectory of a proposal, or its slowed copy, from its file.
-
-    Raises:
-        UsageError: there is no such file, or it is damaged.
-    """
-    path = speed_folder(campaign, number, speed) / COEFFICIENTS
-    try:
-        return from_json(path.read_bytes())
-    except FileNotFoundError:
-        raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
-    except OSError as error:
-        raise unreadable(path, error) from error
-    except UsageError as error:
-        raise UsageError(error.fact, where=str(path), next_step="Restore the file from a copy.") from None
-
-
 def _open(campaign: Campaign, state: State) -> list[Trajectory]:
     """The proposals that wait for their logs; one whose file is damaged will have none."""
     found = []
@@ -177,12 +160,6 @@ def _open(campaign: Campaign, state: State) -> list[Trajectory]:
         with contextlib.suppress(UsageError):
             found.append(stored_trajectory(campaign, waiting.number))
     return found
-
-
-def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:
-    """Where the files of a proposal at this speed (per cent) are."""
-    folder = campaign.proposal(number)
-    return folder if speed == 100 else folder / f"speed_{speed:03d}"
 
 
 def _propose(
@@ -256,16 +233,16 @@ def present(
     """
     exported = _check_files(campaign, number, speed)
     folder = speed_folder(campaign, number, speed)
-    if made is None or speed != 100:
+    if made is None or speed != FULL:
         full = stored_trajectory(campaign, number)
-        motion = at_speed(full, speed) if speed != 100 else full
+        motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
             files = _again(campaign, motion, kept)
         else:
             files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
     else:
         files = made[0]
-    if speed != 100 and not exported:
+    if speed != FULL and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     status = "asked for before, still open" if made is None else made[1]
     return Proposal(number, folder, files.certificate, files.trajectory.duration, made is not None, status)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from etude.campaign.ask import stored_trajectory
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import require_intact
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tracking import kept_now, kept_then
 from etude.contracts import Trajectory
 from etude.deploy.along import Bounded

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.ask import Proposal, present, stored_trajectory
+from etude.campaign.ask import Proposal, present
 from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.in_use import model_in_use
 from etude.campaign.learn import learn_pending
 from etude.campaign.motions import typical_motions
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory

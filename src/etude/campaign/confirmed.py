@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.ask import stored_trajectory
 from etude.campaign.confirm import FEEDFORWARD
 from etude.campaign.folder import Campaign
 from etude.campaign.foretold import LEFT_OVER, TRAINED, Without, errors, moving, without_it
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
 from etude.campaign.told import How, Told, aligned_with, read

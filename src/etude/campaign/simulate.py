@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.abandon import abandon
-from etude.campaign.ask import ask, stored_trajectory
+from etude.campaign.ask import ask
 from etude.campaign.folder import ROBOT, Campaign, Say
 from etude.campaign.online import learning, require_ticks
+from etude.campaign.proposals import stored_trajectory
 from etude.campaign.rounds import (
     ERROR,
     SimulatedRound,

@@ -11,13 +11,13 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from etude.campaign.ask import speed_folder, stored_trajectory
 from etude.campaign.changed import answer, change_found
 from etude.campaign.confirmed import check_no_confirmation, take_run
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.numbers import check_asked, check_same_number, free_number
+from etude.campaign.proposals import speed_folder, stored_trajectory
 from etude.campaign.questions import Asked, Given, answers_of
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State

@@ -12,23 +12,21 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import Campaign
+from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.stored import stored_model
 from etude.contracts import Array, Limit, Log, Margins, Model, Trajectory
-from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import DataError, UsageError
 from etude.limits.believed import after_run
 from etude.limits.tracking import LAST, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
-from etude.trajectories.json_text import SINGLE, from_json
+from etude.trajectories.json_text import SINGLE
 
 TRACKED, MARGINS, UNHELD, MODEL = "tracked", "margins", "unheld", "model"
 """Facts: largest errors by form, of a `told` event; of an `asked` one what was kept, what was not, and the
 round whose model said what the drives must give.
 """
 ACCELERATION = 2
-FULL = 100
-"""%, of the speed that was asked for."""
 QUANTITIES = ("position", "velocity")
 
 
@@ -80,10 +78,10 @@ class Kept:
         """The motion that taught the model last, if it is known; a slower copy asks for less."""
         if self.number is None or self.model(campaign) is None:
             return None
-        with contextlib.suppress(UsageError, OSError):
+        with contextlib.suppress(UsageError):
             told = campaign.round(self.number).told or {}
             if not told.get("foreign", True) and told.get("speed") == FULL:
-                return from_json((campaign.proposal(self.number) / COEFFICIENTS).read_bytes())
+                return stored_trajectory(campaign, self.number)
         return None
 
     def of(self, trajectory: Trajectory) -> Kept:
@@ -137,7 +135,7 @@ def kept_then(asked: Mapping[str, Any] | None) -> Kept:
 
 def errors_told(campaign: Campaign, log: Log, trajectory: Trajectory, speed: int) -> dict[str, Any]:
     """The fact of a log: its largest errors by form; none of a run below full speed, which errs less."""
-    found = largest_errors(log, trajectory, campaign.kind.path) if speed == 100 else {}
+    found = largest_errors(log, trajectory, campaign.kind.path) if speed == FULL else {}
     return {TRACKED: {form: _lists(table) for form, table in found.items()}} if found else {}
 
 

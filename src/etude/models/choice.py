@@ -9,7 +9,7 @@ import numpy as np
 from etude.contracts import Array
 from etude.models.fit import Folds
 from etude.models.held_out import HeldOut, fold_mean
-from etude.models.model import PHYSICAL
+from etude.models.parts import PHYSICAL
 
 TRAJECTORIES = 2
 """From so many on linear regression competes, and physics have no advantage. Stretches of a single trajectory

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Channel, Inputs, Log, Mean, Posterior, Trajectory
+from etude.contracts import Array, Candidate, Channel, Inputs, Log, Posterior, Trajectory
 from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
 from etude.models.given import as_log
-from etude.models.gp.rest import resting
 from etude.models.linear import at_rest
+from etude.models.parts import Means, is_physical, noise_of, outputs, rests_of
 from etude.models.student_t import StudentT
 from etude.models.trust import trusted
 from etude.progress import counted
 
 _InUse = tuple[Candidate, list[int]]
-PHYSICAL = ("nominal", "identified")
-"""Means that go on where no data are, so that a command may fade to them."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +104,7 @@ class LearnedModel:
             assert candidate.process is not None
             prior = candidate.process.signal_variance
             if noise:
-                held = [sum(s for _, s in pairs) for pairs in _rests(candidate)]
+                held = [sum(s for _, s in pairs) for pairs in rests_of(candidate)]
                 prior = prior + candidate.process.noise_variance + held
             variance[own] += candidate.weights * candidate.units[1] ** 2 * prior
         return np.asarray(np.sqrt(variance))
@@ -154,7 +152,7 @@ class LearnedModel:
         """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
         through the candidates.
         """
-        X, means = self.inputs.of_log(log), _Means(log)
+        X, means = self.inputs.of_log(log), Means(log)
         parts = []
         average = np.zeros((len(log), len(self.commands)))
         for candidate, own in each(self._in_use()):
@@ -167,7 +165,7 @@ class LearnedModel:
         variance, noise = np.zeros_like(average), np.zeros_like(average)
         for own, candidate, mean, spread in parts:
             variance[:, own] += candidate.weights * (spread + (mean - average[:, own]) ** 2)
-            noise[:, own] += candidate.weights * _noise_of(candidate, X)
+            noise[:, own] += candidate.weights * noise_of(candidate, X)
         if self.least is not None:  # a mean that is not believed may be wrong by all of itself
             doubted = self.least > 0.0
             variance = np.where(doubted, np.maximum(variance, self.least + average**2), variance)
@@ -176,8 +174,8 @@ class LearnedModel:
 
     def mean(self, log: Log) -> Array:
         """Commands (n, J) alone, without the price of their variances."""
-        X, means = self.inputs.of_log(log), _Means(log)
-        return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+        X, means = self.inputs.of_log(log), Means(log)
+        return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
 
     def commanded(self, log: Log) -> Log:
         """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
@@ -204,10 +202,10 @@ class LearnedModel:
         """The part (n, J) of the commands that remains at rest; states as for `predict`."""
         log = as_log(log, self.inputs.columns)
         still = at_rest(log)
-        X, means = self.inputs.of_log(still), _Means(log, static=True)
+        X, means = self.inputs.of_log(still), Means(log, static=True)
         held = [i for i, column in enumerate(self.inputs.columns) if column[3] == "memory"]
         X[:, held] = 0.0  # what friction holds at rest is no gravity
-        return self._weighted(len(log), [means.of(c) + _outputs(c, X) for c, _ in self._in_use()])
+        return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
 
     def gravity(self, q: Any) -> Array:
         """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every rung.
@@ -230,11 +228,9 @@ class LearnedModel:
 
     def safe(self, log: Log) -> Array:
         """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else zero."""
-        means, nothing = _Means(log), np.zeros((len(log), 1))
+        means, nothing = Means(log), np.zeros((len(log), 1))
         parts = [
-            means.of(replace(c, units=np.zeros_like(c.units)))
-            if c.rung.removesuffix("+gp") in PHYSICAL
-            else nothing
+            means.of(replace(c, units=np.zeros_like(c.units))) if is_physical(c) else nothing
             for c, _ in self._in_use()
         ]
         return self._weighted(len(log), parts)
@@ -247,45 +243,3 @@ class LearnedModel:
 
     def _in_use(self) -> list[_InUse]:
         return [(c, list(c.commands)) for c in self.candidates if c.weights.any()]
-
-
-class _Means:
-    """What the means say of a log, each asked once."""
-
-    def __init__(self, log: Log, *, static: bool = False) -> None:
-        self._log, self._static = log, static
-        self._known: dict[int, Array] = {}
-
-    def of(self, candidate: Candidate) -> Array:
-        """(n, m) mean function of a candidate, its process's offset included."""
-        offset = np.tile(candidate.units[0], (len(self._log), 1))
-        if candidate.mean is None:
-            return offset
-        if id(candidate.mean) not in self._known:
-            self._known[id(candidate.mean)] = self._ask(candidate.mean)
-        return np.asarray(offset + self._known[id(candidate.mean)][:, list(candidate.commands)])
-
-    def _ask(self, mean: Mean) -> Array:
-        return mean.static(self._log) if self._static else mean.predict(self._log)
-
-
-def _rests(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
-    """Of each command the noise at rest that its variance holds, as `gp.rest.rests`."""
-    return getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
-
-
-def _noise_of(candidate: Candidate, X: Array) -> Array:
-    """(n, m) noise in a candidate's variance, at rest too, command units²."""
-    assert candidate.process is not None
-    held = np.stack([resting(pairs, X) for pairs in _rests(candidate)], axis=1)
-    return np.asarray(
-        candidate.calibration * candidate.units[1] ** 2 * (candidate.process.noise_variance + held)
-    )
-
-
-def _outputs(candidate: Candidate, X: Array) -> Array:
-    """(n, m) of a process in command units."""
-    cheap = getattr(candidate.process, "mean", None)
-    assert candidate.process is not None
-    found = candidate.process.predict(X)[0] if cheap is None else cheap(X)
-    return cast("Array", candidate.units[1] * found)

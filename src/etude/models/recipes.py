@@ -32,7 +32,7 @@ class Recipe:
         rungs: in which it takes part.
         together: all commands in one process; else each by itself.
         standing: samples of standing joints teach too, while another moves.
-        fit_points, steps, points: at most, of the configuration's; 0: these. warm: steps from a warm start.
+        fit_points, steps, points: at most, of the configuration's; 0: these.
         offered: whether it is worth its time on these data, given the default's samples of each command.
     """
 

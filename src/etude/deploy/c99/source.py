@@ -14,9 +14,8 @@ from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
+from etude.models.parts import is_physical, rests_of
 from etude.models.trust import LEAST, TRUSTED, UNKNOWN
-
-PHYSICAL = ("nominal", "identified")
 
 
 def source(plan: Plan, form: Form) -> tuple[str, int]:
@@ -136,7 +135,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
     for k, candidate in enumerate(plan.candidates):
         spread = f"variance ? spread{k} : 0" if form.variance else "0"
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
-        physical = candidate.rung.removesuffix("+gp") in PHYSICAL
+        physical = is_physical(candidate)
         for i, j in enumerate(candidate.commands):
             weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
             source = f"from{means.index(plan.mean_of[k])}[{j}]" if plan.mean_of[k] else ""
@@ -154,7 +153,7 @@ def _noise(plan: Plan) -> list[str]:
     found, least = [], plan.model.least
     for candidate in plan.candidates:
         assert candidate.process is not None
-        rests = getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+        rests = rests_of(candidate)
         for i, j in enumerate(candidate.commands):
             factor = float(candidate.weights[i] * candidate.calibration[i] * candidate.units[1, i] ** 2)
             if factor and not (least is not None and least[j] > 0.0):

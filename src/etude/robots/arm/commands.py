@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Model, Motion
-from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at
+from etude.limits.commands import CommandLimit, by_model
+from etude.limits.open_commands import OpenCommands, kept_at
 from etude.robots.arm.of_file import of_file
 from etude.robots.arm.physics.mean import FORCES, ArmPhysics
 from etude.robots.arm.physics.newton_euler import nominal_commands

@@ -1,0 +1,61 @@
+"""What one candidate says of a log: its mean, its process, and the part of its variance that is noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from etude.contracts import Array, Candidate, Log, Mean
+from etude.models.gp.rest import resting
+
+PHYSICAL = ("nominal", "identified")
+"""Means that go on where no data are, so that a command may fade to them."""
+
+
+class Means:
+    """What the means say of a log, each asked once."""
+
+    def __init__(self, log: Log, *, static: bool = False) -> None:
+        self._log, self._static = log, static
+        self._known: dict[int, Array] = {}
+
+    def of(self, candidate: Candidate) -> Array:
+        """(n, m) mean function of a candidate, its process's offset included."""
+        offset = np.tile(candidate.units[0], (len(self._log), 1))
+        if candidate.mean is None:
+            return offset
+        if id(candidate.mean) not in self._known:
+            self._known[id(candidate.mean)] = self._ask(candidate.mean)
+        return np.asarray(offset + self._known[id(candidate.mean)][:, list(candidate.commands)])
+
+    def _ask(self, mean: Mean) -> Array:
+        return mean.static(self._log) if self._static else mean.predict(self._log)
+
+
+def is_physical(candidate: Candidate) -> bool:
+    """Whether its mean is physics, so that a command may fade to it."""
+    return candidate.rung.removesuffix("+gp") in PHYSICAL
+
+
+def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
+    """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
+    return getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)
+
+
+def noise_of(candidate: Candidate, X: Array) -> Array:
+    """(n, m) noise in a candidate's variance, at rest too, command units²."""
+    assert candidate.process is not None
+    held = np.stack([resting(pairs, X) for pairs in rests_of(candidate)], axis=1)
+    return np.asarray(
+        candidate.calibration * candidate.units[1] ** 2 * (candidate.process.noise_variance + held)
+    )
+
+
+def outputs(candidate: Candidate, X: Array) -> Array:
+    """(n, m) of a process in command units."""
+    cheap = getattr(candidate.process, "mean", None)
+    assert candidate.process is not None
+    found = candidate.process.predict(X)[0] if cheap is None else cheap(X)
+    return cast("Array", candidate.units[1] * found)
