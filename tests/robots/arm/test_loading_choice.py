@@ -71,12 +71,21 @@ def test_a_long_slide_at_the_end_is_an_axis_and_a_finger_alone_is_an_arm() -> No
 def test_several_limbs_are_refused_with_their_names() -> None:
     legs = [joint for leg in "ABCD" for joint in chain(f"{leg}1", f"{leg}2", f"{leg}3")]
     with pytest.raises(
-        UsageError, match=r"several limbs begin at the base: A1 and 2 more, B1.*bolted.*--joints"
+        UsageError, match=r"several limbs begin at the base: A1 and 2 more, B1.*bolted.*--joints 'A\*'"
     ):
         chosen(legs)
     torso = [*chain("torso"), *chain("l1", "l2", before="torso"), *chain("r1", "r2", before="torso")]
-    with pytest.raises(UsageError, match="several limbs begin after joint 'torso': l1 and 1 more, r1"):
+    with pytest.raises(
+        UsageError, match=r"several limbs begin after joint 'torso': l1 and 1 more, r1.*--joints 'l\*'"
+    ):
         chosen(torso)
+    mixed = [
+        *chain("base_yaw"),
+        *chain("l1", "elbow", before="base_yaw"),
+        *chain("l9", "r2", before="base_yaw"),
+    ]
+    with pytest.raises(UsageError, match="--joints l1 elbow;"):
+        chosen(mixed)
     assert chosen(torso, ["torso", "r?"]).joints == ("torso", "r1", "r2")
 
 

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from os.path import commonprefix
 
 from etude.errors import UsageError
 
@@ -135,8 +136,8 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
         raise UsageError(
             f"several limbs begin at the base: {_described(limbs, after)}",
             where=where,
-            next_step="Is the base bolted down? Then choose an arm with --joints. "
-            "Robots that walk or fly are none of this kind.",
+            next_step="Is the base bolted down? Then choose an arm, for example "
+            f"{_option(limbs, after, found)}. Robots that walk or fly are none of this kind.",
         )
     if not limbs:
         if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower):
@@ -148,7 +149,7 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
             next_step="Choose the joints with --joints if there is an arm all the same.",
         )
     path = limbs
-    while following := _next(path[-1], after, where):
+    while following := _next(path[-1], after, found, where):
         path.append(following)
     tip, stroke = path[-1], path[-1].upper - path[-1].lower
     if len(path) > 2 and (
@@ -174,7 +175,9 @@ def _length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
     return 1 + max((_length(one, after) for one in after[joint.name]), default=0)
 
 
-def _next(joint: Moving, after: Mapping[str, list[Moving]], where: str) -> Moving | None:
+def _next(
+    joint: Moving, after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
+) -> Moving | None:
     """The joint that carries the arm on; None at its tip, where several single joints are a hand."""
     branches = after[joint.name]
     if len(branches) == 1:
@@ -184,9 +187,20 @@ def _next(joint: Moving, after: Mapping[str, list[Moving]], where: str) -> Movin
         raise UsageError(
             f"several limbs begin after joint '{joint.name}': {_described(long, after)}",
             where=where,
-            next_step="Choose one with --joints; the others are held.",
+            next_step=f"Choose one, for example {_option(long, after, found)}; the others are held.",
         )
     return long[0] if long else None
+
+
+def _option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
+    """What chooses the longest limb: a pattern, if it means these joints and no others, else their names."""
+    path = [max(limbs, key=lambda limb: _length(limb, after))]
+    while following := after[path[-1].name]:
+        path.append(max(following, key=lambda one: _length(one, after)))
+    names = [joint.name for joint in path]
+    pattern = f"{commonprefix(names)}*"  # noqa: RUF071 characters are meant
+    alone = [joint.name for joint in found if fnmatchcase(joint.name, pattern)] == names
+    return f"--joints {repr(pattern) if alone and len(pattern) > 1 else ' '.join(names)}"
 
 
 def _described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str:

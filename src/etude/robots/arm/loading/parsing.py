@@ -30,7 +30,9 @@ def parsed(path: Path) -> ET.Element:
         )
     if root.tag not in ("robot", "mujoco"):
         raise UsageError(
-            f"the root element is <{root.tag}>; URDF has <robot>, MJCF has <mujoco>", where=str(path)
+            f"the root element is <{root.tag}>; URDF has <robot>, MJCF has <mujoco>",
+            where=str(path),
+            next_step="Name the file that includes this one." if root.tag == "mujocoinclude" else "",
         )
     if root.tag == "robot":
         _refuse_repeated(root, path)
