@@ -18,6 +18,11 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
     "xarm7": ("xarm_description/urdf/xarm7.urdf", ()),
     "so100": ("so_arm_description/urdf/so100.urdf", ()),
     "z1": ("z1_description/urdf/z1.urdf", ()),
+    "kinova": ("kinova_description/robots/kinova.urdf", ()),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", ()),
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", ()),
+    "so101": ("so_arm_description/urdf/so101.urdf", ()),
+    "xarm6": ("xarm/xarm6_robot.urdf", ()),
     "tiago": ("tiago_description/robots/tiago_no_hand.urdf", ("arm_*_joint",)),
     "baxter": ("baxter_description/urdf/baxter.urdf", ("left_[sew][012]",)),
     "talos": (
@@ -25,12 +30,14 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("torso_*", "arm_left_?_joint", "arm_right_?_joint"),
     ),
 }
+BULLET = ("iiwa", "xarm6")
+"""Of pybullet; the others are of example-robot-data."""
 
 
 def file_of(name: str) -> Path:
     """The robot's URDF; skips where its package is not installed."""
     file = FILES[name][0]
-    return bullet_robot(file) if name == "iiwa" else example_robot(file)
+    return bullet_robot(file) if name in BULLET else example_robot(file)
 
 
 def robot_of(name: str) -> ArmSpec:

@@ -19,6 +19,10 @@ from etude.robots.arm.rehearsal.robot import rehearsed
 from etude.testing import RobotSuite
 from etude.testing.kind import run_laws
 
+ARMS = (
+    *("panda", "ur3", "ur5", "ur10", "iiwa", "xarm6", "xarm7"),
+    *("so100", "so101", "z1", "kinova", "tiago"),
+)
 QUICK = """\
 seed = 3
 [trajectory]
@@ -67,7 +71,7 @@ def test_who_cannot_carry_its_own_weight_is_told_so() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["panda", "ur5", "iiwa", "xarm7", "so100", "z1", "tiago"])
+@pytest.mark.parametrize("name", ARMS)
 def test_the_whole_loop_of_an_arm(name: str, tmp_path: Path) -> None:
     campaign = campaign_of(name, tmp_path)
     list(simulate(campaign, 2))
