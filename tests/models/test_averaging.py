@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learning_examples import NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
+from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
 
 from etude.errors import UsageError
+from etude.models import averaging
 from etude.models.averaging import EXPONENT, LEAST, mixed, weighed
 from etude.models.candidates import REST_S, resting
 from etude.models.config import ModelConfig
 from etude.models.contracts import share_of
 from etude.models.fit import Folds
+from etude.models.ladder import train_ladder
 from etude.models.recipes import INVERTED, work_sign
+from etude.models.rungs import Learned
 from etude.models.store import model_bytes, model_of
 
 BOTH = replace(SMALL, candidates=("default", "gip_lin"))
@@ -154,3 +157,29 @@ def test_of_one_rest_few_samples_teach_and_those_in_between_none() -> None:
     found = resting(folds)
     assert not found[:, 0].any()
     np.testing.assert_allclose(t[found[:, 1]], t[40] + REST_S * np.arange(3))
+
+
+@pytest.mark.parametrize("name", ["gip_lin", "standing", "all_lin"])
+def test_candidates_hold_out_samples_of_the_default(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each would draw others of many, and hardly any would be left to compare them by."""
+    seen: list[tuple[list[Learned], list[Learned]]] = []
+    whole = averaging.averaged
+
+    def spy(folds, defaults, others, base):
+        seen.append((defaults, others))
+        return whole(folds, defaults, others, base)
+
+    monkeypatch.setattr(averaging, "averaged", spy)
+    data, inputs = trajectories(3), Resting() if name == "standing" else Inputs()
+    if name == "standing":
+        qd = np.where((np.arange(len(data))[:, None] + [0, 20]) % 40 < 5, 0.0, data.log["qd"])
+        data = replace(data, log=data.log.put(data.log.channels["qd"], qd), moving=qd != 0.0)
+    config = replace(SMALL, candidates=("default", name), points=40, fit_points=30, steps=2)
+    train_ladder(data, inputs, {}, LIMIT, config, np.random.default_rng(0))
+    ((defaults, others),) = seen
+    assert {other.candidate.name for other in others} == {name}
+    for other in others:
+        for place, j in enumerate(other.candidate.commands):
+            kept = defaults[j].rows.kept
+            told = np.isfinite(other.held.error[kept, place])
+            assert told.all() or (name == "all_lin" and told.mean() > 0.4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
@@ -50,7 +51,7 @@ def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
             str(one.segments),
             f"{one.ratio:.3f}",
             f"{one.lower:.3f} .. {one.upper:.3f}",
-            *(f"{ratio:.3f}" for ratio in one.by_command),
+            *("-" if math.isnan(ratio) else f"{ratio:.3f}" for ratio in one.by_command),
             one.decision,
         ]
         for one in found.compared

@@ -15,7 +15,7 @@ from etude.models.fit import Folds, Rows, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.held_out import Base, process_held_out
 from etude.models.model import LearnedModel
-from etude.models.recipes import CANDIDATES
+from etude.models.recipes import CANDIDATES, Recipe
 from etude.models.rows import apart
 from etude.models.rungs import Learned, earlier_of, with_process
 from etude.models.score import while_any_moves
@@ -48,10 +48,9 @@ def beside_default(
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if recipe.together else [(j,) for j in every]):
-                learned = _learned(
-                    folds, commands, name, rung, bases.get(rung.removesuffix("+gp")), rng, previous
-                )
-                found.append(learned)
+                beside = [d.rows for d in own if set(commands) & set(d.candidate.commands)]
+                base = bases.get(rung.removesuffix("+gp"))
+                found.append(_learned(folds, commands, name, rung, base, beside, rng, previous))
     return found
 
 
@@ -61,6 +60,7 @@ def _learned(
     name: str,
     rung: str,
     base: Base | None,
+    defaults: Sequence[Rows],
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> Learned:
@@ -69,12 +69,31 @@ def _learned(
     if recipe.standing:
         samples = replace(samples, moving=samples.moving | resting(folds))
     own = replace(folds, samples=samples, config=recipe.config(folds.config))
-    rows = rows_of(own, group, rng, any_of=recipe.together)
-    if recipe.standing:  # at rest little is told of the motion, so those samples come on top
-        rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
+    rows = _rows(own, folds, group, recipe, defaults, rng)
     start = earlier_of(previous, rung, group, folds, name)
     learned = with_process(own, group, rows, rung, base, start, rng)
     return replace(learned, candidate=replace(learned.candidate, name=name))
+
+
+def _rows(
+    own: Folds,
+    folds: Folds,
+    group: tuple[int, ...],
+    recipe: Recipe,
+    defaults: Sequence[Rows],
+    rng: np.random.Generator,
+) -> Rows:
+    """Those of the default, or some of them: only what all candidates have held out compares them.
+
+    At rest little is told of the motion, so samples of standing joints come on top.
+    """
+    if recipe.together:
+        among = np.unique(np.concatenate([one.kept for one in defaults]))
+        return rows_of(own, group, rng, any_of=True, among=among)
+    rows = rows_of(own, group, rng)
+    return (
+        _beside(defaults[0], rows, folds, group) if recipe.standing else replace(rows, kept=defaults[0].kept)
+    )
 
 
 def resting(folds: Folds) -> Mask:
