@@ -128,6 +128,9 @@ def test_the_smooth_gauge_is_a_close_upper_bound_with_its_gradient() -> None:
                 for d in shifts
             ]
             np.testing.assert_allclose(gradient, numeric, atol=1e-6 * np.abs(gradient).max())
+        values, gradient = feasible.smooth_gauge(feasible.centre)  # where a search may begin
+        assert 0.0 <= values[0] < 1e-300
+        assert not gradient.any()
 
 
 def test_a_direction_that_runs_away_inside_a_cone_uses_nothing() -> None:

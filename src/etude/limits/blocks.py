@@ -223,7 +223,8 @@ def _same(column: Array) -> bool:
 def _norm(uses: list[Array]) -> tuple[float, list[Array]]:
     """p-norm over everything, never below the largest use (>= 0), and its derivative in each use."""
     peak = max([float(use.max(initial=0.0)) for use in uses] + [float(np.finfo(float).tiny)])
-    norm = peak * sum(float(_power(use / peak, SHARPNESS).sum()) for use in uses) ** (1.0 / SHARPNESS)
+    total = sum(float(_power(use / peak, SHARPNESS).sum()) for use in uses)
+    norm = peak * max(total, 1.0) ** (1.0 / SHARPNESS)  # less than 1 only at the centre, where all are 0
     return norm, [_power(use / norm, SHARPNESS - 1) for use in uses]
 
 

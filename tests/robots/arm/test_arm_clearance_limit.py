@@ -18,6 +18,7 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify, require_certified, spare, use
 from etude.limits.unseen import in_words
 from etude.robots.arm.clearance.gaps import TOLERANCE
+from etude.robots.arm.clearance.limit import TAKEN
 from etude.robots.arm.clearance.of_robot import clearance_of, search_of
 from etude.robots.arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
 from etude.robots.arm.description import describe
@@ -70,9 +71,16 @@ def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> N
     narrow, wide = still["upper and floor"], still["hand and upper"]
     assert narrow.confidence == 0.0
     assert "no room for more" in narrow.where
-    assert narrow.margin == pytest.approx(0.75 * (0.005 - TOLERANCE), rel=1e-6)
+    assert narrow.margin == pytest.approx(TAKEN * (0.01 - TOLERANCE - 1.5 * 0.005), rel=1e-6)
     assert wide.confidence == 0.95
     assert "no room" not in wide.where
+
+
+@pytest.mark.parametrize("error", [0.001, 0.003, 0.01, 0.25])
+def test_a_search_finds_home_however_poor_the_tracking(error: float) -> None:
+    near = clearance(planar(Surroundings(floor=Floor(0.25))))
+    table = np.vstack([np.full(3, error), np.full((2, 3), np.nan)])
+    assert replace(near, margins={"fourier": (table, 0.95)}, _words={}, _shares={}).keeps(swing(0.0))
 
 
 def test_tracking_takes_its_part_and_says_so() -> None:

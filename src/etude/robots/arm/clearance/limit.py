@@ -25,8 +25,9 @@ from etude.robots.arm.clearance.way import Way, way_of
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
 """One of so many of a way's first samples is looked at in searches."""
-TAKEN = 0.75
-"""Of the room that a gap has at home, the part that tracking may take."""
+TAKEN = 0.5
+"""Of the room that a gap has at home beyond what searches keep, the part that tracking may take: the rest is for
+motion. Where neighbours pass each other with 15 mm in every pose a motion needs a millimetre or two of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +104,21 @@ class Clearance:
 
     def _sampled(self, piece: Trajectory) -> bool:
         way, error = way_of(piece), self._error(piece)[0]
-        wanted = self._wanted + np.minimum(ROOM, 0.5 * self._wanted)
         x = way.knots[::LOOK]
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
         return all(
-            bool(np.all(self._distances(way.at(some)[0], error) >= wanted)) for some in (first, others)
+            bool(np.all(self._distances(way.at(some)[0], error) >= self._sought)) for some in (first, others)
         )
 
     @cached_property
     def _wanted(self) -> Array:
         """(n,) m that each gap keeps."""
         return np.asarray(self.kept[self.row_of])
+
+    @cached_property
+    def _sought(self) -> Array:
+        """(n,) m that samples of each gap keep in searches."""
+        return np.asarray(self._wanted + np.minimum(ROOM, 0.5 * self._wanted))
 
     def _error(self, piece: Trajectory) -> tuple[Array, float]:
         """(k,) what the real joints may be off, and how sure that is."""
@@ -133,7 +138,8 @@ class Clearance:
         return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
 
     def _share(self, error: Array) -> Array:
-        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` of the room.
+        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` of the room at
+        most.
 
         Neighbours of some robots pass each other with a few millimetres in every pose, so a margin that was
         learned from poor tracking would forbid all motion, also the home that margins before it allowed.
@@ -142,7 +148,7 @@ class Clearance:
         if key not in self._shares:
             at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
             taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
-            room = TAKEN * np.maximum(at_home[0] - self._wanted, 0.0)
+            room = TAKEN * np.maximum(at_home[0] - self._sought, 0.0)
             self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
         return self._shares[key]
 
