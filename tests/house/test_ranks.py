@@ -6,7 +6,7 @@ import ast
 import importlib
 import subprocess
 import sys
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -63,7 +63,7 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-@lru_cache(maxsize=None)
+@cache
 def nodes(path: Path) -> tuple[ast.AST, ...]:
     """The imports and calls of a module, wherever they stand; most tests here ask for them."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
