@@ -6,13 +6,19 @@ everyday suite took nearly twice the time.
 
 from __future__ import annotations
 
+import gc
 import os
+import sys
 
 import pytest
 from hypothesis import settings
 
 # before numpy is loaded; the processes that tests start inherit it
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# numba writes its cache beside the sources in any case; without their bytecode each of the hundred programs
+# that tests start compiles Étude anew, and each worker rewrites the assertions of all tests
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
 settings.load_profile("etude")
 
@@ -33,3 +39,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rest = [own for own in items if not own.path.stem.startswith(sum(COMPILED_FIRST, ()))]
     before = max(len(items) // 8 - len(first), 0)
     items[:] = [*first, *rest[:before], *second, *rest[before:]]
+
+
+def pytest_collection_finish() -> None:
+    """What every test needs until the end is out of the garbage collector's sight, which looks often."""
+    gc.collect()
+    gc.freeze()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -26,14 +27,20 @@ COMMANDS = [
 ]
 
 
-@pytest.fixture
-def lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of the simulated arm with one trajectory asked for."""
-    folder = tmp_path / "lab"
+    folder = tmp_path_factory.mktemp("asked") / "lab"
     assert cli.main(["init", str(folder), "--robot", "arm4", "--seed", "2"]) == 0
     assert cli.main(["ask", str(folder)]) == 0
-    capsys.readouterr()
     return folder
+
+
+@pytest.fixture
+def lab(asked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    """A copy of it; what making it said is not what a test reads."""
+    capsys.readouterr()
+    return Path(shutil.copytree(asked, tmp_path / "lab"))
 
 
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:

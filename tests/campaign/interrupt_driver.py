@@ -24,6 +24,7 @@ from etude.campaign.journal import read_events
 from etude.campaign.motions import typical_motions
 from etude.campaign.state import replay
 from etude.interrupt import INTERRUPTED
+from etude.robots.arm import motions
 from etude.robots.arm.plant import compiled
 
 CONFIG = """\
@@ -45,8 +46,9 @@ reference_points = 10
 """
 ROUNDS = 2
 DELAYS = (0.005, 0.05, 0.3)
-"""s: how long after a closed loop was entered Ctrl-C comes, at most. A loop takes 10 to 300 ms, so that the
+"""s: how long after a closed loop was entered Ctrl-C comes, at most. A loop takes 10 to 100 ms, so that the
 last one often falls into learning or designing."""
+motions.MOVES, motions.TEST_DURATION = 1, 30.0
 
 
 def cue_at(call: int, cue: int) -> None:

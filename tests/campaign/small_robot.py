@@ -33,7 +33,18 @@ velocity = 1.0
 acceleration = 2.0
 command = 10.0
 """
-SHORT = "[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n"
+SHORT = """\
+[trajectory]
+duration = 12.0
+[data]
+cutoff_hz = 5.0
+[design]
+candidates = 4
+refine = 1
+steps = 3
+points = 20
+reference_points = 30
+"""
 
 
 def stub_learner(campaign: Campaign, state: State, number: int) -> Learned:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign
+from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.learn import _scores, told_samples
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.repeats import CHECK, planned_states, share_within
@@ -41,10 +42,17 @@ def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = 
     )
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    asked_and_run(make_campaign(folder, config=CONFIG), folder)
+    return folder
+
+
 @pytest.fixture
-def told_once(tmp_path: Path) -> tuple[Campaign, Trajectory]:
-    campaign = make_campaign(tmp_path, config=CONFIG)
-    asked_and_run(campaign, tmp_path)
+def told_once(whole: Path, tmp_path: Path) -> tuple[Campaign, Trajectory]:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    campaign = open_campaign(tmp_path / "lab")
     return campaign, stored_trajectory(campaign, 1)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_robot import random_motion, stub_learner, write_log
+from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask
@@ -41,13 +41,28 @@ def outcomes(found: ToldMany) -> dict[str, str]:
     return {file.path.name: file.sentence.split(":")[0] for file in found.files}
 
 
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with two trajectories asked for, and the files of `mixed` beside it."""
+    folder = tmp_path_factory.mktemp("asked")
+    campaign = make_campaign(folder)
+    logs_of(campaign, folder, 2)
+    write_log(folder / "a_foreign.csv", random_motion(campaign, 99))
+    (folder / "bad.csv").write_text("no log")
+    return folder
+
+
+@pytest.fixture
+def campaign(asked: Path, tmp_path: Path) -> Campaign:
+    shutil.copytree(asked, tmp_path, dirs_exist_ok=True)
+    return open_campaign(tmp_path / "lab")
+
+
 @pytest.fixture
 def mixed(campaign: Campaign, tmp_path: Path) -> list[Path]:
     """Two answers, a motion that nobody asked for, a file that is no log and one that is not there."""
-    answers = logs_of(campaign, tmp_path, 2)
-    foreign = write_log(tmp_path / "a_foreign.csv", random_motion(campaign, 99))
-    (tmp_path / "bad.csv").write_text("no log")
-    return [*answers, foreign, tmp_path / "bad.csv", tmp_path / "nothing.csv"]
+    names = ("run1.csv", "run2.csv", "a_foreign.csv", "bad.csv", "nothing.csv")
+    return [tmp_path / name for name in names]
 
 
 def test_each_is_taken_in_by_itself_and_all_in_one_training(campaign: Campaign, mixed: list[Path]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -130,6 +131,7 @@ def moves() -> PointToPoint:
     return PointToPoint(points, 0.4, 0.3, 1.0)
 
 
+@cache
 def arm_model(seed: int = 0, points: int = 60, stick: float = 0.02, unit: float = 1.0) -> Model:
     """Two outputs of very different size, in parts of `unit`, each with its kernel, from two motions."""
     rng, inputs, family = np.random.default_rng(seed), arm_inputs(stick), arm_family()
@@ -188,6 +190,7 @@ def flight_inputs(**changes) -> QuadrotorInputs:
     return replace(QuadrotorInputs(drag=DRAG), **changes)
 
 
+@cache
 def flight_model(
     inputs: QuadrotorInputs | None = None, points: int = 40, *, shared: bool = False, length: float = 2.0
 ) -> Model:

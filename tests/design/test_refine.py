@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from design_examples import (
@@ -18,7 +20,7 @@ from design_examples import (
 from scipy.optimize import linprog
 
 from etude import plugins
-from etude.design.candidates import Source
+from etude.design.candidates import Drawn, Source
 from etude.design.config import GROUP
 from etude.design.criteria import Output, criterion_named
 from etude.design.objective import Objective, instants
@@ -40,10 +42,17 @@ def source(kind: str) -> Source:
     return Source(family, flight_limits(spec), flight_home(spec), "uniform")
 
 
+@cache
+def drawn(kind: str, seed: int) -> tuple[Drawn, Drawn, Source]:
+    """Two random candidates, and where they are from; nothing changes them."""
+    given = source(kind)
+    start, other = given.typical(np.random.default_rng(seed), 2)
+    return start, other, given
+
+
 def search(kind: str, criterion: str = "ivr", seed: int = 2) -> tuple[Search, np.ndarray, Source]:
     """The search from a random candidate, and the candidate."""
-    rng, given = np.random.default_rng(seed), source(kind)
-    start, other = given.typical(rng, 2)
+    start, other, given = drawn(kind, seed)
     model = flight_model() if kind.startswith("flight") else arm_model()
     latents = planned(latents_of(model), 0.1, 0)
     t = np.linspace(3.0, 27.0, 9)

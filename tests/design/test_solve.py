@@ -29,12 +29,12 @@ from etude.limits.certificate import certify_bytes
 from etude.models.gp.exact import ExactGP
 from etude.trajectories.moves import PointToPoint
 
-ARM = DesignConfig(candidates=6, refine=2, steps=10, points=25, reference_points=30, random_share=0.0)
+ARM = DesignConfig(candidates=4, refine=2, steps=6, points=25, reference_points=30, random_share=0.0)
 FLIGHT = DesignConfig(
     sampler="uniform",
-    candidates=12,
+    candidates=6,
     refine=2,
-    steps=24,
+    steps=12,
     points=20,
     planned_noise=True,
     reference_points=40,

@@ -64,21 +64,36 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return python
 
 
-def test_installed_it_does_the_whole_loop(installed: Path, tmp_path: Path) -> None:
-    def etude(*words: str) -> str:
-        command = [installed, "-m", "etude", *words]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+LOOP = r"""
+import sys
+from etude.cli import main
+for line in sys.stdin.read().splitlines():
+    assert main(line.split()) == 0, line
+    print("\f", end="", flush=True)
+"""
+"""Commands, one a line, a form feed after each; in one process, as it is starting one that takes long."""
+COMMANDS = (
+    *("plugins", "init lab --robot vessel", "ask lab", "simulate lab --rounds 2"),
+    "tell lab lab/simulated/0001.parquet",  # told before: nothing is stored again
+    *("status lab", "report lab"),
+)
 
-    assert "vessel" in etude("plugins")
-    etude("init", "lab", "--robot", "vessel")
-    assert "Proved for all times" in etude("ask", "lab")
-    table = etude("simulate", "lab", "--rounds", "2")
+
+def test_installed_it_does_the_whole_loop(installed: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [installed, "-c", LOOP],
+        input="\n".join(COMMANDS),
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    plugins, _, asked, table, _, status, *_ = done.stdout.split("\f")
+    assert "vessel" in plugins
+    assert "Proved for all times" in asked
     lines = [line.split() for line in table.splitlines() if line.startswith(("pd", "after"))]
     rows = {words[0]: float(words[-1]) for words in lines}
     assert rows["after"] < 0.8 * rows["pd"]
-    etude("tell", "lab", "lab/simulated/0001.parquet")  # told before: nothing is stored again
-    assert "learned" in etude("status", "lab")
-    etude("report", "lab")
+    assert "learned" in status
     assert (tmp_path / "lab" / "report.html").stat().st_size > 50_000

@@ -6,6 +6,7 @@ import ast
 import importlib
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,10 +63,17 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """The imports and calls of a module, wherever they stand; most tests here ask for them."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return tuple(own for own in ast.walk(tree) if isinstance(own, ast.Import | ast.ImportFrom | ast.Call))
+
+
 def all_imported(path: Path) -> set[str]:
     """Everything that `path` imports anywhere, inside functions too."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -91,31 +99,41 @@ def kind_of(name: str) -> str:
     return parts[2] if (SOURCE / "robots" / parts[2]).is_dir() else ""
 
 
-@pytest.mark.parametrize("path", modules(), ids=module_name)
-def test_imports_go_down(path: Path) -> None:
+def wrong_imports(path: Path) -> list[str]:
+    """One sentence for each import of a module that does not go down the ranks."""
     name = module_name(path)
     if name == "etude":
-        assert not imported(path), "import etude must stay light"
-        return
-    own = room(name)
+        return [f"import etude must stay light: {target}" for target in imported(path)]
+    own, found = room(name), []
     if own == "__main__":
-        return
-    assert own in RANKS, f"{own} has no rank: add it to the house on purpose"
+        return []
+    if own not in RANKS:
+        return [f"{own} has no rank: add it to the house on purpose"]
     for other in {room(target) for target in imported(path)} - {own}:
         if other.startswith("__"):
             continue
-        assert other in RANKS, f"{name} imports etude.{other}, which is no room"
-        allowed = RANKS[other] < RANKS[own] or (own, other) in SIDEWAYS
-        assert allowed, f"{name} (rank {RANKS[own]}) imports etude.{other} (rank {RANKS[other]})"
-        assert (own, other) not in FORBIDDEN, f"{name} imports etude.{other}"
+        if other not in RANKS:
+            found.append(f"{name} imports etude.{other}, which is no room")
+        elif not (RANKS[other] < RANKS[own] or (own, other) in SIDEWAYS):
+            found.append(f"{name} (rank {RANKS[own]}) imports etude.{other} (rank {RANKS[other]})")
+        if (own, other) in FORBIDDEN:
+            found.append(f"{name} imports etude.{other}")
+    return found
 
 
-@pytest.mark.parametrize("path", modules(), ids=module_name)
-def test_a_kind_of_robot_is_known_by_its_name_alone(path: Path) -> None:
+def test_imports_go_down() -> None:
+    assert len(modules()) > 300
+    assert [sentence for path in modules() for sentence in wrong_imports(path)] == []
+
+
+def test_a_kind_of_robot_is_known_by_its_name_alone() -> None:
     """Nothing outside robots/ imports a kind, and kinds do not import each other."""
-    own = kind_of(module_name(path))
-    for target in imported(path):
-        assert kind_of(target) in ("", own), f"{module_name(path)} imports {target}"
+    found = []
+    for path in modules():
+        allowed = ("", kind_of(module_name(path)))
+        wrong = [target for target in imported(path) if kind_of(target) not in allowed]
+        found += [f"{module_name(path)} imports {target}" for target in wrong]
+    assert found == []
 
 
 def test_nothing_imports_the_studies() -> None:
@@ -128,13 +146,16 @@ def studies() -> list[Path]:
     return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
 
 
-@pytest.mark.parametrize("path", studies(), ids=module_name)
-def test_the_studies_use_what_an_outside_user_may(path: Path) -> None:
+def test_the_studies_use_what_an_outside_user_may() -> None:
     """Every module of etude that they import stands in the tuple PUBLIC of its room."""
-    for target in imported(path) & {module_name(own) for own in modules() if own.name != "__init__.py"}:
-        room_name, _, module = target.rpartition(".")
-        public = importlib.import_module(room_name).PUBLIC
-        assert module in public, f"{module_name(path)} imports {target}, which {room_name} does not offer"
+    known = {module_name(own) for own in modules() if own.name != "__init__.py"}
+    found = []
+    for path in studies():
+        for target in imported(path) & known:
+            room_name, _, module = target.rpartition(".")
+            if module not in importlib.import_module(room_name).PUBLIC:
+                found.append(f"{module_name(path)} imports {target}, which {room_name} does not offer")
+    assert found == []
 
 
 def test_what_is_offered_is_there() -> None:
@@ -202,7 +223,7 @@ def test_nothing_prints_below_the_reports() -> None:
             continue
         calls = [
             node.lineno
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for node in nodes(path)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
         ]
         assert not calls, f"{name} prints at lines {calls}"

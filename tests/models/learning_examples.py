@@ -165,8 +165,8 @@ def trajectory(group: int, seconds: float = 25.0) -> Samples:
     return samples_of(t, q, qd, qdd, command, group)
 
 
-def trajectories(count: int) -> Samples:
-    return joined_samples([trajectory(group) for group in range(count)])
+def trajectories(count: int, seconds: float = 25.0) -> Samples:
+    return joined_samples([trajectory(group, seconds) for group in range(count)])
 
 
 def commanded(samples: Samples, command: Array) -> Samples:

@@ -158,8 +158,8 @@ def test_a_member_without_covariances_predicts_itself_and_designs_with_its_guide
 
 @NAMES
 def test_training_goes_on_from_a_model_of_any_member(name, models) -> None:
-    for start in ("exact", "ssgp_fixed", name):
-        again = train(trajectories(4), config(name, steps=0), models[start])
+    for start in {"exact", "ssgp_fixed", name}:
+        again = train(trajectories(2, 13.0), config(name, steps=0), models[start])
         for (old, _), (new, _) in zip(models[start].latents(), again.latents(), strict=True):
             assert np.isfinite(new.noise_variance)
             np.testing.assert_array_equal(new.theta, old.theta)
@@ -175,7 +175,7 @@ def test_the_structured_kernel_goes_with_all_but_the_sparse_spectrum() -> None:
     for name in MEMBERS:
         if name in SPECTRAL:
             continue
-        model = train(trajectories(2), replace(SMALL, process=name, basis=20, steps=4))
+        model = train(trajectories(2, 13.0), replace(SMALL, process=name, basis=20, steps=4))
         assert all(isinstance(p, HasKernel) for p, _ in model.latents())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from learning_examples import (
     ladder,
     posteriors,
     train,
-    trajectories,
 )
+from learning_examples import trajectories as longer
 
 from etude.contracts import FitData
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
@@ -34,6 +35,7 @@ from etude.models.store import load_model, save_model
 ML = replace(
     SMALL, kernel="ard_se", basis=20, points=60, fit_points=50, steps=5, prior="none", method="minimize"
 )
+trajectories = partial(longer, seconds=13.0)
 NAMES = pytest.mark.parametrize("name", MEMBERS)
 THESIS = ("thesis_dictionary_variance", "thesis_dictionary_error")
 
@@ -131,16 +133,12 @@ def test_update_is_at_least_as_likely_as_what_it_starts_from() -> None:
 
 
 def test_several_starts_go_on_from_the_earlier_one_too() -> None:
-    """At its optimum a training from the data's scales alone would have to get there again."""
+    """At its optimum a training from fresh starts alone would have to get there again."""
     config = replace(TOGETHER, steps=60)
-    first = model_of(2, config)
-    one_step = {
-        starts: model_of(2, replace(config, starts=starts, steps=1), first if starts > 1 else None)
-        for starts in (1, 2)
-    }
+    first, one_step = model_of(2, config), replace(config, starts=2, steps=1)
     likely = []
-    for model in (one_step[1], one_step[2]):
-        own = posteriors(model)
+    for earlier in (None, first):
+        own = posteriors(model_of(2, one_step, earlier))
         likely.append(sum(process_of(own[0]).log_marginal_likelihood(p.X, p.y)[0] for p in own))
     assert likely[1] > likely[0] + 10.0
 

@@ -59,7 +59,7 @@ WHOLE = World.learned
 
 def few_steps(self: World, samples: Any, model: ModelConfig, *more: Any, **how: Any) -> Ladder:
     """A training of the real logs that is short; what it is worth is tested with them."""
-    brief = replace(model, steps=8, fit_points=100, candidates=("default",))
+    brief = replace(model, steps=4, fit_points=60, points=200, candidates=("default",))
     return WHOLE(self, samples, brief, *more, **how)
 
 
@@ -76,6 +76,8 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(model_members, "BASIS", 20)
     monkeypatch.setattr(arm_accuracy, "TRAINING", 2)
     monkeypatch.setattr(arm_accuracy, "DURATION_S", 20.0)
+    monkeypatch.setattr(arm_accuracy, "REPEATS_ONE", 5)
+    monkeypatch.setattr(arm_accuracy, "REPEATS_MANY", 1)
     monkeypatch.setattr(online_rows, "outcomes_of", third_passes)
     monkeypatch.setattr(World, "learned", few_steps)
 

@@ -34,6 +34,7 @@ class TestQuadrotor(KindSuite):
     kind = KIND
     robot = "quadrotor"
     loose = frozenset({"tilt"})  # asked of both signs
+    rounds = 1  # two are simulated in `test_quadrotor_campaign`
 
 
 class TestPelican(InputsSuite, PhysicsSuite, RobotSuite):
