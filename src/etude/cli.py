@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import traceback
@@ -14,6 +15,10 @@ from etude.interrupt import INTERRUPTED, end_on_interrupt, ignore_from_now
 MACHINE = "Nothing committed was lost; check the permissions and the disk, and run the command again."
 KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
 
+SELDOM = 50_000
+"""More objects than before, at which Python looks for circles among them. A program that loads modules makes
+many that stay, and was looked through two hundred times; matrices are not in circles."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
@@ -25,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is not None:
         return _guarded(list(arguments))
+    gc.set_threshold(SELDOM)
     given = sys.argv[1:]
     line = _error_line("Interrupted", KEPT, "", "", INTERRUPTED) if "--json" in given else ""
     end_on_interrupt(_block(KEPT), line)

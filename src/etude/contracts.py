@@ -398,6 +398,15 @@ class Physics(Protocol):
     def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
 
 
+class HeldOutPhysics(Protocol):
+    """Capability of a `Physics` whose means from parts of the same samples share work: `without` says, by
+    number of a fold, what the mean that has not seen it says of all samples, (n, J); fold (n,). A fold
+    without which nothing can be identified is missing. Who lacks the method is asked fold by fold.
+    """
+
+    def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]: ...
+
+
 class Regressor(Protocol):
     """Features (n, p) of one command at model inputs X (n, D), in its unit, their weights N(0, 1) before any
     data; pullback: the gradient (n, D) of sum(G * features), G (n, p).

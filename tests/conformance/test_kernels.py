@@ -73,7 +73,7 @@ def test_weighted_sums_are_those_of_the_matrix(kernel: Kernel) -> None:
     X, Z, theta = inputs(7, 3), inputs(5, 4), theta_of(kernel)
     matrix = kernel.value(theta, X, Z)
     for alpha in (np.linspace(-1.0, 2.0, 5), np.linspace(-2.0, 1.0, 10).reshape(5, 2)):
-        found = kernel.weighted(theta, X, Z, alpha)
+        found = kernel.sums(theta, Z, alpha)(X)
         np.testing.assert_allclose(found, matrix @ alpha, atol=1e-12 * np.abs(matrix).max())
 
 

@@ -360,6 +360,21 @@ def test_wrong_physics(change: Callable[[Any], Any]) -> None:
     assert_noticed(physics_suite(change))
 
 
+def test_a_mean_that_has_seen_the_fold() -> None:
+    def physics(*_: Any) -> dict[str, Any]:
+        return {"identified": Twin(own, without=seen, __call__=lambda o, samples: o(samples))}
+
+    def seen(o: Any, samples: Any, fold: Any) -> Any:
+        return {number: o(samples).predict(samples.log) for number in set(fold.tolist())}
+
+    own = KIND.physics(arm().spec, arm().config)["identified"]
+    suite = physics_suite(lambda m: m)
+    type(suite).kind = Twin(KIND, physics=physics)
+    assert [name for name, found in laws(suite).items() if found] == [
+        "test_what_a_fold_says_is_not_in_the_mean_without_it"
+    ]
+
+
 def _unseeded(o: Any, trajectory: Any, controller: Any, _: Any) -> Any:
     return o.run(trajectory, controller, np.random.default_rng())
 

@@ -134,8 +134,8 @@ def column_names(channel: Channel) -> list[str]:
 
 def read_table(data: bytes) -> tuple[list[str], Array]:
     """Header and numbers of a table that `csv_bytes` made."""
-    lines = list(csv.reader(io.StringIO(data.decode())))
-    return lines[0], np.array([[float(cell) for cell in line] for line in lines[1:]])
+    names = next(csv.reader(io.StringIO(data.decode())))
+    return names, np.loadtxt(io.BytesIO(data), delimiter=",", skiprows=1, ndmin=2, comments=None)
 
 
 def at_speed(trajectory: Trajectory, per_cent: float) -> Trajectory:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -113,17 +115,26 @@ def fitted_base(folds: Folds, rung: str, physics: Physics) -> Base:
     whole = _checked(rung, mean, samples)
     if len(folds.numbers) == 1:
         return Base(mean, whole, {folds.numbers[0]: whole})
-    without = {}
-    for number in folds.numbers:
-        try:
-            without[number] = _checked(rung, physics(samples.take(folds.fold != number)), samples)
-        except DataError:
-            without[number] = whole
-    return Base(mean, whole, without)
+    found = getattr(physics, "without", partial(_without, physics))(samples, folds.fold)
+    without = {number: _numbers(rung, predicted, samples) for number, predicted in found.items()}
+    return Base(mean, whole, {number: without.get(number, whole) for number in folds.numbers})
+
+
+def _without(physics: Physics, samples: Samples, fold: Index) -> dict[int, Array]:
+    """As `contracts.HeldOutPhysics`, of physics without that capability."""
+    found = {}
+    for number in np.unique(fold).tolist():
+        with contextlib.suppress(DataError):
+            found[number] = physics(samples.take(fold != number)).predict(samples.log)
+    return found
 
 
 def _checked(rung: str, mean: Mean, samples: Samples) -> Array:
-    predicted = np.asarray(mean.predict(samples.log), dtype=float)
+    return _numbers(rung, mean.predict(samples.log), samples)
+
+
+def _numbers(rung: str, said: Array, samples: Samples) -> Array:
+    predicted = np.asarray(said, dtype=float)
     if predicted.shape != samples.command.shape or not np.isfinite(predicted).all():
         raise UsageError(
             f"the {rung} physics gives no numbers, or shape {predicted.shape} for commands of shape "

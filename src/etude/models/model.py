@@ -135,26 +135,25 @@ class LearnedModel:
 
         `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
         """
-        average, variance, _ = self._predicted(as_log(log, self.inputs.columns), iter)
+        average, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), iter)
         return average, variance
 
     def faded(self, log: Any) -> tuple[Array, Array]:
         """What a feedforward adds (n, J), and the variance of `predict`: its mean where the model knows more
         than before any data, what is `safe` elsewhere.
         """
-        log = as_log(log, self.inputs.columns)
-        average, variance, noise = self._predicted(log, iter)
-        return trusted(average, variance - noise, self.signal_deviation, self.safe(log)), variance
+        means = Means(as_log(log, self.inputs.columns))
+        average, variance, noise = self._predicted(means, iter)
+        return trusted(average, variance - noise, self.signal_deviation, self._safe(means)), variance
 
     def _predicted(
-        self, log: Log, each: Callable[[list[_InUse]], Iterable[_InUse]]
+        self, means: Means, each: Callable[[list[_InUse]], Iterable[_InUse]]
     ) -> tuple[Array, Array, Array]:
         """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
         through the candidates.
         """
-        X, means = self.inputs.of_log(log), Means(log)
-        parts = []
-        average = np.zeros((len(log), len(self.commands)))
+        X, parts = self.inputs.of_log(means.log), []
+        average = np.zeros((len(X), len(self.commands)))
         for candidate, own in each(self._in_use()):
             assert candidate.process is not None
             output, latent = candidate.process.predict(X)
@@ -179,7 +178,7 @@ class LearnedModel:
 
     def commanded(self, log: Log) -> Log:
         """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
-        mean, variance, _ = self._predicted(as_log(log, self.inputs.columns), counted)
+        mean, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
         channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
         values = {"command": mean, "deviation": np.sqrt(variance)}
@@ -228,12 +227,15 @@ class LearnedModel:
 
     def safe(self, log: Log) -> Array:
         """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else zero."""
-        means, nothing = Means(log), np.zeros((len(log), 1))
+        return self._safe(Means(log))
+
+    def _safe(self, means: Means) -> Array:
+        nothing = np.zeros((len(means.log), 1))
         parts = [
             means.of(replace(c, units=np.zeros_like(c.units))) if is_physical(c) else nothing
             for c, _ in self._in_use()
         ]
-        return self._weighted(len(log), parts)
+        return self._weighted(len(means.log), parts)
 
     def _weighted(self, count: int, parts: Sequence[Array]) -> Array:
         out = np.zeros((count, len(self.commands)))

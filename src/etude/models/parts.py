@@ -18,12 +18,12 @@ class Means:
     """What the means say of a log, each asked once."""
 
     def __init__(self, log: Log, *, static: bool = False) -> None:
-        self._log, self._static = log, static
+        self.log, self._static = log, static
         self._known: dict[int, Array] = {}
 
     def of(self, candidate: Candidate) -> Array:
         """(n, m) mean function of a candidate, its process's offset included."""
-        offset = np.tile(candidate.units[0], (len(self._log), 1))
+        offset = np.tile(candidate.units[0], (len(self.log), 1))
         if candidate.mean is None:
             return offset
         if id(candidate.mean) not in self._known:
@@ -31,7 +31,7 @@ class Means:
         return np.asarray(offset + self._known[id(candidate.mean)][:, list(candidate.commands)])
 
     def _ask(self, mean: Mean) -> Array:
-        return mean.static(self._log) if self._static else mean.predict(self._log)
+        return mean.static(self.log) if self._static else mean.predict(self.log)
 
 
 def is_physical(candidate: Candidate) -> bool:

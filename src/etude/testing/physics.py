@@ -60,3 +60,14 @@ class PhysicsSuite:
         for name, mean in self.means().items():
             again = table[name].restore(mean.arrays())
             same(again.predict(log), mean.predict(log), f"{name}: restored")
+
+    def test_what_a_fold_says_is_not_in_the_mean_without_it(self) -> None:
+        here = self.world
+        samples = samples_of(here, 2)
+        fold = np.arange(len(samples)) * 3 // len(samples)
+        for name, physics in self.kind.physics(here.spec, here.config).items():
+            if not hasattr(physics, "without"):
+                continue
+            for number, predicted in physics.without(samples, fold).items():
+                alone = physics(samples.take(fold != number)).predict(samples.log)
+                close(predicted, alone, 1e-9, f"{name}: without the fold {number}")

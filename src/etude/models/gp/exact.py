@@ -161,9 +161,10 @@ class ExactPosterior:
         """Mean (T,) and latent variance (T,), thesis (2.5) and (2.6)."""
         X = self._inputs(X)
         mean, variance = np.empty(len(X)), self.kernel.diagonal(self.theta, X)
+        values = self.kernel.values(self.theta, self.X)
         with threads_for(len(self.X)):
             for rows in _blocks(len(X)):
-                K = self.kernel.value(self.theta, X[rows], self.X)
+                K = values(X[rows])
                 mean[rows] = K @ self.alpha
                 V = dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1)
                 variance[rows] -= np.einsum("nt,nt->t", V, V)
@@ -172,9 +173,9 @@ class ExactPosterior:
     def mean(self, X: Array) -> Array:
         """Mean (T,) alone, thesis (2.5): O(n) a point."""
         X = self._inputs(X)
-        mean = np.empty(len(X))
+        mean, sums = np.empty(len(X)), self.kernel.sums(self.theta, self.X, self.alpha)
         for rows in _blocks(len(X)):
-            mean[rows] = self.kernel.weighted(self.theta, X[rows], self.X, self.alpha)
+            mean[rows] = sums(X[rows])
         return mean
 
     def covariance(self, X: Array, Z: Array) -> Array:

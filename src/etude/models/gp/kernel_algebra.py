@@ -22,6 +22,7 @@ from etude.errors import UsageError
 Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
 Against = Callable[[Array], tuple[Array, Pull]]
+Of = Callable[[Array], Array]
 Role = Literal["amplitude", "length", "slope"]
 
 
@@ -74,11 +75,20 @@ class Kernel(ABC):
 
     def value(self, theta: Array, X: Array, Z: Array) -> Array:
         """k(X, Z), (n, m), in memory of its own."""
-        return self.cross(theta, X, Z)[0]
+        return self.values(theta, Z)(X)
 
-    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
-        """k(X, Z) alpha, (n,) or (n, c), of weights (m,) or (m, c): means need no more of the matrix."""
-        return np.asarray(self.value(theta, X, Z) @ alpha)
+    def values(self, theta: Array, Z: Array) -> Of:
+        """X -> `value` with Z (m, D) that stays, as `against`."""
+        return lambda X: self.cross(theta, X, Z)[0]
+
+    def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
+        """X -> k(X, Z) alpha, (n,) or (n, c), of weights (m,) or (m, c): means need no more of the matrix."""
+        values = self.values(theta, Z)
+        return lambda X: np.asarray(values(X) @ alpha)
+
+    def features(self, theta: Array, X: Array) -> Array | None:  # noqa: ARG002
+        """(n, F) with k(x, z) their scalar product, of a kernel with few of them; None of others."""
+        return None
 
     def theta_gradient(self, theta: Array, X: Array, G: Array) -> Array:
         """Gradient (P,) of sum(G * k(X, X)) with respect to theta; G is (n, n)."""
@@ -160,15 +170,20 @@ class Sum(_Composite):
 
         return crossed
 
-    def value(self, theta: Array, X: Array, Z: Array) -> Array:
-        (first, own), *others = self.shares(theta)
-        out = first.value(own, X, Z)
-        for part, own in others:
-            out += part.value(own, X, Z)
-        return out
+    def values(self, theta: Array, Z: Array) -> Of:
+        first, *others = [part.values(own, Z) for part, own in self.shares(theta)]
 
-    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
-        return _total([part.weighted(own, X, Z, alpha) for part, own in self.shares(theta)])
+        def valued(X: Array) -> Array:
+            out = first(X)
+            for other in others:
+                out += other(X)
+            return out
+
+        return valued
+
+    def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
+        parts = [part.sums(own, Z, alpha) for part, own in self.shares(theta)]
+        return lambda X: _total([part(X) for part in parts])
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _total([part.diagonal(own, X) for part, own in self.shares(theta)])
@@ -214,12 +229,27 @@ class Product(_Composite):
 
         return crossed
 
-    def value(self, theta: Array, X: Array, Z: Array) -> Array:
-        (first, own), *others = self.shares(theta)
-        out = first.value(own, X, Z)
-        for part, own in others:
-            out *= part.value(own, X, Z)
-        return out
+    def values(self, theta: Array, Z: Array) -> Of:
+        return _multiplied([part.values(own, Z) for part, own in self.shares(theta)])
+
+    def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
+        shares = self.shares(theta)
+        known = [part.features(own, Z) for part, own in shares]
+        place = next((i for i, found in enumerate(known) if found is not None), None)
+        if place is None or len(shares) == 1:
+            return super().sums(theta, Z, alpha)
+        # a factor of few features asks for no matrix of its own, but for that many weights on the others
+        (part, own), beside = shares.pop(place), known[place]
+        assert beside is not None
+        weights = beside[:, :, None] * alpha.reshape(len(Z), 1, -1)
+        others = _multiplied([other.values(its, Z) for other, its in shares])
+
+        def summed(X: Array) -> Array:
+            found = (others(X) @ weights.reshape(len(Z), -1)).reshape(len(X), *weights.shape[1:])
+            total = np.einsum("nf,nfc->nc", np.asarray(part.features(own, X)), found)
+            return np.asarray(total.reshape(len(X), *alpha.shape[1:]))
+
+        return summed
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return _product([part.diagonal(own, X) for part, own in self.shares(theta)])
@@ -241,6 +271,18 @@ def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...
 
 def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
     return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
+
+
+def _multiplied(factors: list[Of]) -> Of:
+    first, *others = factors
+
+    def valued(X: Array) -> Array:
+        out = first(X)
+        for other in others:
+            out *= other(X)
+        return out
+
+    return valued
 
 
 def _total(terms: list[Array]) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Column
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Against, Array, Kernel, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Product, Pull, Role, Sum
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""
@@ -74,6 +74,15 @@ class SquaredExponential(Kernel):
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
+
+    def values(self, theta: Array, Z: Array) -> Of:
+        log_s0, lengths = self._split(theta)
+        fixed = _active(Z, self.dims)
+        centre = fixed.mean(axis=0)
+        right = _right((fixed - centre) / lengths)
+        return lambda X: _exponential(
+            _left((_active(X, self.dims) - centre) / lengths, log_s0), right, log_s0
+        )
 
     def against(self, theta: Array, Z: Array) -> Against:
         log_s0, lengths = self._split(theta)
@@ -150,9 +159,16 @@ class Linear(Kernel):
 
         return crossed
 
-    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:
+    def values(self, theta: Array, Z: Array) -> Of:
+        weighted = _active(Z, self.dims) * np.exp(2.0 * self.check(theta))
+        return lambda X: np.asarray(_active(X, self.dims) @ weighted.T)
+
+    def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
         slopes = (_active(Z, self.dims) * np.exp(2.0 * self.check(theta))).T @ alpha
-        return np.asarray(_active(X, self.dims) @ slopes)
+        return lambda X: np.asarray(_active(X, self.dims) @ slopes)
+
+    def features(self, theta: Array, X: Array) -> Array:
+        return np.asarray(_active(X, self.dims) * np.exp(self.check(theta)))
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return np.asarray(_active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
@@ -230,17 +246,26 @@ def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
 
 
 def _left(U: Array, log_s0: float) -> Array:
-    return np.column_stack([U, 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U), np.ones(len(U))])
+    out = np.empty((len(U), U.shape[1] + 2))
+    out[:, :-2], out[:, -1] = U, 1.0
+    out[:, -2] = 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U)
+    return out
 
 
 def _right(V: Array) -> Array:
-    return np.column_stack([V, np.ones(len(V)), -0.5 * np.einsum("nd,nd->n", V, V)])
+    out = np.empty((len(V), V.shape[1] + 2))
+    out[:, :-2], out[:, -2] = V, 1.0
+    out[:, -1] = -0.5 * np.einsum("nd,nd->n", V, V)
+    return out
 
 
 def _exponential(left: Array, right: Array, log_s0: float) -> Array:
     K: Array = left @ right.T
-    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow
-    np.minimum(K, 2.0 * log_s0, out=K)
+    most = 2.0 * log_s0
+    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow. That is
+    # seldom and looking for it is cheap; a minimum with a number, not a row, takes as long as the exponential
+    if K.max(initial=most) > most:
+        np.minimum(K, np.full(K.shape[1], most), out=K)
     return np.exp(K, out=K)
 
 
@@ -264,7 +289,9 @@ def _active(X: Array, dims: tuple[int, ...]) -> Array:
 
 
 def _with_ones(U: Array) -> Array:
-    return np.column_stack([U, np.ones(len(U))])
+    out = np.empty((len(U), U.shape[1] + 1))
+    out[:, :-1], out[:, -1] = U, 1.0
+    return out
 
 
 def _check_dims(dims: tuple[int, ...]) -> None:

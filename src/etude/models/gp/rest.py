@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Column
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Array, Kernel, Of, Pull, Role, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential, own_columns, structured
 
 
@@ -43,9 +43,9 @@ class RestNoise(Kernel):
         self.check(theta)
         return np.zeros((len(X), len(Z))), lambda _: np.zeros(X.shape)
 
-    def weighted(self, theta: Array, X: Array, Z: Array, alpha: Array) -> Array:  # noqa: ARG002
+    def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:  # noqa: ARG002
         self.check(theta)
-        return np.zeros((len(X), *alpha.shape[1:]))
+        return lambda X: np.zeros((len(X), *alpha.shape[1:]))
 
     def diagonal(self, theta: Array, X: Array) -> Array:
         return np.asarray(np.exp(2.0 * self.check(theta)[0]) * self._rest(X) ** 2)

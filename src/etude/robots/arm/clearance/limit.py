@@ -26,8 +26,8 @@ METHOD = "distances of convex hulls at poses, and between them how far joints ca
 LOOK = 2
 """One of so many of a way's first samples is looked at in searches."""
 TAKEN = 0.5
-"""Of the room that a gap has at home beyond what searches keep, the part that tracking may take: the rest is for
-motion. Where neighbours pass each other with 15 mm in every pose a motion needs a millimetre or two of it."""
+"""Of the room that a gap has at home beyond what searches keep, the part that tracking may take. The rest is
+for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,11 @@ import numpy as np
 
 from etude.contracts import Array, Index, Samples
 from etude.robots.arm.identified.links import Links
-from etude.robots.arm.physics.base_parameters import spread_states
 from etude.robots.arm.physics.mean import RigidBodyMean
 from etude.robots.arm.physics.rigid_body import (
-    IdentificationPrior,
     command_regressors,
     information_per_sample,
+    output_priors,
 )
 from etude.robots.arm.spec import PATH, PLAN, ArmSpec
 
@@ -59,16 +58,14 @@ class Evidence:
         model, tree, drives = found.model, links.tree, links.drives
         v0 = model.friction_velocity
         both = np.concatenate(command_regressors(tree, drives, v0, *motion), axis=2)
-        spread = command_regressors(tree, drives, v0, *spread_states(spec, 64 + 24 * tree.bodies))
-        rows, groups, own = [], [], []
+        own = np.array([prior.extra for prior in output_priors(spec, tree, drives, v0)])
+        rows, groups = [], []
         for j in range(spec.dof):
             used = samples.moving[:, j] & samples.usable[:, j]
             noise = float(model.deviation[j])
             rows.append((both[used, j] / noise, samples.command[used, j] / noise))
             groups.append(samples.group[used])
-            prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], spec.command[j])
-            own.append(prior.extra)
-        return Evidence(rows, groups, information_per_sample(samples), np.array(own), model.deviation)
+        return Evidence(rows, groups, information_per_sample(samples), own, model.deviation)
 
     def normal(self, groups: Sequence[int] | None = None) -> Normal:
         """Of those groups, or of all."""

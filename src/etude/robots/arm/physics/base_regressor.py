@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.robots.arm.physics.base_parameters import spread_states
 from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.rigid_body import IdentificationPrior, command_regressors
+from etude.robots.arm.physics.rigid_body import command_regressors, output_priors
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import ArmSpec
 
@@ -118,11 +117,9 @@ def base_regressors(
     spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
 ) -> tuple[BaseRegressor, ...]:
     """One per output, scaled by what identification assumes of its parameters before any data."""
-    spread = command_regressors(tree, drives, friction_velocity, *spread_states(spec, 64 + 24 * tree.bodies))
     motion = MotionRegressor(tree, drives, friction_velocity)
     made = []
-    for j in range(spec.dof):
-        prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
+    for j, prior in enumerate(output_priors(spec, tree, drives, friction_velocity)):
         rigid = prior.gain * np.column_stack([prior.nominal, prior.directions])
         made.append(BaseRegressor(motion, j, rigid, prior.extra))
     return tuple(made)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,13 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code, Log, Samples
-from etude.errors import UsageError
+from etude.contracts import Array, Code, Index, Log, Samples
+from etude.errors import DataError, UsageError
 from etude.robots.arm.inputs import FRICTION_SCALES
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.rigid_body import EXTRA_TERMS, RigidBodyModel, identify, nominal_model
+from etude.robots.arm.physics.rigid_body import (
+    EXTRA_TERMS,
+    IdentificationPrior,
+    RigidBody,
+    RigidBodyModel,
+    command_regressors,
+    fitted,
+    nominal_model,
+    output_priors,
+    require_axes,
+)
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import PATH, PLAN, ArmSpec
 
@@ -103,13 +114,23 @@ class ArmPhysics:
 
     def __call__(self, samples: Samples | None) -> RigidBodyMean:
         """The mean. DataError: an axis never moved; UsageError: nothing to identify from."""
-        tree, drives = self.geometry.tree, self.geometry.drives
         if self.nominal:
-            return self._mean(nominal_model(tree, drives, self.friction_velocity))
+            return self._mean(nominal_model(*self._body))
         if samples is None:
             raise UsageError("an identified model needs samples", next_step="Tell a log first.")
-        motion = tuple(samples.log[name] for name in (PLAN if self.desired else PATH))
-        return self._mean(identify(samples, motion, self.spec, tree, drives, self.friction_velocity))
+        return self._mean(self._fitted(samples, self._regressors(samples)))
+
+    def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
+        """Capability `contracts.HeldOutPhysics`: samples are looked at once, not once for each fold."""
+        if self.nominal:
+            return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
+        rigid, extra = regressors = self._regressors(samples)
+        found = {}
+        for number in np.unique(fold).tolist():
+            rest = fold != number
+            with contextlib.suppress(DataError):
+                found[number] = self._fitted(samples.take(rest), (rigid[rest], extra[rest])).of(*regressors)
+        return found
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
         """The mean whose `arrays` these are; no model file is read."""
@@ -123,8 +144,24 @@ class ArmPhysics:
 
     def regressors(self) -> tuple[BaseRegressor, ...]:
         """One per command: features of the inputs in which it is linear, weights N(0, 1) before any data."""
-        geometry = self.geometry
-        return base_regressors(self.spec, geometry.tree, geometry.drives, self.friction_velocity)
+        return base_regressors(self.spec, *self._body)
+
+    @cached_property
+    def _body(self) -> RigidBody:
+        return RigidBody(self.geometry.tree, self.geometry.drives, self.friction_velocity)
+
+    @cached_property
+    def _priors(self) -> tuple[IdentificationPrior, ...]:
+        return output_priors(self.spec, *self._body)
+
+    def _regressors(self, samples: Samples) -> tuple[Array, Array]:
+        """At the states of the samples, as models look at them."""
+        require_axes(samples, self.spec, self._body.tree, self._body.drives)
+        motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
+        return command_regressors(*self._body, *motion)
+
+    def _fitted(self, samples: Samples, regressors: tuple[Array, Array]) -> RigidBodyModel:
+        return fitted(samples, regressors, self._priors, self.spec.names, self._body)
 
     def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
         return RigidBodyMean(model, self.spec, self.desired)

@@ -9,8 +9,9 @@ and the gain of the motor are unknown, so each output has parameters of its own,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
+
+
+class RigidBody(NamedTuple):
+    """A robot's geometry, and (dof,) v0 of the friction columns, rad/s."""
+
+    tree: KinematicTree
+    drives: tuple[Drive, ...]
+    friction_velocity: Array
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,10 @@ class RigidBodyModel:
 
     def predict(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Command (n, dof) at q, qd, qdd (n, dof)."""
-        rigid, extra = command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd)
+        return self.of(*command_regressors(self.tree, self.drives, self.friction_velocity, q, qd, qdd))
+
+    def of(self, rigid: Array, extra: Array) -> Array:
+        """Command (n, dof) at regressors as `command_regressors` has them."""
         command = np.einsum("njp,jp->nj", rigid, self.inertial) + np.einsum("njp,jp->nj", extra, self.extra)
         return np.asarray(command)
 
@@ -102,30 +114,46 @@ def identify(
     Raises:
         DataError: an axis never moved.
     """
+    require_axes(samples, spec, tree, drives)
+    regressors = command_regressors(tree, drives, friction_velocity, *motion)
+    priors = output_priors(spec, tree, drives, friction_velocity)
+    return fitted(samples, regressors, priors, spec.names, RigidBody(tree, drives, friction_velocity))
+
+
+def require_axes(samples: Samples, spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...]) -> None:
+    """UsageError unless robot, model file and samples have the same axes."""
     axes = samples.command.shape[1]
     if tree.joints != spec.dof or len(drives) != spec.dof or axes != spec.dof:
         raise UsageError(
             "Robot, model file and samples must have the same axes",
             where=f"robot {spec.dof}, model file {tree.joints}, samples {axes}",
         )
-    rigid, extra = command_regressors(tree, drives, friction_velocity, *motion)
-    spread = command_regressors(tree, drives, friction_velocity, *spread_states(spec, 64 + 24 * tree.bodies))
+
+
+def fitted(
+    samples: Samples,
+    regressors: tuple[Array, Array],
+    priors: Sequence[IdentificationPrior],
+    names: Sequence[str],
+    body: RigidBody,
+) -> RigidBodyModel:
+    """`identify` with the samples' regressors and each output's prior at hand. DataError as there."""
+    rigid, extra = regressors
     weight = information_per_sample(samples)
     fits = []
-    for j in range(spec.dof):
+    for j, (name, prior) in enumerate(zip(names, priors, strict=True)):
         moving = samples.moving[:, j] & samples.usable[:, j]
         if not np.any(moving):
             raise DataError(
                 "An axis never moves, so nothing of it can be identified",
-                where=spec.names[j],
+                where=name,
                 next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
             )
-        prior = IdentificationPrior.of_output(tree, spread[0][:, j], spread[1][:, j], float(spec.command[j]))
         fits.append(
             _fit_output(rigid[moving, j], extra[moving, j], samples.command[moving, j], prior, weight)
         )
     inertial, extras, deviation, rank, spreads = (np.array(part) for part in zip(*fits, strict=True))
-    return RigidBodyModel(tree, drives, friction_velocity, inertial, extras, rank, deviation, spreads)
+    return RigidBodyModel(*body, inertial, extras, rank, deviation, spreads)
 
 
 CORRELATION_TIME = 0.5  # s; smoothed commands closer than this repeat each other
@@ -168,6 +196,18 @@ class IdentificationPrior:
             command / largest,
             command,
         )
+
+
+def output_priors(
+    spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
+) -> tuple[IdentificationPrior, ...]:
+    """What is known of each output before any data, over states spread within the robot's limits."""
+    spread = spread_states(spec, 64 + 24 * tree.bodies)
+    rigid, extra = command_regressors(tree, drives, friction_velocity, *spread)
+    return tuple(
+        IdentificationPrior.of_output(tree, rigid[:, j], extra[:, j], float(spec.command[j]))
+        for j in range(spec.dof)
+    )
 
 
 def _fit_output(
