@@ -30,6 +30,14 @@ SLOW = 0.02
 """v0 of e as a part of the joint's top speed."""
 SLOWEST = 0.05
 """Least top speed that a log may tell, a part of the velocity limit."""
+FASTEST = 3.0
+"""rad/s (m/s): friction turns over no more slowly in joints that may be faster, or whose file says so. No
+sample tells, slow ones being masked, and reversals would be smeared over seconds."""
+
+
+def friction_speeds(spec: ArmSpec, fraction: float) -> Array:
+    """(J,) v0 over which friction turns over, a part of the velocity limits."""
+    return np.asarray(fraction * np.minimum(spec.velocity, FASTEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +82,13 @@ class ArmInputs:
         presliding: float = 0.0,
         stick_fraction: float = 0.0,
     ) -> ArmInputs:
-        """v0 of the friction columns is a part of the velocity limits; 0 for no such columns.
+        """v0 of the friction columns is a part of the velocity limits (`friction_speeds`); 0 for no columns.
 
         presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
         stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`tuned`).
         """
         channels = {c.name: c for c in spec.channels() if c.name in (*PATH, *PLAN)}
-        v0 = friction_fraction * spec.velocity if friction_fraction else None
+        v0 = friction_speeds(spec, friction_fraction) if friction_fraction else None
         found = cls(channels, stick_fraction * spec.velocity, v0, desired=desired)
         if not presliding:
             return found

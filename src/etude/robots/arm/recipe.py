@@ -59,7 +59,8 @@ class ArmData:
             and only `stick_fraction` says when a joint stands, not the encoder's resolution too.
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
-        friction_fraction: v0 of the friction inputs as a part of the velocity limit; 0 for no such inputs.
+        friction_fraction: v0 of the friction inputs as a part of the velocity limit, of 3 rad/s at most; 0
+            for no such inputs.
         offset: where the thinning of a log begins: "spread" elsewhere in each, so that repeated motions add
             samples; "first" at its first sample (thesis 6.2).
     """

@@ -25,7 +25,7 @@ from etude.robots.arm.clearance.way import Way, way_of
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
 """One of so many of a way's first samples is looked at in searches."""
-TAKEN = 0.5
+TAKEN = 0.75
 """Of the room that a gap has at home beyond what searches keep, the part that tracking may take. The rest is
 for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
 

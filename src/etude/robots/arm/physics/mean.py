@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Index, Log, Samples
 from etude.errors import DataError, UsageError
-from etude.robots.arm.inputs import FRICTION_SCALES
+from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
@@ -110,7 +110,7 @@ class ArmPhysics:
 
     @property
     def friction_velocity(self) -> Array:
-        return self.friction_fraction * self.spec.velocity
+        return friction_speeds(self.spec, self.friction_fraction)
 
     def __call__(self, samples: Samples | None) -> RigidBodyMean:
         """The mean. DataError: an axis never moved; UsageError: nothing to identify from."""
