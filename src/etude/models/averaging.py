@@ -39,7 +39,8 @@ def averaged(
 ) -> Average:
     """The candidates of a rung, weighed for each command by their density over what all of them predicted."""
     parts, J = [*defaults, *others], len(folds.commands)
-    told = [everywhere(folds, part, base) for part in parts]
+    use = _compared(defaults, (len(folds.X), J))
+    told = [everywhere(folds, part, base, use) for part in parts]
     errors, variances = (np.full((len(parts), len(folds.X), J), np.nan) for _ in range(2))
     for k, (part, (error, variance)) in enumerate(zip(parts, told, strict=True)):
         columns = list(part.candidate.commands)
@@ -50,7 +51,6 @@ def averaged(
     weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
     for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use
         own[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
-    use = _compared(defaults, (len(folds.X), J))
     held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
     kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
     shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)

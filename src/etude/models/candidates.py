@@ -15,7 +15,7 @@ from etude.models.fit import Folds, Rows, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.held_out import Base, process_held_out
 from etude.models.model import LearnedModel
-from etude.models.recipes import CANDIDATES, Recipe
+from etude.models.recipes import CANDIDATES
 from etude.models.rows import apart
 from etude.models.rungs import Learned, earlier_of, with_process
 from etude.models.score import while_any_moves
@@ -48,9 +48,10 @@ def beside_default(
                 continue
             every = tuple(j for learned in own for j in learned.candidate.commands)
             for commands in counted([every] if recipe.together else [(j,) for j in every]):
-                beside = [d.rows for d in own if set(commands) & set(d.candidate.commands)]
-                base = bases.get(rung.removesuffix("+gp"))
-                found.append(_learned(folds, commands, name, rung, base, beside, rng, previous))
+                learned = _learned(
+                    folds, commands, name, rung, bases.get(rung.removesuffix("+gp")), rng, previous
+                )
+                found.append(learned)
     return found
 
 
@@ -60,7 +61,6 @@ def _learned(
     name: str,
     rung: str,
     base: Base | None,
-    defaults: Sequence[Rows],
     rng: np.random.Generator,
     previous: LearnedModel | None,
 ) -> Learned:
@@ -69,31 +69,12 @@ def _learned(
     if recipe.standing:
         samples = replace(samples, moving=samples.moving | resting(folds))
     own = replace(folds, samples=samples, config=recipe.config(folds.config))
-    rows = _rows(own, folds, group, recipe, defaults, rng)
+    rows = rows_of(own, group, rng, any_of=recipe.together)
+    if recipe.standing:  # at rest little is told of the motion, so those samples come on top
+        rows = _beside(rows_of(replace(own, samples=folds.samples), group, rng), rows, folds, group)
     start = earlier_of(previous, rung, group, folds, name)
     learned = with_process(own, group, rows, rung, base, start, rng)
     return replace(learned, candidate=replace(learned.candidate, name=name))
-
-
-def _rows(
-    own: Folds,
-    folds: Folds,
-    group: tuple[int, ...],
-    recipe: Recipe,
-    defaults: Sequence[Rows],
-    rng: np.random.Generator,
-) -> Rows:
-    """Those of the default, or some of them: only what all candidates have held out compares them.
-
-    At rest little is told of the motion, so samples of standing joints come on top.
-    """
-    if recipe.together:
-        among = np.unique(np.concatenate([one.kept for one in defaults]))
-        return rows_of(own, group, rng, any_of=True, among=among)
-    rows = rows_of(own, group, rng)
-    return (
-        _beside(defaults[0], rows, folds, group) if recipe.standing else replace(rows, kept=defaults[0].kept)
-    )
 
 
 def resting(folds: Folds) -> Mask:
@@ -121,15 +102,19 @@ def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> 
     return Rows(every.moving, both(moving.kept, every.kept), both(moving.chosen, every.chosen))
 
 
-def everywhere(folds: Folds, learned: Learned, base: Base | None) -> tuple[Array, Array]:
-    """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted."""
+def everywhere(folds: Folds, learned: Learned, base: Base | None, compared: Mask) -> tuple[Array, Array]:
+    """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
+
+    Each candidate is conditioned on samples of its own, so that together they use more of them. What the
+    default held out, `compared` (n, J), all others say something of too, or there were little to compare.
+    """
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
     error, variance = held.error.copy(), held.variance.copy()
-    missing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own] & ~np.isfinite(error)
-    rest = np.flatnonzero(missing.any(axis=1))
-    if len(rest) and len(own) == 1 and process is not None:  # what learns together has held out all entries
-        rows = replace(learned.rows, kept=rest)
+    standing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own]
+    missing = np.flatnonzero(((standing | compared[:, own]) & ~np.isfinite(error)).any(axis=1))
+    if len(missing) and len(own) == 1 and process is not None:  # what learns together holds out all entries
+        rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
         told = np.isnan(error) & np.isfinite(more.error)
         error, variance = np.where(told, more.error, error), np.where(told, more.variance, variance)

@@ -69,16 +69,8 @@ class Rows:
     chosen: Index
 
 
-def rows_of(
-    folds: Folds,
-    group: tuple[int, ...],
-    rng: np.random.Generator,
-    *,
-    any_of: bool = False,
-    among: Index | None = None,
-) -> Rows:
-    """The rows of a group of commands: samples at which each of them, or with `any_of` one, says something;
-    of those kept only some `among` these, if given.
+def rows_of(folds: Folds, group: tuple[int, ...], rng: np.random.Generator, *, any_of: bool = False) -> Rows:
+    """The rows of a group of commands: samples at which each of them, or with `any_of` one, says something.
 
     Raises:
         DataError: there are fewer than two.
@@ -96,8 +88,7 @@ def rows_of(
         )
     many = config.inducing and np.count_nonzero(use) >= MANY * config.inducing
     most = config.inducing if many and config.process == "exact" else config.points
-    from_these = use if among is None else use & np.isin(np.arange(len(use)), among)
-    kept = spread_points(samples.t, samples.group, from_these, most, 0.0, rng)
+    kept = spread_points(samples.t, samples.group, use, most, 0.0, rng)
     spacing = config.fit_spacing_s
     if config.kernel in OF_ARMS or config.process == "all_lin":
         spacing = min(spacing, seconds_of(samples) / LEAST_FIT)
