@@ -20,7 +20,7 @@ from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speed
 from etude.campaign.in_use import model_in_use
 from etude.campaign.learn import learn_pending
 from etude.campaign.motions import typical_motions
-from etude.campaign.proposals import stored_trajectory
+from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory
@@ -34,7 +34,7 @@ CONFIRM_STREAM = 6
 """Separates the random numbers of these motions from those of asks and of the tests."""
 FEEDFORWARD = "feedforward.csv"
 """The same table as trajectory.csv, with a column for each command."""
-DRAWS, SPEEDS = 3, (100, 90, 80)
+DRAWS, SPEEDS = 3, (FULL, 90, 80)
 """Tries, and per cent of the speed at which each is tried, to leave room for what tracking may add."""
 
 
@@ -74,7 +74,7 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     else:
         number, kept = state.next_number, kept_now(campaign, state)
         made = _propose(campaign, state, number, kept, say)
-    found = present(campaign, number, kept, made, 100)
+    found = present(campaign, number, kept, made, FULL)
     motion = stored_trajectory(campaign, number)
     written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
     return replace(found, exported=tuple(written))
@@ -110,12 +110,12 @@ def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[Tr
     """The first motion drawn as tests are that is certified; else a random one inside the limits."""
     limits = kept.limits(campaign)
     for motion, speed in _candidates(campaign, rng):
-        slower = motion if speed == 100 else motion.slowed(100 / speed)
+        slower = motion if speed == FULL else motion.slowed(FULL / speed)
         try:
             files = _rendered(campaign, slower, limits, kept)
         except UnsafeTrajectoryError:
             continue
-        slow = "" if speed == 100 else f", at {speed} % of its speed"
+        slow = "" if speed == FULL else f", at {speed} % of its speed"
         return files, f"to confirm: drawn as the tests are{slow}, never trained on"
     motion = typical_motions(campaign, rng, 1, limits, grown=True)[0]
     return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"

@@ -17,7 +17,7 @@ from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.numbers import check_asked, check_same_number, free_number
-from etude.campaign.proposals import speed_folder, stored_trajectory
+from etude.campaign.proposals import FULL, speed_folder, stored_trajectory
 from etude.campaign.questions import Asked, Given, answers_of
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
@@ -143,7 +143,7 @@ def _identify(
     if number is None or foreign:
         check_no_confirmation(campaign, state, log, path)
     if refused is None or (number is None and not open_numbers):
-        return start_at_zero(log), None, 100
+        return start_at_zero(log), None, FULL
     raise DataError(
         refused.fact,
         where=refused.where or str(path),

@@ -106,14 +106,15 @@ def everywhere(folds: Folds, learned: Learned, base: Base | None, compared: Mask
     """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
 
     Each candidate is conditioned on samples of its own, so that together they use more of them. What the
-    default held out, `compared` (n, J), all others say something of too, or there were little to compare.
+    default held out, `compared` (n, J), others say something of too, or there were little to compare. What
+    learns all commands together, from few samples, is compared by what it held out itself.
     """
     candidate, held = learned.candidate, learned.held
     own, process = list(candidate.commands), candidate.process
     error, variance = held.error.copy(), held.variance.copy()
     standing = while_any_moves(folds.samples)[:, own] & ~folds.samples.moving[:, own]
     missing = np.flatnonzero(((standing | compared[:, own]) & ~np.isfinite(error)).any(axis=1))
-    if len(missing) and len(own) == 1 and process is not None:  # what learns together holds out all entries
+    if len(missing) and len(own) == 1 and process is not None:
         rows = replace(learned.rows, kept=missing)
         more = process_held_out(folds, candidate.commands, rows, candidate.units, process, base)
         told = np.isnan(error) & np.isfinite(more.error)

@@ -16,7 +16,14 @@ from etude.errors import DataError, UsageError
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.robots.arm.physics.kinematics import cross
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor
-from etude.robots.arm.physics.rigid_body import RigidBodyModel, identify
+from etude.robots.arm.physics.rigid_body import (
+    RigidBody,
+    RigidBodyModel,
+    command_regressors,
+    fitted,
+    output_priors,
+    require_axes,
+)
 from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 V0 = np.full(5, 0.02)
@@ -25,6 +32,13 @@ V0 = np.full(5, 0.02)
 def with_command(samples: Samples, command: np.ndarray) -> Samples:
     """The samples with other commands."""
     return replace(samples, log=samples.log.put(samples.log.channels["command"], command))
+
+
+def identify(samples, motion, spec, tree, drives, v0) -> RigidBodyModel:
+    body = RigidBody(tree, drives, v0)
+    require_axes(samples, spec, tree, drives)
+    regressors = command_regressors(*body, *motion)
+    return fitted(samples, regressors, output_priors(spec, *body), spec.names, body)
 
 
 NOISE = 0.1

@@ -138,8 +138,8 @@ class Clearance:
         return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
 
     def _share(self, error: Array) -> Array:
-        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` of the room at
-        most.
+        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` at most of the
+        room beyond what searches keep.
 
         Neighbours of some robots pass each other with a few millimetres in every pose, so a margin that was
         learned from poor tracking would forbid all motion, also the home that margins before it allowed.

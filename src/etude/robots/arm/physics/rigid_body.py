@@ -95,31 +95,6 @@ def command_regressors(
     return rigid, np.stack([drive.acceleration, drive.speed, *friction, constant], axis=2)
 
 
-def identify(
-    samples: Samples,
-    motion: tuple[Array, ...],
-    spec: ArmSpec,
-    tree: KinematicTree,
-    drives: tuple[Drive, ...],
-    friction_velocity: Array,
-) -> RigidBodyModel:
-    """Masked maximum a posteriori least squares of every output's parameters.
-
-    Args:
-        samples: commands and masks.
-        motion: q, qd, qdd (n, dof) of the samples, as models look at them.
-        spec, tree, drives: the robot and its geometry.
-        friction_velocity: (dof,) v0 of the friction terms, rad/s.
-
-    Raises:
-        DataError: an axis never moved.
-    """
-    require_axes(samples, spec, tree, drives)
-    regressors = command_regressors(tree, drives, friction_velocity, *motion)
-    priors = output_priors(spec, tree, drives, friction_velocity)
-    return fitted(samples, regressors, priors, spec.names, RigidBody(tree, drives, friction_velocity))
-
-
 def require_axes(samples: Samples, spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...]) -> None:
     """UsageError unless robot, model file and samples have the same axes."""
     axes = samples.command.shape[1]
@@ -137,7 +112,17 @@ def fitted(
     names: Sequence[str],
     body: RigidBody,
 ) -> RigidBodyModel:
-    """`identify` with the samples' regressors and each output's prior at hand. DataError as there."""
+    """Masked maximum a posteriori least squares of every output's parameters.
+
+    Args:
+        samples: commands and masks.
+        regressors: of the samples, as `command_regressors` has them.
+        priors: of the outputs, as `output_priors`. names: of their axes.
+        body: which all that is of.
+
+    Raises:
+        DataError: an axis never moved.
+    """
     rigid, extra = regressors
     weight = information_per_sample(samples)
     fits = []
