@@ -15,8 +15,8 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import UsageError
-from etude.robots.arm.memory import pulled, remembered
-from etude.robots.arm.spec import MEMORY, ORDERS, PATH, PLAN, ArmSpec
+from etude.robots.arm.memory import pulled, remembered, turning
+from etude.robots.arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
 """Multiples of v0 with a friction column each: a curve over speed; static may exceed kinetic friction.
@@ -52,6 +52,8 @@ class ArmInputs:
         desired: look at the plan (thesis) instead of at what was measured.
         presliding: (J,) way over which friction turns round, rad or m; None: nothing is remembered.
         play: (J,) half width that a position has to leave to count as motion. slow: (J,) v0 of e, rad/s.
+        ways: (W, J) over which friction may turn round in physics, rad or m: perfect runs carry what it
+            remembers then; None: they do not.
     """
 
     channels: Mapping[str, Channel]
@@ -62,6 +64,7 @@ class ArmInputs:
     presliding: Array | None = None
     play: Array | None = None
     slow: Array | None = None
+    ways: Array | None = None
 
     def __post_init__(self) -> None:
         v0 = self.friction_velocity
@@ -81,15 +84,20 @@ class ArmInputs:
         desired: bool = False,
         presliding: float = 0.0,
         stick_fraction: float = 0.0,
+        physics: bool = False,
     ) -> ArmInputs:
         """v0 of the friction columns is a part of the velocity limits (`friction_speeds`); 0 for no columns.
 
         presliding: of hinges, rad; that of slides is a tenth of it, in m. 0 for no memory.
         stick_fraction: part of the velocity limit below which samples are masked, until logs tell (`tuned`).
+        physics: whether perfect runs carry what friction remembers for identified physics.
         """
-        channels = {c.name: c for c in spec.channels() if c.name in (*PATH, *PLAN)}
+        channels = {
+            c.name: c for c in (*spec.channels(), spec.turning()) if c.name in (*PATH, *PLAN, TURNING)
+        }
         v0 = friction_speeds(spec, friction_fraction) if friction_fraction else None
-        found = cls(channels, stick_fraction * spec.velocity, v0, desired=desired)
+        ways = spec.ways() if physics else None
+        found = cls(channels, stick_fraction * spec.velocity, v0, desired=desired, ways=ways)
         if not presliding:
             return found
         length = spec.presliding(presliding)
@@ -137,7 +145,15 @@ class ArmInputs:
         """Measured as planned: what a perfect run leaves."""
         names = (*PATH, *PLAN)
         values = dict(zip(names, (*motion.orders[:ORDERS], *motion.orders[:ORDERS]), strict=True))
-        return Log(motion.t, {name: self.channels[name] for name in names}, values, source="plan")
+        found = Log(motion.t, {name: self.channels[name] for name in names}, values, source="plan")
+        return found if len(found) < 2 else self.followed(found)
+
+    def followed(self, log: Log) -> Log:
+        """The log with what friction remembers, for rows that follow one another as in a run from rest."""
+        if self.ways is None:
+            return log
+        q = log[self.names[0]]
+        return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.ways))
 
     def of_log(self, log: Log) -> Array:
         """X (T, D). KeyError where the log lacks a channel."""

@@ -164,7 +164,10 @@ class ArmKind:
 
         data = config.data
         presliding = data.presliding if config.model.remembers else 0.0
-        return ArmInputs.of(spec, data.friction_fraction, data.desired, presliding, data.stick_fraction)
+        physics = spec.model_file is not None and data.presliding > 0.0
+        return ArmInputs.of(
+            spec, data.friction_fraction, data.desired, presliding, data.stick_fraction, physics
+        )
 
     def physics(self, spec: ArmSpec, config: Any) -> Mapping[str, ArmPhysics]:
         """None without a model file; "nominal" only where commands are forces."""

@@ -36,6 +36,17 @@ def remembered(q: Array, play: Array, length: Array, start: Array | None = None)
     return np.stack([_followed(faded, own), behind], axis=1)
 
 
+def turning(q: Array, play: Array, lengths: Array) -> Array:
+    """(T, W J) friction in [-1, 1] along q (T, J) by ways (W, J) over which it may turn round, from rest.
+
+    Args:
+        play: (J,) as for `remembered`; at most half of a way, so that noise is less than what it hides.
+    """
+    count = len(lengths)
+    plays = np.minimum(np.tile(play, count), 0.5 * lengths.ravel())
+    return remembered(np.tile(q, (1, count)), plays, lengths.ravel())[:, 0]
+
+
 def pulled(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
     """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that began with the first row."""
     found = remembered(q, play, length)

@@ -26,8 +26,8 @@ from etude.logs.steps import (
     thinned,
     uniform_grid,
 )
-from etude.robots.arm.memory import remembered
-from etude.robots.arm.spec import COMMAND, MEMORY, PATH, PLAN, ArmSpec
+from etude.robots.arm.memory import remembered, turning
+from etude.robots.arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
 from etude.robots.arm.standing import resolution, standing
 
 ROUNDING = 1e-6  # s: time stamps are sums of steps
@@ -164,8 +164,10 @@ def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:
     """The log with what friction remembers, from its first row on, and with what its positions resolve."""
     name = (PLAN if config.desired and PLAN[0] in log else PATH)[0]
     length, channel = spec.presliding(config.presliding), log.channels[name]
-    play = np.minimum(resolution(log[name], channel.quantum), 0.5 * length)
+    resolved = resolution(log[name], channel.quantum)
+    play = np.minimum(resolved, 0.5 * length)
     log = log.put(spec.memory(), remembered(log[name], play, length)[:, 0])
+    log = log.put(spec.turning(), turning(log[name], resolved, spec.ways()))
     return replace(log, channels={**log.channels, name: replace(channel, quantum=tuple(play.tolist()))})
 
 
@@ -214,8 +216,9 @@ def _stretch(
         {**dict(zip(names, motion, strict=True)), COMMAND: command},
         log.source,
     )
-    if MEMORY in log:
-        whole = whole.put(log.channels[MEMORY], log[MEMORY][rows])
+    for known in (MEMORY, TURNING):
+        if known in log:
+            whole = whole.put(log.channels[known], log[known][rows])
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
     return [_segment(whole.take(inside & (own == n)), n, rate, cutoff, spec, config) for n in numbers]
 

@@ -21,6 +21,10 @@ PATH = ("q", "qd", "qdd")
 PLAN = ("q_des", "qd_des", "qdd_des")
 MEMORY = "friction_memory"
 """What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
+TURNING = "friction_turning"
+"""The same for each of the ways over which friction may turn round in identified physics."""
+WAYS = (0.0005, 0.001, 0.002, 0.004, 0.008)
+"""rad (a tenth in m of a slide): those ways. Gears and harmonic drives slide before they slip by some mrad."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
 
@@ -150,9 +154,18 @@ class ArmSpec:
         """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
         return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
 
+    def ways(self) -> Array:
+        """(W, J) `WAYS` of each joint, rad or m."""
+        return np.array([self.presliding(way) for way in WAYS])
+
     def memory(self) -> Channel:
         """The channel of what friction remembers."""
         return Channel(MEMORY, self.names, ("1",) * self.dof)
+
+    def turning(self) -> Channel:
+        """The channel of what friction remembers by each of `WAYS`, all joints by the first, then the next."""
+        parts = tuple(f"{name} within {way:g}" for way in WAYS for name in self.names)
+        return Channel(TURNING, parts, ("1",) * len(parts))
 
     def channels(self) -> tuple[Channel, ...]:
         """What a log of this robot may hold; only positions and commands must be in it."""

@@ -17,8 +17,9 @@ from etude.robots.arm.spec import ArmSpec
 PLAY = 4.0
 """Half width of the play in deviations of the position's noise. With noise at rest for a minute at 100 Hz the
 memory keeps 95 % of itself; with three deviations 88 %, with two 20 %."""
-SECOND_DIFFERENCE = 0.6745 * math.sqrt(6.0)
-"""Median of |second difference| of independent normal numbers, in their deviations."""
+FOURTH_DIFFERENCE = 0.6745 * math.sqrt(70.0)
+"""Median of |fourth difference| of independent normal numbers, in their deviations. Of lower order, it is
+the acceleration of a fast robot that is seen, and not the noise."""
 
 
 def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
@@ -27,9 +28,9 @@ def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
     The encoder's step is `quantum` where it is known, else the least difference between two positions that
     were recorded. Noise of less than that is none.
     """
-    if len(q) < 3:
+    if len(q) < 5:
         return np.zeros(q.shape[1])
-    noise = np.median(np.abs(np.diff(q, 2, axis=0)), axis=0) / SECOND_DIFFERENCE
+    noise = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / FOURTH_DIFFERENCE
     step = np.array(quantum) if quantum else _step(q)
     return np.asarray(np.maximum(PLAY * noise, step))
 

@@ -13,12 +13,9 @@ import numpy as np
 
 from etude.contracts import Array, Index, Samples
 from etude.robots.arm.identified.links import Links
+from etude.robots.arm.physics.estimate import information_per_sample, output_priors
 from etude.robots.arm.physics.mean import RigidBodyMean
-from etude.robots.arm.physics.rigid_body import (
-    command_regressors,
-    information_per_sample,
-    output_priors,
-)
+from etude.robots.arm.physics.rigid_body import command_regressors
 from etude.robots.arm.spec import PATH, PLAN, ArmSpec
 
 

@@ -16,19 +16,17 @@ from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
 from etude.robots.arm.physics.rigid_body import (
     EXTRA_TERMS,
-    IdentificationPrior,
+    Regressors,
     RigidBody,
     RigidBodyModel,
     command_regressors,
-    fitted,
     nominal_model,
-    output_priors,
-    require_axes,
 )
 from etude.robots.arm.physics.transmission import Drive
-from etude.robots.arm.spec import PATH, PLAN, ArmSpec
+from etude.robots.arm.spec import PATH, PLAN, TURNING, WAYS, ArmSpec
 
 FORCES = ("N m", "N")
 """Command units that a model file's inertial parameters predict by themselves."""
@@ -57,8 +55,13 @@ class RigidBodyMean:
         }
 
     def predict(self, log: Log) -> Array:
-        """Commands (T, J). KeyError where the log lacks a state."""
-        return self.model.predict(*(log[name] for name in (PLAN if self.desired else PATH)))
+        """Commands (T, J); friction turns with speed where the log does not carry what it remembers.
+
+        KeyError where the log lacks a state.
+        """
+        return self.model.predict(
+            *(log[name] for name in (PLAN if self.desired else PATH)), remembered_of(log)
+        )
 
     def static(self, log: Log) -> Array:
         """Commands (T, J) at rest in the same positions: gravity and offset."""
@@ -124,12 +127,13 @@ class ArmPhysics:
         """Capability `contracts.HeldOutPhysics`: samples are looked at once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
-        rigid, extra = regressors = self._regressors(samples)
+        regressors = self._regressors(samples)
         found = {}
         for number in np.unique(fold).tolist():
             rest = fold != number
+            others = Regressors(*(None if part is None else part[rest] for part in regressors))
             with contextlib.suppress(DataError):
-                found[number] = self._fitted(samples.take(rest), (rigid[rest], extra[rest])).of(*regressors)
+                found[number] = self._fitted(samples.take(rest), others).of(regressors)
         return found
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
@@ -139,7 +143,8 @@ class ArmPhysics:
             Drive(float(arrays[f"drive{j}.gear"]), *(arrays[f"drive{j}.{name}"] for name in DRIVE[1:]))
             for j in range(tree.joints)
         )
-        model = RigidBodyModel(tree, drives, **{name: arrays[f"rigid.{name}"] for name in OWN})
+        known = {"rigid.way": np.zeros(tree.joints), **arrays}  # older models know no way
+        model = RigidBodyModel(tree, drives, **{name: known[f"rigid.{name}"] for name in OWN})
         return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
 
     def regressors(self) -> tuple[BaseRegressor, ...]:
@@ -154,17 +159,23 @@ class ArmPhysics:
     def _priors(self) -> tuple[IdentificationPrior, ...]:
         return output_priors(self.spec, *self._body)
 
-    def _regressors(self, samples: Samples) -> tuple[Array, Array]:
+    def _regressors(self, samples: Samples) -> Regressors:
         """At the states of the samples, as models look at them."""
         require_axes(samples, self.spec, self._body.tree, self._body.drives)
         motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
-        return command_regressors(*self._body, *motion)
+        return Regressors(*command_regressors(*self._body, *motion), remembered_of(samples.log))
 
-    def _fitted(self, samples: Samples, regressors: tuple[Array, Array]) -> RigidBodyModel:
+    def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
         return fitted(samples, regressors, self._priors, self.spec.names, self._body)
 
     def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
         return RigidBodyMean(model, self.spec, self.desired)
+
+
+def remembered_of(log: Log) -> Array | None:
+    """(T, W, J) what friction remembers by each way, if the log carries it."""
+    found = log.get(TURNING)
+    return None if found is None else found.reshape(len(log), len(WAYS), -1)
 
 
 def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
