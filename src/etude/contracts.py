@@ -321,12 +321,13 @@ class Code:
     its own but such as begin with `name`. body: its definitions, the function last:
 
     Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
-    Mean: void name(const real *channel, ..., real *command), and name_static, what remains at rest.
+    Mean: void name(const real *channel, ..., real *memory, real *command), without memory where it needs
+    none, and name_static(const real *channel, ..., real *command), what remains at rest.
     Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
     may be 0 then too.
     data: static tables by name, of real or int; variance: those that variances alone need. reads: the
-    channels, in order; memory: words of it; work: reals on the stack; operations: of real numbers in one
-    call at worst, and those more for variances.
+    channels, in order; memory: words of it; rate: Hz at which it must be called, as it remembers; work: reals
+    on the stack; operations: of real numbers in one call at worst, and those more for variances.
     """
 
     body: str
@@ -334,6 +335,7 @@ class Code:
     variance: Mapping[str, Any] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
     memory: int = 0
+    rate: float = 0.0
     work: int = 0
     operations: tuple[int, int] = (0, 0)
 
@@ -377,8 +379,17 @@ class Scaled(Protocol):
     def scales(self) -> Array: ...
 
 
+class Followed(Protocol):
+    """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
+    rows that follow one another as in a run from rest. `states` of a motion are such.
+    """
+
+    def followed(self, log: Log) -> Log: ...
+
+
 class Mean(Protocol):
-    """Commands (n, J) from states, without a process; static: the part that remains at rest (gravity).
+    """Commands (n, J) from states, without a process; a row's are its own, since what a robot remembers is
+    a state too (`Followed`). static: the part that remains at rest (gravity).
     parameters: identified value and deviation by name, inf where data do not tell.
     """
 

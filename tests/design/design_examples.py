@@ -105,7 +105,7 @@ def arm_body() -> RigidBodyModel:
     )
     unknown, terms = np.zeros(2), np.zeros((2, 6))
     return RigidBodyModel(
-        tree, joint_drives(2), V0, np.zeros((2, 20)), terms, unknown.astype(int), unknown, terms
+        tree, joint_drives(2), V0, np.zeros((2, 20)), terms, unknown.astype(int), unknown, terms, unknown
     )
 
 

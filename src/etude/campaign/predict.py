@@ -15,6 +15,7 @@ from etude.campaign.in_use import model_in_use
 from etude.contracts import Array, Channel, Log, Mask, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
+from etude.models.given import followed
 from etude.models.model import LearnedModel
 from etude.models.trust import outside
 from etude.storage import write_atomic
@@ -63,14 +64,15 @@ def predict(
 
 
 def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
-    """The log if it has the channels that the model looks at, else what the recipe makes of those it needs.
+    """The log if it has the channels that the model looks at, else what the recipe makes of those it needs;
+    with what physics remembers of its rows before.
 
     Raises:
         DataError: it has neither.
     """
     wanted = dict.fromkeys(channel for channel, *_ in model.inputs.columns)
     missing = [name for name in wanted if name not in motion]
-    return _as_learning(campaign, motion, missing) if missing else motion
+    return _as_learning(campaign, motion, missing) if missing else followed(model.inputs, motion)
 
 
 def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:

@@ -78,16 +78,21 @@ def silent_code(name: str, silent: Any) -> Code:
     return Code("\n".join([head, *guard, *lines, "}", ""]), {}, operations=(m, m))
 
 
-def mean_function(name: str, reads: Sequence[str], lines: Sequence[str], static: Sequence[str] = ()) -> str:
+def mean_function(
+    name: str, reads: Sequence[str], lines: Sequence[str], static: Sequence[str] = (), memory: bool = False
+) -> str:
     """`name` and `name_static` of a mean: statements that set command[j] from the channels c_NAME.
 
     Args:
         static: statements of the second; none: the first's, whose caller puts rates to zero.
+        memory: the first has one, `memory`, and the second statements of its own.
     """
-    arguments = ", ".join([*(f"const real *c_{channel}" for channel in reads), "real *command"])
+    channels = [f"const real *c_{channel}" for channel in reads]
+    arguments = ", ".join([*channels, "real *command"])
+    remembering = ", ".join([*channels, *["real *memory"] * memory, "real *command"])
     passed = ", ".join([*(f"c_{channel}" for channel in reads), "command"])
     still = static or [f"    {name}({passed});"]
-    one = [f"static void {name}({arguments})", "{", *lines, "}", ""]
+    one = [f"static void {name}({remembering})", "{", *lines, "}", ""]
     other = [f"static void {name}_static({arguments})", "{", *still, "}", ""]
     return "\n".join([*one, *other])
 

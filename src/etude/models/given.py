@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Column, Log
+from etude.contracts import Array, Channel, Column, Inputs, Log
 from etude.errors import UsageError
 
 
@@ -40,6 +40,12 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
             f"channels have different numbers of rows: {rows}", next_step="Give each one row per instant."
         )
     return Log(np.arange(max(rows.values(), default=0), dtype=float), wanted, values)
+
+
+def followed(inputs: Inputs, log: Log) -> Log:
+    """The log with what physics remembers of the rows before (`contracts.Followed`), where it remembers."""
+    along = getattr(inputs, "followed", None)
+    return log if along is None else along(log)
 
 
 def _channels(columns: Sequence[Column]) -> dict[str, Channel]:

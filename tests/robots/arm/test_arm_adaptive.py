@@ -48,6 +48,7 @@ def true_model(viscous: float = 1.0, friction: float = 1.0) -> RigidBodyModel:
         np.zeros(4, dtype=np.int64),
         np.zeros(4),
         np.zeros((4, 6)),
+        np.zeros(4),
     )
 
 

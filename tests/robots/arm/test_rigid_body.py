@@ -16,14 +16,8 @@ from etude.errors import DataError, UsageError
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.robots.arm.physics.kinematics import cross
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor
-from etude.robots.arm.physics.rigid_body import (
-    RigidBody,
-    RigidBodyModel,
-    command_regressors,
-    fitted,
-    output_priors,
-    require_axes,
-)
+from etude.robots.arm.physics.estimate import fitted, output_priors, require_axes
+from etude.robots.arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 V0 = np.full(5, 0.02)
@@ -37,7 +31,7 @@ def with_command(samples: Samples, command: np.ndarray) -> Samples:
 def identify(samples, motion, spec, tree, drives, v0) -> RigidBodyModel:
     body = RigidBody(tree, drives, v0)
     require_axes(samples, spec, tree, drives)
-    regressors = command_regressors(*body, *motion)
+    regressors = Regressors(*command_regressors(*body, *motion))
     return fitted(samples, regressors, output_priors(spec, *body), spec.names, body)
 
 
@@ -59,7 +53,7 @@ def truth(robot) -> RigidBodyModel:
     inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=nominal_parameters(tree).shape))
     extra = gain[:, None] * np.array([0.1, 2.0, 3.0, 0.0, 0.0, 0.4])
     return RigidBodyModel(
-        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5), 0 * extra
+        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5), 0 * extra, np.zeros(5)
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from etude.contracts import Array, Index, Log
 from etude.deploy.c99.plan import Plan
+from etude.models.given import followed
 
 COUNT = 100
 SEED = 20
@@ -60,7 +61,7 @@ def answered(plan: Plan, states: Array) -> Golden:
     inside = np.clip(states, plan.low, plan.high)
     flags = UNTRAINED * np.any((states < plan.trained_low) | (states > plan.trained_high), axis=1).astype(int)
     flags |= CLAMPED * np.any(inside != states, axis=1).astype(int)
-    log = log_of(plan, inside)
+    log = followed(plan.model.inputs, log_of(plan, inside))
     mean, variance = plan.model.predict(log)
     still = np.where(plan.still, 0.0, inside)
     gravity = plan.model.static(log_of(plan, still))

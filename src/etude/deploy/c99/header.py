@@ -129,7 +129,7 @@ def _plain(text: str) -> str:
 def _remembers(plan: Plan) -> str:
     if not plan.memory:
         return ""
-    rate = plan.model.inputs.rate
+    rate = plan.rate
     return f": what friction\n   remembers of the way is kept in the state. At least {rate:g} times a second"
 
 

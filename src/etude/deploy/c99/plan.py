@@ -64,7 +64,14 @@ class Plan:
 
     @property
     def memory(self) -> int:
-        return self.inputs.memory
+        """Words of it: that of the inputs first, then of each mean."""
+        return self.inputs.memory + sum(code.memory for code in self.means.values())
+
+    @property
+    def rate(self) -> float:
+        """Hz at which it must be called, as it remembers; 0: anyhow."""
+        remembered = self.model.inputs.rate if self.inputs.memory else 0.0
+        return max([remembered, *(code.rate for code in self.means.values())])
 
     @property
     def codes(self) -> list[Code]:

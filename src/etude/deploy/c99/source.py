@@ -110,12 +110,15 @@ def _answer(plan: Plan, form: Form) -> str:
     held = [i for i, column in enumerate(plan.model.inputs.columns) if column[3] == "memory"]
     if held:
         lines += ["    if (still) {", *(f"        x[{i}] = R(0.0);" for i in held), "    }"]
+    begin = plan.inputs.memory
     for m, (function, code) in enumerate(plan.means.items()):
+        own = [f"memory + {begin}"] if code.memory else []
+        begin += code.memory
         lines += [
             "    if (still)",
             f"        {_call(f'{function}_static', code.reads, places, f'from{m}')};",
             "    else",
-            f"        {_call(function, code.reads, places, f'from{m}')};",
+            f"        {_call(function, code.reads, places, *own, f'from{m}')};",
         ]
     if not held and not plan.means:
         lines.append("    (void)still;")

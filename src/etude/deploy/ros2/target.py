@@ -109,7 +109,7 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[s
     package = f"{plan.name.lower()}_feedforward"
     unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))
     operations = plan.operations(made.form.variance)
-    rate, remembered = float(asked.rate or spec.rate), plan.model.inputs.rate if plan.memory else 0.0
+    rate, remembered = float(asked.rate or spec.rate), plan.rate
     return {
         "PACKAGE": package,
         "GUARD": f"{package.upper()}__FEEDFORWARD_HPP_",

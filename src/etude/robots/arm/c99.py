@@ -10,6 +10,8 @@ import numpy as np
 from etude.contracts import Code
 from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
+from etude.robots.arm.inputs import MEMORY_RATE
+from etude.robots.arm.physics.rigid_body import side
 from etude.robots.arm.spec import PATH, PLAN
 
 FUNCTION = 40
@@ -102,6 +104,8 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         "inertial": model.inertial,
         "extra": model.extra,
         "speed": model.friction_velocity,
+        "way": np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0),
+        "side": np.array([side(drive, j) * (model.way[j] > 0.0) for j, drive in enumerate(drives)]),
         "gear": np.array([drive.gear for drive in drives]),
         "coefficients": np.stack([drive.coefficients for drive in drives]),
         "sites": np.array(sites),
@@ -114,9 +118,31 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         text = text.replace(f"@{word}", str(value))
     scales = ", ".join(real(s) for s in friction_scales)
     text = text.replace("@SCALES", scales)
-    call = [f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, command);"]
-    whole = text + "\n" + mean_function(name, reads, call)
+    remembers = bool(model.way.any())
+    call = f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, TURNED, command);"
+    lines = [
+        *_TURNED.replace("NAME", name).replace("JOINTS_", str(J)).replace("Q_", f"c_{reads[0]}").splitlines()
+    ]
+    moving = [*(lines if remembers else []), call.replace("TURNED", "memory" if remembers else "0")]
+    still = [call.replace("TURNED", "0")]
+    whole = text + "\n" + mean_function(name, reads, moving, still, memory=remembers)
     data = {f"{name}_{key}": table for key, table in tables.items()}
     pairs = int(paths.sum())
     operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
-    return Code(whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0))
+    held = {"memory": 2 * J + 1, "rate": MEMORY_RATE} if remembers else {}
+    return Code(
+        whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0), **held
+    )
+
+
+_TURNED = """\
+    int i;
+    for (i = 0; i < JOINTS_; ++i) {
+        const real way = memory[2 * JOINTS_] == R(0.0) ? R(0.0) : Q_[i] - memory[JOINTS_ + i];
+        if (way != R(0.0)) {
+            const real sign = way > R(0.0) ? R(1.0) : R(-1.0);
+            memory[i] = sign + (memory[i] - sign) * EXP(-FABS(way) / NAME_way[i]);
+        }
+        memory[JOINTS_ + i] = Q_[i];
+    }
+    memory[2 * JOINTS_] = R(1.0);"""

@@ -24,7 +24,7 @@ MEMORY = "friction_memory"
 TURNING = "friction_turning"
 """The same for each of the ways over which friction may turn round in identified physics."""
 WAYS = (0.0005, 0.001, 0.002, 0.004, 0.008)
-"""rad (a tenth in m of a slide): those ways. Gears and harmonic drives slide before they slip by some mrad."""
+"""rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
 
@@ -163,7 +163,7 @@ class ArmSpec:
         return Channel(MEMORY, self.names, ("1",) * self.dof)
 
     def turning(self) -> Channel:
-        """The channel of what friction remembers by each of `WAYS`, all joints by the first, then the next."""
+        """The channel of what friction remembers by each of `WAYS`: all joints by the first, then the next."""
         parts = tuple(f"{name} within {way:g}" for way in WAYS for name in self.names)
         return Channel(TURNING, parts, ("1",) * len(parts))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.estimate import output_priors
+from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.rigid_body import command_regressors
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import ArmSpec

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Samples
+from etude.contracts import Mask, Samples
 from etude.errors import DataError, UsageError
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.robots.arm.physics.kinematics import KinematicTree
@@ -129,7 +129,7 @@ def output_priors(
     )
 
 
-def _columns(regressors: Regressors, rows: Array, prior: IdentificationPrior, drive: Drive, j: int) -> Array:
+def _columns(regressors: Regressors, rows: Mask, prior: IdentificationPrior, drive: Drive, j: int) -> Array:
     """(n, 1 + E + r + W) of output j: nominal, extra, base directions, friction by the ways it may turn in;
     without the last where no way is known.
     """

@@ -14,9 +14,9 @@ from etude.contracts import Array, Code, Index, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
 from etude.robots.arm.physics.rigid_body import (
     EXTRA_TERMS,
     Regressors,
@@ -59,9 +59,8 @@ class RigidBodyMean:
 
         KeyError where the log lacks a state.
         """
-        return self.model.predict(
-            *(log[name] for name in (PLAN if self.desired else PATH)), remembered_of(log)
-        )
+        q, qd, qdd = (log[name] for name in (PLAN if self.desired else PATH))
+        return self.model.predict(q, qd, qdd, remembered_of(log))
 
     def static(self, log: Log) -> Array:
         """Commands (T, J) at rest in the same positions: gravity and offset."""
@@ -131,9 +130,8 @@ class ArmPhysics:
         found = {}
         for number in np.unique(fold).tolist():
             rest = fold != number
-            others = Regressors(*(None if part is None else part[rest] for part in regressors))
             with contextlib.suppress(DataError):
-                found[number] = self._fitted(samples.take(rest), others).of(regressors)
+                found[number] = self._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
         return found
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:

@@ -281,7 +281,9 @@ static void @MEAN_forces(
     }
 }
 
-static void @MEAN_commands(const real *q, const real *qd, const real *qdd, real *command)
+/* turned: what the narrowest friction of each joint is after its way, by speed where it has none; or 0. */
+static void @MEAN_commands(
+    const real *q, const real *qd, const real *qdd, const real *turned, real *command)
 {
     static const real scales[@EXTRAS - 3] = {@SCALES};
     @MEAN_frame frames[@BODIES];
@@ -301,8 +303,11 @@ static void @MEAN_commands(const real *q, const real *qd, const real *qdd, real 
         const real *const extra = @MEAN_extra + @EXTRAS * j;
         @MEAN_forces(frames, axes, pivots, @MEAN_inertial + 10 * (@BODIES - 1) * j, force);
         command[j] = extra[0] * accelerations[j] + extra[1] * speeds[j] + extra[@EXTRAS - 1];
-        for (s = 0; s < @EXTRAS - 3; ++s)
-            command[j] += extra[2 + s] * TANH(speeds[j] / (scales[s] * threshold[j]));
+        for (s = 0; s < @EXTRAS - 3; ++s) {
+            const int remembered = s == 0 && turned && @MEAN_side[j] != R(0.0);
+            const real friction = remembered ? turned[j] : TANH(speeds[j] / (scales[s] * threshold[j]));
+            command[j] += extra[2 + s] * (remembered ? @MEAN_side[j] * friction : friction);
+        }
         for (i = 0; i < @JOINTS; ++i)
             command[j] += inverse[@JOINTS * i + j] * force[i];
     }

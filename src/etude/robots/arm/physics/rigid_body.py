@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.contracts import Mask
 from etude.robots.arm.inputs import FRICTION_SCALES
 from etude.robots.arm.physics.kinematics import KinematicTree, body_motion
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor_of_motion
@@ -46,6 +47,10 @@ class Regressors(NamedTuple):
     rigid: Array
     extra: Array
     turning: Array | None = None
+
+    def take(self, rows: Mask) -> Regressors:
+        """Of those rows."""
+        return Regressors(*(None if part is None else part[rows] for part in self))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -81,13 +86,18 @@ class RigidBodyModel:
     def of(self, regressors: Regressors) -> Array:
         """Command (n, dof) at those regressors."""
         rigid, extra, turning = regressors
-        for j in np.flatnonzero(self.way) if turning is not None else []:
-            extra = extra.copy() if extra is regressors.extra else extra
-            assert turning is not None
-            number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
-            extra[:, j, NARROW] = side(self.drives[j], int(j)) * turning[:, number, j]
+        if turning is not None and self.way.any():
+            extra = self._turned(extra, turning)
         command = np.einsum("njp,jp->nj", rigid, self.inertial) + np.einsum("njp,jp->nj", extra, self.extra)
         return np.asarray(command)
+
+    def _turned(self, extra: Array, turning: Array) -> Array:
+        """`extra` with what is remembered in the place of its narrowest friction, where that turns in a way."""
+        found = extra.copy()
+        for j in np.flatnonzero(self.way).tolist():
+            number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
+            found[:, j, NARROW] = side(self.drives[j], j) * turning[:, number, j]
+        return found
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:
