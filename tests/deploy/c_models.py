@@ -18,6 +18,7 @@ from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.physics.mean import ArmPhysics
+from etude.robots.arm.spec import TURNING
 
 ARM: Any = plugins.load("etude.robots", "arm")
 QUADROTOR: Any = plugins.load("etude.robots", "quadrotor")
@@ -54,6 +55,15 @@ def arm_log(spec: Any, count: int, seed: int = 0) -> Log:
     return Log(np.arange(count) / 25.0, {name: channels[name] for name in values}, values)
 
 
+def turning_round(log: Log, inputs: ArmInputs) -> Log:
+    """The log with friction that turns round over 2 mrad, and what it remembers, where physics does."""
+    if inputs.ways is None:
+        return log
+    log, J = inputs.followed(log), log["q"].shape[1]
+    friction = log[TURNING][:, 2 * J : 3 * J]
+    return log.put(log.channels["command"], log["command"] + 0.2 * np.abs(log["command"]).max(0) * friction)
+
+
 def fit_data(
     X: Array, Y: Array, columns: Any, commands: tuple[str, ...], kernel: Any, config: Any
 ) -> FitData:
@@ -78,8 +88,9 @@ def arm_model(
 ) -> LearnedModel:
     """One process for each command, or one for all, perhaps beside identified physics."""
     spec = spec or arm_spec()
-    inputs = ArmInputs.of(spec, 0.02, presliding=0.01 if memory else 0.0, stick_fraction=0.05)
-    log = arm_log(spec, points)
+    presliding = 0.01 if memory else 0.0
+    inputs = ArmInputs.of(spec, 0.02, presliding=presliding, stick_fraction=0.05, physics=memory and physics)
+    log = turning_round(arm_log(spec, points), inputs)
     X, command = inputs.of_log(log), log["command"]
     mean = None
     if physics:

@@ -92,6 +92,18 @@ def test_the_vectors_ask_the_process(name: str) -> None:
     assert (said.max(axis=0) > 1e-3).all()
 
 
+@pytest.mark.parametrize("name", ["structured", "mobile"])
+def test_the_vectors_ask_what_physics_remembers(name: str) -> None:
+    """Where friction turns by speed alone, or nothing turns round, its C could hold anything."""
+    case = CASES[name]
+    plan = planned(case.make(), case.kind, case.spec() if case.spec else arm_spec(), name)
+    log = log_of(plan, golden(plan).inputs)
+    means = [c.mean for c in plan.candidates if c.mean is not None]
+    said = [np.abs(m.predict(plan.model.inputs.followed(log)) - m.predict(log)) / plan.limit for m in means]
+    assert plan.memory > 0 and plan.rate > 0.0
+    assert max(float(s.max()) for s in said) > 0.01
+
+
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_members_agree(name: str, tmp_path: Path) -> None:
     written(tmp_path, name, WHOLE)

@@ -53,7 +53,15 @@ def truth(robot) -> RigidBodyModel:
     inertial = nominal_parameters(tree) * np.exp(0.3 * rng.normal(size=nominal_parameters(tree).shape))
     extra = gain[:, None] * np.array([0.1, 2.0, 3.0, 0.0, 0.0, 0.4])
     return RigidBodyModel(
-        tree, drives, V0, np.outer(gain, inertial), extra, np.zeros(5, dtype=int), np.zeros(5), 0 * extra, np.zeros(5)
+        tree,
+        drives,
+        V0,
+        np.outer(gain, inertial),
+        extra,
+        np.zeros(5, dtype=int),
+        np.zeros(5),
+        0 * extra,
+        np.zeros(5),
     )
 
 

@@ -104,7 +104,6 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         "inertial": model.inertial,
         "extra": model.extra,
         "speed": model.friction_velocity,
-        "way": np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0),
         "side": np.array([side(drive, j) * (model.way[j] > 0.0) for j, drive in enumerate(drives)]),
         "gear": np.array([drive.gear for drive in drives]),
         "coefficients": np.stack([drive.coefficients for drive in drives]),
@@ -119,13 +118,9 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     scales = ", ".join(real(s) for s in friction_scales)
     text = text.replace("@SCALES", scales)
     remembers = bool(model.way.any())
-    call = f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, TURNED, command);"
-    lines = [
-        *_TURNED.replace("NAME", name).replace("JOINTS_", str(J)).replace("Q_", f"c_{reads[0]}").splitlines()
-    ]
-    moving = [*(lines if remembers else []), call.replace("TURNED", "memory" if remembers else "0")]
-    still = [call.replace("TURNED", "0")]
-    whole = text + "\n" + mean_function(name, reads, moving, still, memory=remembers)
+    if remembers:
+        tables["way"] = np.where(model.way > 0.0, mean.spec.presliding(1.0) * model.way, 1.0)
+    whole = text + "\n" + _remembering(name, reads, J, remembers)
     data = {f"{name}_{key}": table for key, table in tables.items()}
     pairs = int(paths.sum())
     operations = 400 * B + 60 * J * B + 40 * J * pairs + 2 * J**3 + 4 * FUNCTION * J
@@ -133,6 +128,14 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
     return Code(
         whole, data, reads=reads, work=24 * B + 3 * J * J + 20 * J, operations=(operations, 0), **held
     )
+
+
+def _remembering(name: str, reads: Sequence[str], J: int, remembers: bool) -> str:
+    """The mean's two functions; memory of each joint: friction, the position before, begun."""
+    call = f"    {name}_commands({', '.join(f'c_{channel}' for channel in reads)}, {{}}, command);"
+    turned = _TURNED.replace("NAME", name).replace("JOINTS_", str(J)).replace("Q_", f"c_{reads[0]}")
+    lines = [*turned.splitlines(), call.format("memory")] if remembers else [call.format("0")]
+    return mean_function(name, reads, lines, [call.format("0")], memory=remembers)
 
 
 _TURNED = """\

@@ -163,7 +163,7 @@ class ArmSpec:
         return Channel(MEMORY, self.names, ("1",) * self.dof)
 
     def turning(self) -> Channel:
-        """The channel of what friction remembers by each of `WAYS`: all joints by the first, then the next."""
+        """The channel of what friction remembers by `WAYS`: all joints by the first, then by the next."""
         parts = tuple(f"{name} within {way:g}" for way in WAYS for name in self.names)
         return Channel(TURNING, parts, ("1",) * len(parts))
 

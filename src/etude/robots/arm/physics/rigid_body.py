@@ -92,7 +92,7 @@ class RigidBodyModel:
         return np.asarray(command)
 
     def _turned(self, extra: Array, turning: Array) -> Array:
-        """`extra` with what is remembered in the place of its narrowest friction, where that turns in a way."""
+        """`extra` with what is remembered in the place of the narrowest friction, where it turns in a way."""
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
             number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
