@@ -100,7 +100,8 @@ def test_the_vectors_ask_what_physics_remembers(name: str) -> None:
     log = log_of(plan, golden(plan).inputs)
     means = [c.mean for c in plan.candidates if c.mean is not None]
     said = [np.abs(m.predict(plan.model.inputs.followed(log)) - m.predict(log)) / plan.limit for m in means]
-    assert plan.memory > 0 and plan.rate > 0.0
+    assert plan.memory > 0
+    assert plan.rate > 0.0
     assert max(float(s.max()) for s in said) > 0.01
 
 

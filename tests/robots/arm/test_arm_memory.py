@@ -191,6 +191,9 @@ def test_resolution_is_that_of_noise_or_of_the_step() -> None:
     rng = np.random.default_rng(3)
     noisy = 1e-3 * rng.normal(size=(5000, 1))
     assert resolution(noisy)[0] == pytest.approx(PLAY * 1e-3, rel=0.05)
+    fast = np.sin(10.0 * np.arange(3000) / 100.0)[:, None]  # 100 rad/s^2 at 100 Hz: 10 mrad from row to row
+    both = resolution(fast + 1e-4 * noisy[:3000] / 1e-3)[0]
+    assert both == pytest.approx(PLAY * 1e-4, rel=0.2)
     stepped = np.round(np.linspace(0.0, 0.1, 5000), 3)[:, None]
     assert resolution(stepped)[0] == pytest.approx(1e-3)
     assert resolution(stepped, (0.02,))[0] == 0.02

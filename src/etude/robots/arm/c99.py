@@ -10,8 +10,7 @@ import numpy as np
 from etude.contracts import Code
 from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
-from etude.robots.arm.inputs import MEMORY_RATE
-from etude.robots.arm.physics.rigid_body import side
+from etude.robots.arm.memory import MEMORY_RATE
 from etude.robots.arm.spec import PATH, PLAN
 
 FUNCTION = 40
@@ -104,7 +103,7 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         "inertial": model.inertial,
         "extra": model.extra,
         "speed": model.friction_velocity,
-        "side": np.array([side(drive, j) * (model.way[j] > 0.0) for j, drive in enumerate(drives)]),
+        "side": np.array([drive.side(j) * (model.way[j] > 0.0) for j, drive in enumerate(drives)]),
         "gear": np.array([drive.gear for drive in drives]),
         "coefficients": np.stack([drive.coefficients for drive in drives]),
         "sites": np.array(sites),

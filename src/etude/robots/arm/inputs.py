@@ -15,7 +15,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import UsageError
-from etude.robots.arm.memory import pulled, remembered, turning
+from etude.robots.arm.memory import MEMORY_RATE, pulled, remembered, turning
 from etude.robots.arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
@@ -23,9 +23,6 @@ FRICTION_SCALES = (1.0, 4.0, 16.0)
 
 With one column, identification stalls at twice the tracking error on an arm with Stribeck friction.
 """
-MEMORY_RATE = 25.0
-"""Hz: at 5 rad/s^2 a motion turns within 1 mrad between two samples, a tenth of the way that friction turns
-round in."""
 SLOW = 0.02
 """v0 of e as a part of the joint's top speed."""
 SLOWEST = 0.05

@@ -14,6 +14,10 @@ import numpy as np
 
 from etude.contracts import Array
 
+MEMORY_RATE = 25.0
+"""Hz at which a way must be seen: at 5 rad/s^2 a motion turns within 1 mrad between two samples, less than
+most ways that friction turns round in."""
+
 
 def remembered(q: Array, play: Array, length: Array, start: Array | None = None) -> Array:
     """(T, 2, J) friction sigma in [-1, 1] and position p behind the play, row by row of positions q (T, J).

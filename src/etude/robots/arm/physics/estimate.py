@@ -20,7 +20,6 @@ from etude.robots.arm.physics.rigid_body import (
     RigidBody,
     RigidBodyModel,
     command_regressors,
-    side,
 )
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import WAYS
@@ -136,7 +135,7 @@ def _columns(regressors: Regressors, rows: Mask, prior: IdentificationPrior, dri
     rigid, extra, turning = regressors
     own = rigid[rows, j]
     parts = [own @ prior.nominal[:, None], extra[rows, j], own @ prior.directions]
-    turns = side(drive, j)
+    turns = drive.side(j)
     if turning is not None and turns:
         parts.append(turns * turning[rows, :, j])
     return np.concatenate(parts, axis=1)

@@ -96,7 +96,7 @@ class RigidBodyModel:
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
             number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
-            found[:, j, NARROW] = side(self.drives[j], j) * turning[:, number, j]
+            found[:, j, NARROW] = self.drives[j].side(j) * turning[:, number, j]
         return found
 
 
@@ -109,13 +109,6 @@ def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_veloc
     return RigidBodyModel(
         tree, drives, friction_velocity, inertial, extra, rank, nothing, unknown, nothing.copy()
     )
-
-
-def side(drive: Drive, joint: int) -> float:
-    """1 or -1: how a drive that is that joint's alone turns with it; 0 of all others."""
-    turns = drive.gear * drive.coefficients
-    alone = not len(drive.bodies) and np.count_nonzero(turns) == 1
-    return float(np.sign(turns[joint])) if alone else 0.0
 
 
 def command_regressors(

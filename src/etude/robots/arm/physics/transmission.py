@@ -36,6 +36,12 @@ class Drive:
     bodies: NDArray[np.int64]
     points: Array
 
+    def side(self, joint: int) -> float:
+        """1 or -1: how a drive that is that joint's alone turns with it; 0 of all others."""
+        turns = self.gear * self.coefficients
+        alone = not len(self.bodies) and np.count_nonzero(turns) == 1
+        return float(np.sign(turns[joint])) if alone else 0.0
+
 
 @dataclass(frozen=True)
 class DriveMotion:
