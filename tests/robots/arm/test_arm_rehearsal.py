@@ -92,6 +92,28 @@ def test_the_inverse_of_a_run_gives_its_commands_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(command, trace.tau[1:-1], atol=2e-6 * np.abs(trace.tau).max())
 
 
+def test_the_inverse_along_a_run_knows_its_bristles(tmp_path: Path) -> None:
+    """The commands of a run, reversals too: steady friction turns over at once, bristles over a way."""
+    robot = made(tmp_path, ARM, rate=1000.0, friction="lugre")
+    trace = robot.whole(loop_inputs(robot, Waves(3, 2.0)))
+    speed = np.diff(trace.q_true, axis=0) / 0.001
+    bend = np.diff(speed, axis=0) / 0.001
+    q, before, after = trace.q_true[1:-1], speed[:-1], speed[1:]
+    damped = robot.made.motors.viscous * (after - before)
+    resolved = np.abs(before) * 0.001 < 0.2 * robot.made.motors.coulomb / robot.made.motors.stiffness
+    resolved[:100] = False
+    left = [
+        np.abs(inverse(q, before, bend) + damped - trace.tau[1:-1])
+        for inverse in (robot.inverse_along, robot.inverse)
+    ]
+    for j in range(3):
+        near = resolved[:, j]  # steps of the simulation in which bristles bend and do not leap
+        assert near.sum() > 50
+        # what is left in both is Stribeck's fall of friction within a step, whose speeds are its ends'
+        assert left[0][near, j].mean() < 0.5 * left[1][near, j].mean()
+    assert left[0][resolved[:, 0], 0].mean() < 0.05 * left[1][resolved[:, 0], 0].mean()
+
+
 def test_one_rollout_is_a_loop_over_steps(tmp_path: Path) -> None:
     """The drives' servo, written here a second time, step by step, around a bare torque."""
     inside = made(tmp_path, ARM, friction="lugre")

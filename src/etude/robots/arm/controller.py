@@ -82,13 +82,12 @@ class PerfectController:
 
     def planned(self, motion: Motion) -> Array | None:
         limit = self.robot.spec.command
-        return np.clip(self.robot.inverse(*motion.orders[:3]), -limit, limit)
+        return np.clip(self.robot.inverse_along(*motion.orders[:3]), -limit, limit)
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:  # noqa: ARG002
-        planned = Motion(np.zeros(1), np.stack([row[name][None] for name in ("q_des", "qd_des", "qdd_des")]))
-        command = self.planned(planned)
-        assert command is not None
-        return command[0], np.zeros_like(command[0])
+        limit = self.robot.spec.command
+        steady = self.robot.inverse(*(row[name][None] for name in ("q_des", "qd_des", "qdd_des")))[0]
+        return np.clip(steady, -limit, limit), np.zeros_like(steady)
 
     def observe(self, t: float, row: Row) -> None:
         """Nothing is learned on the way."""

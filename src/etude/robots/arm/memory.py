@@ -51,6 +51,13 @@ def turning(q: Array, play: Array, lengths: Array) -> Array:
     return remembered(np.tile(q, (1, count)), plays, lengths.ravel())[:, 0]
 
 
+def bristles_along(q: Array, bend: Array) -> Array:
+    """(T, J) how far bristles bend along q (T, J), straight at first; bent by `bend` (T, J) they slip."""
+    ways = np.diff(q, axis=0, prepend=q[:1])
+    faded = np.exp(-np.abs(ways) / bend)
+    return _followed(faded, np.sign(ways) * bend * (1.0 - faded))
+
+
 def pulled(q: Array, play: Array, length: Array, on_sigma: Array) -> Array:
     """Gradient (T, J) in q of sum(on_sigma * sigma), for a memory that began with the first row."""
     found = remembered(q, play, length)

@@ -74,6 +74,13 @@ class Following(ABC):
         described only up to its static friction.
         """
 
+    def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """The same of rows that follow one another from rest, for robots whose friction is known to remember.
+
+        Of others the steady one.
+        """
+        return self.inverse(q, qd, qdd)
+
     def run(
         self,
         trajectory: Trajectory,

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array
+from etude.robots.arm.memory import bristles_along
 from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
 from etude.robots.arm.rehearsal.scales import Scales
 from etude.robots.arm.spec import ArmSpec
@@ -79,6 +80,18 @@ class Motors:
             level = level + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2))
         dry = 0.0 if kind == "none" else np.sign(qd) * level
         return np.asarray(dry + (self.viscous + self.braking) * qd)
+
+    def bristles(self, q: Array, qd: Array) -> Array:
+        """LuGre friction and braking (T, J) along a motion from rest, N m (Canudas de Wit 1995, eq. 1 to 4).
+
+        At the speed of each row its bristles bend over the way since the row before.
+        """
+        level = self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2))
+        bend = np.maximum(level, 1e-9) / self.stiffness
+        bent = bristles_along(q, bend)
+        rate = qd - np.abs(qd) * bent / bend
+        force = self.stiffness * bent + self.micro_damping * rate
+        return np.asarray(force + (self.viscous + self.braking) * qd)
 
 
 class Given:

@@ -71,6 +71,14 @@ class RehearsedRobot(Following):
         torque = effort(made.rigid, made.spec, (q, qd, qdd))
         return np.asarray((torque + made.motors.friction(qd, made.loop.friction)) / made.motors.gain)
 
+    def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """With bristles that bend and slip along the way; the steady friction of `inverse` has none."""
+        if self.made.loop.friction != "lugre":
+            return self.inverse(q, qd, qdd)
+        motors = self.made.motors
+        dry = motors.bristles(q, qd) - motors.friction(qd, "lugre")
+        return np.asarray(self.inverse(q, qd, qdd) + dry / motors.gain)
+
     def altered(self, name: str, value: float) -> RehearsedRobot:
         if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and name == "payload"))):
             raise UsageError(f"{name} = {value} is not possible", where=self.name)
