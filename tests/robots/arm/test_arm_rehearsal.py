@@ -106,7 +106,7 @@ def test_the_inverse_along_a_run_knows_its_bristles(tmp_path: Path) -> None:
         np.abs(inverse(q, before, bend) + damped - trace.tau[1:-1])
         for inverse in (robot.inverse_along, robot.inverse)
     ]
-    for j in range(3):
+    for j in range(2):  # the slide leaps over its .2 mm in every step
         near = resolved[:, j]  # steps of the simulation in which bristles bend and do not leap
         assert near.sum() > 50
         # what is left in both is Stribeck's fall of friction within a step, whose speeds are its ends'
