@@ -111,7 +111,7 @@ def test_the_inverse_along_a_run_knows_its_bristles(tmp_path: Path) -> None:
         assert near.sum() > 50
         # what is left in both is Stribeck's fall of friction within a step, whose speeds are its ends'
         assert left[0][near, j].mean() < 0.5 * left[1][near, j].mean()
-    assert left[0][resolved[:, 0], 0].mean() < 0.05 * left[1][resolved[:, 0], 0].mean()
+    assert left[0][resolved[:, 0], 0].mean() < 0.2 * left[1][resolved[:, 0], 0].mean()
 
 
 def test_one_rollout_is_a_loop_over_steps(tmp_path: Path) -> None:
