@@ -56,7 +56,7 @@ def arm_log(spec: Any, count: int, seed: int = 0) -> Log:
 
 
 def turning_round(log: Log, inputs: ArmInputs) -> Log:
-    """The log with friction that turns round over 2 mrad, and what it remembers, where physics does."""
+    """The log with friction that turns round over 1 mrad, and what it remembers, where physics does."""
     if inputs.ways is None:
         return log
     log, J = inputs.followed(log), log["q"].shape[1]

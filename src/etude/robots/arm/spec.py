@@ -23,8 +23,9 @@ MEMORY = "friction_memory"
 """What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
 TURNING = "friction_turning"
 """The same for each of the ways over which friction may turn round in identified physics."""
-WAYS = (0.0005, 0.001, 0.002, 0.004, 0.008)
-"""rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip."""
+WAYS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
+"""rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip; the
+first stands for friction that turns round at once."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
 

@@ -16,10 +16,12 @@ from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.regressor import nominal_parameters
 from etude.robots.arm.physics.rigid_body import (
     NARROW,
+    SPEED,
     Regressors,
     RigidBody,
     RigidBodyModel,
     command_regressors,
+    turned,
 )
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import WAYS
@@ -68,7 +70,7 @@ def fitted(
                 where=name,
                 next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
             )
-        columns = _columns(regressors, moving, prior, body.drives[j], j)
+        columns = _columns(regressors, moving, prior, body, j)
         fits.append(_fit_output(columns, samples.command[moving, j], prior, weight))
     inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
     return RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
@@ -128,16 +130,18 @@ def output_priors(
     )
 
 
-def _columns(regressors: Regressors, rows: Mask, prior: IdentificationPrior, drive: Drive, j: int) -> Array:
+def _columns(
+    regressors: Regressors, rows: Mask, prior: IdentificationPrior, body: RigidBody, j: int
+) -> Array:
     """(n, 1 + E + r + W) of output j: nominal, extra, base directions, friction by the ways it may turn in;
     without the last where no way is known.
     """
     rigid, extra, turning = regressors
+    drive, v0 = body.drives[j], float(body.friction_velocity[j])
     own = rigid[rows, j]
     parts = [own @ prior.nominal[:, None], extra[rows, j], own @ prior.directions]
-    turns = drive.side(j)
-    if turning is not None and turns:
-        parts.append(turns * turning[rows, :, j])
+    if turning is not None and drive.side(j):
+        parts.append(turned(turning[rows, :, j], extra[rows, j, SPEED], drive, j, v0))
     return np.concatenate(parts, axis=1)
 
 

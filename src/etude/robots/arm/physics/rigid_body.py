@@ -27,8 +27,8 @@ from etude.robots.arm.spec import WAYS
 
 Array = NDArray[np.float64]
 EXTRA_TERMS = ("armature", "viscous", *(f"friction {scale:g} v0" for scale in FRICTION_SCALES), "offset")
-NARROW = 2
-"""The term of the narrowest friction."""
+SPEED, NARROW = 1, 2
+"""The terms of the drive's speed, and of its narrowest friction."""
 
 
 class RigidBody(NamedTuple):
@@ -96,8 +96,23 @@ class RigidBodyModel:
         found = extra.copy()
         for j in np.flatnonzero(self.way).tolist():
             number = int(np.argmin(np.abs(np.array(WAYS) - self.way[j])))
-            found[:, j, NARROW] = self.drives[j].side(j) * turning[:, number, j]
+            speed, v0 = extra[:, j, SPEED], float(self.friction_velocity[j])
+            found[:, j, NARROW] = turned(turning[..., j], speed, self.drives[j], j, v0)[:, number]
         return found
+
+
+def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) -> Array:
+    """(n, W) friction of a drive that is that joint's alone, by each way; by the shortest it lets go at rest.
+
+    What turns round at once has no bristles that a joint at rest would hold bent: its friction answers what
+    force is left, and a command that stands at its level is at the edge of slipping.
+
+    Args:
+        turning: (n, W) what friction remembers of the joint. speed: (n,) of the drive.
+    """
+    found = drive.side(joint) * turning
+    found[:, 0] *= 1.0 - np.exp(-np.abs(speed) / drive.resting(joint, v0))
+    return found
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:

@@ -18,6 +18,9 @@ from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, cross
 
 Array = NDArray[np.float64]
 
+RESTING = 0.1
+"""Part of v0 below which a joint rests: .2 % of its velocity limit."""
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -41,6 +44,10 @@ class Drive:
         turns = self.gear * self.coefficients
         alone = not len(self.bodies) and np.count_nonzero(turns) == 1
         return float(np.sign(turns[joint])) if alone else 0.0
+
+    def resting(self, joint: int, v0: float) -> float:
+        """Speed of the drive, lone or not, below which that joint rests; v0 is that of its friction."""
+        return RESTING * v0 * abs(self.gear * float(self.coefficients[joint]))
 
 
 @dataclass(frozen=True)
