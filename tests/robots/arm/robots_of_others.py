@@ -45,10 +45,14 @@ def robot_of(name: str) -> ArmSpec:
     return spec_from_model(file_of(name), joints=FILES[name][1] or None).spec
 
 
-def campaign_of(name: str, folder: Path, config: str = "") -> Campaign:
-    """A campaign of that robot, or of a built-in one; `config` in place of its campaign.toml."""
+def campaign_of(name: str, folder: Path, config: str = "", simulated: str = "") -> Campaign:
+    """A campaign of that robot, or of a built-in one; `config` in place of its campaign.toml, and `simulated`
+    the table of its stand-in."""
     file, joints = (str(file_of(name)), FILES[name][1]) if name in FILES else (name, ())
     path = create_campaign(folder / "lab", file, seed=3, part=Part(joints, {}, ()))[0].path
     if config:
         (path / "campaign.toml").write_text(config)
+    if simulated:
+        robot = path / "robot.toml"
+        robot.write_text(f"{robot.read_text()}\n[simulate]\n{simulated}\n")
     return open_campaign(path)

@@ -84,6 +84,20 @@ def test_the_whole_loop_of_an_arm(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("friction", ["coulomb", "none"])
+def test_the_whole_loop_beside_another_friction(name: str, friction: str, tmp_path: Path) -> None:
+    """MuJoCo's own constraint turns round at once and holds nothing at rest; without any there is none to
+    find."""
+    campaign = campaign_of(name, tmp_path, simulated=f'friction = "{friction}"')
+    list(simulate(campaign, 2))
+    print(row_of(f"{name}, {friction}", campaign))
+    for test in ("fourier", "moves"):
+        pd, learned = (errors_of(campaign, who, test) for who in ("pd", None))
+        assert learned.mean() < 0.1 * pd.mean()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "joints"), [("talos", 16), ("mobile_arm", 7)])
 def test_an_upper_body_and_a_mobile_manipulator_learn_like_an_arm(
     name: str, joints: int, tmp_path: Path
