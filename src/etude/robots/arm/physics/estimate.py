@@ -155,29 +155,23 @@ def _fit_output(
     """
     moments, last = Moments.of(columns, y, weight), 1 + len(prior.extra)
     rank = prior.directions.shape[1]
-    ways = columns.shape[1] - last - rank
-    deviations = np.concatenate([[prior.gain], prior.extra])
-    found: list[tuple[float, Array, Array, float, float]] = []
-    for number in range(-1, ways):
-        places = np.arange(last + rank)
-        if number >= 0:
-            places[1 + NARROW] = last + rank + number
-        coarse, spread, _ = moments.at(places[:last]).estimate(deviations, prior.command)
-        gain = float(np.hypot(coarse[0], spread[0]))
-        every = np.concatenate([deviations, np.full(rank, gain)])
-        fine, spread, noise = moments.at(places).estimate(every, prior.command)
-        found.append(
-            (
-                noise * (1.0 if number >= 0 else BY_SPEED),
-                fine,
-                spread,
-                noise,
-                WAYS[number] if number >= 0 else 0.0,
-            )
-        )
-    _, fine, spread, noise, way = min(found, key=lambda one: one[0])
+    own = np.arange(last + rank)
+    fits = [(0.0, *_fit_turning(moments.at(own), prior))]
+    for number, way in enumerate(WAYS[: columns.shape[1] - last - rank]):
+        own[1 + NARROW] = last + rank + number
+        fits.append((way, *_fit_turning(moments.at(own), prior)))
+    way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else BY_SPEED))
     phi = fine[0] * prior.nominal + prior.directions @ fine[last:]
     return phi, fine[1:last], noise, rank, spread[1:last], way
+
+
+def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, Array, float]:
+    """Coefficients of nominal, extra and directions, their deviations, and the noise deviation."""
+    deviations = np.concatenate([[prior.gain], prior.extra])
+    coarse, spread, _ = moments.at(np.arange(len(deviations))).estimate(deviations, prior.command)
+    gain = float(np.hypot(coarse[0], spread[0]))
+    every = np.concatenate([deviations, np.full(prior.directions.shape[1], gain)])
+    return moments.estimate(every, prior.command)
 
 
 BY_SPEED = 1.05
