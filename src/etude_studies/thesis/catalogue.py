@@ -15,7 +15,7 @@ from etude_studies.thesis.beyond_runs import BEYOND_LINES, BEYOND_RUNS, ROUGH
 
 ARM_SEEDS, FULL_SEEDS, FLIGHT_SEEDS, BEYOND_SEEDS = 20, 10, 60, 20
 SMALL_SEEDS = 2
-FEWER = {"A6": FULL_SEEDS, "X11": 3, "Y2": 5, "Y3": 5, "Y4": 5}
+FEWER = {"A6": FULL_SEEDS, "X11": 3, "Y2": FULL_SEEDS, "Y3": FULL_SEEDS, "Y4": FULL_SEEDS}
 """Seeds of runs that would take days: full regression on 3,000 points; a spectrum on 36,000."""
 
 
