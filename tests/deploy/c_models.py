@@ -18,7 +18,7 @@ from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.physics.mean import ArmPhysics
-from etude.robots.arm.spec import TURNING
+from etude.robots.arm.spec import TURNING, WAYS
 
 ARM: Any = plugins.load("etude.robots", "arm")
 QUADROTOR: Any = plugins.load("etude.robots", "quadrotor")
@@ -56,11 +56,14 @@ def arm_log(spec: Any, count: int, seed: int = 0) -> Log:
 
 
 def turning_round(log: Log, inputs: ArmInputs) -> Log:
-    """The log with friction that turns round over 1 mrad, and what it remembers, where physics does."""
+    """The log with friction that turns round at once in every other joint and over 1 mrad between them, and
+    what it remembers, where physics does.
+    """
     if inputs.ways is None:
         return log
-    log, J = inputs.followed(log), log["q"].shape[1]
-    friction = log[TURNING][:, 2 * J : 3 * J]
+    log, (n, J) = inputs.followed(log), log["q"].shape
+    turning = log[TURNING].reshape(n, len(WAYS), J)
+    friction = np.where(np.arange(J) % 2, turning[:, WAYS.index(0.001)], np.sign(log["qd"]))
     return log.put(log.channels["command"], log["command"] + 0.2 * np.abs(log["command"]).max(0) * friction)
 
 

@@ -16,6 +16,7 @@ from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import planned
 from etude.deploy.c99.target import c_files
 from etude.models.model import LearnedModel
+from etude.robots.arm.spec import WAYS
 
 WHOLE = Form(variance=True, fade=True, digest="0" * 64)
 
@@ -103,6 +104,10 @@ def test_the_vectors_ask_what_physics_remembers(name: str) -> None:
     assert plan.memory > 0
     assert plan.rate > 0.0
     assert max(float(s.max()) for s in said) > 0.01
+    if name == "mobile":  # every drive is a joint's own
+        ways = {way for m in means for way in m.model.way.tolist()}
+        assert WAYS[0] in ways
+        assert ways - {0.0, WAYS[0]}
 
 
 @pytest.mark.parametrize("name", EVERYDAY)
