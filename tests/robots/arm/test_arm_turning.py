@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from etude import plugins
+from etude.campaign.predict import along
 from etude.contracts import Log, Motion, Samples
 from etude.models.given import followed
 from etude.robots.arm.inputs import ArmInputs
@@ -120,6 +123,17 @@ def test_perfect_runs_remember_and_single_instants_do_not() -> None:
     first = Motion(motion.t[:1], motion.orders[:, :1])
     assert TURNING not in INPUTS.states(first)
     assert TURNING not in ArmInputs.of(SPEC, 0.02).states(motion)
+
+
+def test_a_table_of_a_motion_is_predicted_as_one(learned) -> None:
+    """Rows of a file follow one another, whatever reads it."""
+    model: Any = SimpleNamespace(inputs=INPUTS)
+    campaign: Any = None  # the states are all there
+    np.testing.assert_array_equal(
+        learned[0].predict(along(campaign, model, learned[1])),
+        learned[0].predict(followed(INPUTS, learned[1])),
+    )
+    assert TURNING in along(campaign, model, learned[1])
 
 
 def test_each_way_is_a_memory_of_its_own_and_noise_hides_half_of_one_at_most() -> None:
