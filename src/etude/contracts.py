@@ -381,10 +381,12 @@ class Scaled(Protocol):
 
 class Followed(Protocol):
     """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
-    rows that follow one another as in a run from rest. `states` of a motion are such.
+    rows that follow one another as in a run from rest. `states` of a motion are such. carried: the same of
+    one row after another, with what the row before left (None: it is the first).
     """
 
     def followed(self, log: Log) -> Log: ...
+    def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
 class Mean(Protocol):

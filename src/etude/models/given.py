@@ -48,6 +48,12 @@ def followed(inputs: Inputs, log: Log) -> Log:
     return log if along is None else along(log)
 
 
+def carried(inputs: Inputs, row: Log, before: Array | None) -> tuple[Log, Array | None]:
+    """The same of one row, with what the row before left; and what this one leaves."""
+    along = getattr(inputs, "carried", None)
+    return (row, None) if along is None else along(row, before)
+
+
 def _channels(columns: Sequence[Column]) -> dict[str, Channel]:
     parts: dict[str, dict[str, str]] = {}
     for channel, part, unit, op in columns:

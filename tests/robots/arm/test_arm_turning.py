@@ -13,6 +13,7 @@ from etude import plugins
 from etude.campaign.predict import along
 from etude.contracts import Log, Motion, Samples
 from etude.models.given import followed
+from etude.models.online.planned import Planned
 from etude.robots.arm.inputs import ArmInputs
 from etude.robots.arm.memory import remembered, turning
 from etude.robots.arm.physics.mean import ArmPhysics, RigidBodyMean
@@ -134,6 +135,19 @@ def test_a_table_of_a_motion_is_predicted_as_one(learned) -> None:
         learned[0].predict(followed(INPUTS, learned[1])),
     )
     assert TURNING in along(campaign, model, learned[1])
+
+
+def test_instants_one_after_another_are_commanded_as_their_plan_at_once(learned) -> None:
+    """Learning on line may be given rows alone; what it carries from one to the next is a run's memory."""
+    mean, log = learned[0], run(7).take(slice(0, 400))
+    model: Any = SimpleNamespace(inputs=INPUTS, mean=mean.predict)
+    wanted = mean.predict(followed(INPUTS, log))
+    channels = {c.name: c for c in SPEC.channels()}
+    planned = Planned(model, channels, None, (), RATE)
+    rows = [{name: values[i] for name, values in log.values.items()} for i in range(len(log))]
+    found = [planned.instant(float(t), row)[2] for t, row in zip(log.t, rows, strict=True)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12 * SPEC.command.max())
+    assert np.abs(wanted - mean.predict(log)).max() > 0.05 * FRICTION.max()
 
 
 def test_each_way_is_a_memory_of_its_own_and_noise_hides_half_of_one_at_most() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Array, Channel, Controller, Log, Motion, Row
+from etude.models.given import carried
 from etude.models.model import LearnedModel
 from etude.models.online.command import Command
 
@@ -32,7 +33,7 @@ class Planned:
         rate: of the control ticks, Hz.
     """
 
-    MOVES = ("_memory",)
+    MOVES = ("_memory", "_carried")
 
     def __init__(
         self,
@@ -47,6 +48,7 @@ class Planned:
         self.path = path_of(model, channels)
         self._ahead: Ahead | None = None
         self._memory: Array | None = None
+        self._carried: Array | None = None
 
     def take(self, motion: Motion) -> None:
         """Asks for a whole plan, once, where the trained model's controller can."""
@@ -65,11 +67,12 @@ class Planned:
             k = int(np.clip(np.searchsorted(ahead.t, t - 0.5 / self._rate), 0, len(ahead.t) - 1))
             return ahead.X[k], ahead.base[k], ahead.frozen[k]
         x, memory = self.model.inputs.step(row, self._memory)
-        states = self.states(t, row)
+        states, left = carried(self.model.inputs, self.states(t, row), self._carried)
         base = np.array([own.base(states)[0] for own in self._commands])
-        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, row)[0]
+        known = {**row, **{name: values[0] for name, values in states.values.items()}}
+        frozen = self.model.mean(states)[0] if self._frozen is None else self._frozen.command(t, known)[0]
         if np.isfinite(x).all():
-            self._memory = memory
+            self._memory, self._carried = memory, left
         return x, base, frozen
 
     def states(self, t: float, row: Row) -> Log:

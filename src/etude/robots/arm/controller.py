@@ -10,7 +10,7 @@ import numpy as np
 from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
 from etude.robots.arm.plant.following import Following
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.spec import TURNING, ArmSpec
 
 
 class Fading(Protocol):
@@ -44,7 +44,8 @@ class ModelController:
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """The command at one instant, and its standard deviation."""
-        channels = self.model.inputs.states(Motion(np.zeros(1), np.zeros((3, 1, self.spec.dof)))).channels
+        states = self.model.inputs.states(Motion(np.zeros(1), np.zeros((3, 1, self.spec.dof))))
+        channels = {**states.channels, TURNING: self.spec.turning()}
         values = {name: row[name][None] for name in channels if name in row}
         log = Log(np.array([t]), {name: channels[name] for name in values}, values)
         command, deviation = self._commands(log)

@@ -152,6 +152,15 @@ class ArmInputs:
         q = log[self.names[0]]
         return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.ways))
 
+    def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]:
+        """The same of one row (2, W J) after another: friction by each way, and the positions before."""
+        if self.ways is None:
+            return row, None
+        ways = self.ways.ravel()
+        q = np.tile(row[self.names[0]], (1, len(self.ways)))
+        found = remembered(q, np.zeros(len(ways)), ways, before)[0]
+        return row.put(self.channels[TURNING], found[:1]), found
+
     def of_log(self, log: Log) -> Array:
         """X (T, D). KeyError where the log lacks a channel."""
         q, qd, qdd = (log[name] for name in self.names)
