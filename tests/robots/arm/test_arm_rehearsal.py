@@ -81,13 +81,17 @@ def test_its_inverse_holds_it_where_it_is(tmp_path: Path, loop: str) -> None:
     np.testing.assert_allclose(trace.q_true, 0.4, atol=1e-5)
 
 
+def steps_of(trace: Trace) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Position, speed and acceleration at each step of 1 ms but the ends, and the speed after it."""
+    speed = np.diff(trace.q_true, axis=0) / 0.001
+    return (trace.q_true[1:-1], speed[:-1], np.diff(speed, axis=0) / 0.001), speed[1:]
+
+
 def test_the_inverse_of_a_run_gives_its_commands_back(tmp_path: Path) -> None:
     """Exactly: velocities are those at the end of a step for damping, at its beginning for all else."""
     robot = made(tmp_path, ARM, rate=1000.0, friction="none")
     trace = robot.whole(loop_inputs(robot, Waves(3, 2.0)))
-    speed = np.diff(trace.q_true, axis=0) / 0.001
-    bend = np.diff(speed, axis=0) / 0.001
-    q, before, after = trace.q_true[1:-1], speed[:-1], speed[1:]
+    (q, before, bend), after = steps_of(trace)
     command = robot.inverse(q, before, bend) + robot.made.motors.viscous * (after - before)
     np.testing.assert_allclose(command, trace.tau[1:-1], atol=2e-6 * np.abs(trace.tau).max())
 
@@ -96,9 +100,7 @@ def test_the_inverse_along_a_run_knows_its_bristles(tmp_path: Path) -> None:
     """The commands of a run, reversals too: steady friction turns over at once, bristles over a way."""
     robot = made(tmp_path, ARM, rate=1000.0, friction="lugre")
     trace = robot.whole(loop_inputs(robot, Waves(3, 2.0)))
-    speed = np.diff(trace.q_true, axis=0) / 0.001
-    bend = np.diff(speed, axis=0) / 0.001
-    q, before, after = trace.q_true[1:-1], speed[:-1], speed[1:]
+    (q, before, bend), after = steps_of(trace)
     damped = robot.made.motors.viscous * (after - before)
     resolved = np.abs(before) * 0.001 < 0.2 * robot.made.motors.coulomb / robot.made.motors.stiffness
     resolved[:100] = False

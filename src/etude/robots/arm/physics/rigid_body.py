@@ -121,9 +121,7 @@ def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_veloc
     extra = np.zeros((tree.joints, 3 + len(FRICTION_SCALES)))
     rank, unknown = np.zeros(tree.joints, dtype=np.int64), np.full_like(extra, np.inf)
     nothing = np.zeros(tree.joints)
-    return RigidBodyModel(
-        tree, drives, friction_velocity, inertial, extra, rank, nothing, unknown, nothing.copy()
-    )
+    return RigidBodyModel(tree, drives, friction_velocity, inertial, extra, rank, nothing, unknown, nothing)
 
 
 def command_regressors(

@@ -75,9 +75,7 @@ class Motors:
 
     def friction(self, qd: Array, kind: str) -> Array:
         """Steady friction and braking (T, J) at qd (T, J), N m; none of Coulomb's at rest."""
-        level = self.coulomb
-        if kind == "lugre":
-            level = level + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2))
+        level = self._stribeck_level(qd) if kind == "lugre" else self.coulomb
         dry = 0.0 if kind == "none" else np.sign(qd) * level
         return np.asarray(dry + (self.viscous + self.braking) * qd)
 
@@ -86,12 +84,15 @@ class Motors:
 
         At the speed of each row its bristles bend over the way since the row before.
         """
-        level = self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2))
-        bend = np.maximum(level, 1e-9) / self.stiffness
+        bend = np.maximum(self._stribeck_level(qd), 1e-9) / self.stiffness
         bent = bristles_along(q, bend)
         rate = qd - np.abs(qd) * bent / bend
         force = self.stiffness * bent + self.micro_damping * rate
         return np.asarray(force + (self.viscous + self.braking) * qd)
+
+    def _stribeck_level(self, qd: Array) -> Array:
+        """(T, J) at which friction slips: static at rest, Coulomb's at speed, N m."""
+        return np.asarray(self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2)))
 
 
 class Given:

@@ -65,19 +65,21 @@ class RehearsedRobot(Following):
         return RehearsedRun(self.made, q)
 
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
-        for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
-            self.check(name, rows, len(q))
-        made = self.made
-        torque = effort(made.rigid, made.spec, (q, qd, qdd))
+        made, torque = self.made, self._frictionless(q, qd, qdd)
         return np.asarray((torque + made.motors.friction(qd, made.loop.friction)) / made.motors.gain)
 
     def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
         """With bristles that bend and slip along the way; the steady friction of `inverse` has none."""
         if self.made.loop.friction != "lugre":
             return self.inverse(q, qd, qdd)
-        motors = self.made.motors
-        dry = motors.bristles(q, qd) - motors.friction(qd, "lugre")
-        return np.asarray(self.inverse(q, qd, qdd) + dry / motors.gain)
+        torque = self._frictionless(q, qd, qdd)
+        return np.asarray((torque + self.made.motors.bristles(q, qd)) / self.made.motors.gain)
+
+    def _frictionless(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T, J) N m of bodies and rotors along the motion."""
+        for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
+            self.check(name, rows, len(q))
+        return effort(self.made.rigid, self.made.spec, (q, qd, qdd))
 
     def altered(self, name: str, value: float) -> RehearsedRobot:
         if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and name == "payload"))):
