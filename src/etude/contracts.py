@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from etude.operators import Piece
     from etude.shown import Picture
 
 Array = NDArray[np.float64]
@@ -387,6 +388,14 @@ class Followed(Protocol):
 
     def followed(self, log: Log) -> Log: ...
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
+
+
+class Graphed(Protocol):
+    """Capability of `Inputs` and of a `Mean`: itself as a piece of a graph of ONNX. Law: in a run from rest
+    the graph says what Python says of the same rows.
+    """
+
+    def onnx(self) -> Piece: ...
 
 
 class Mean(Protocol):

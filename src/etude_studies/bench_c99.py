@@ -19,8 +19,8 @@ import numpy as np
 
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.target import Files, c_files
-from etude.deploy.onnx.model_graph import written
-from etude.deploy.onnx.target import session
+from etude.deploy.onnx.model_graph import parts_of, written
+from etude.deploy.onnx.target import session, taken_by
 from etude.errors import UsageError
 from etude_studies.c99_models import Sized, sized
 from etude_studies.rows import Row, rows_json, table
@@ -157,9 +157,10 @@ def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
     except ImportError:
         return []
     mean = {row.metric: row.value for row in rows}
-    found = []
+    found, parts = [], parts_of(own.model)
+    widths = taken_by(parts, own.kind.channels(own.spec)).widths
     for kind, dtype in (("double", np.float64), ("float", np.float32)):
-        ask = session(written(own.model, dtype, variance=False))
+        ask = session(written(parts, widths, dtype, variance=False))
         x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)
         best = np.inf
         for _ in range(BATCHES):

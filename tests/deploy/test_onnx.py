@@ -20,10 +20,11 @@ from c_models import (
     quadrotor_spec,
 )
 
-from etude.contracts import Array
-from etude.deploy.onnx.model_graph import state_columns, written
-from etude.deploy.onnx.target import ONNX, session
+from etude.contracts import Array, Log
+from etude.deploy.onnx.model_graph import parts_of, written
+from etude.deploy.onnx.target import ONNX, in_turn, taken_by
 from etude.errors import UsageError
+from etude.models.given import followed
 from etude.models.gp.exact import posterior_given
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
@@ -62,33 +63,46 @@ CASES = {
     "silent": lambda: alone(arm_model("exact", "structured"), grows=False),
     "dictionary": lambda: arm_model("dictionary_variance", "structured"),
     "sogp": lambda: arm_model("sogp", "ard_se"),
+    "standing": lambda: arm_model("exact", "standing", memory=True),
+    "all of it": lambda: averaged(
+        arm_model("exact", "standing", memory=True, physics=True),
+        alone(arm_model("exact", "standing", memory=True, physics=True), grows=True),
+    ),
 }
 
 
-def near(model: LearnedModel, dtype: Any) -> tuple[Any, Array]:
-    """A log near the data, where a process has much to say, and its states."""
-    log = arm_log(arm_spec(), 48)
+def written_of(model: LearnedModel, dtype: Any, variance: bool = True) -> bytes:
+    parts = parts_of(model)
+    return written(parts, taken_by(parts, ARM.channels(arm_spec())).widths, dtype, variance)
+
+
+def near(model: LearnedModel, dtype: Any, spec: Any = None) -> tuple[Log, Array]:
+    """A run near the data, where a process has much to say, and its states."""
+    log = arm_log(spec or arm_spec(), 48)
     rng = np.random.default_rng(4)
     spread = {
         name: (1.0 + 0.05 * rng.standard_normal(log[name].shape)) * log[name] for name in ("q", "qd", "qdd")
     }
     states = np.concatenate([*spread.values()], axis=1).astype(dtype)
-    assert states.shape[1] == len(state_columns(model))
     parts = np.split(states.astype(float), 3, axis=1)
-    return dict(zip(spread, parts, strict=True)), states
+    own = Log(log.t, {name: log.channels[name] for name in spread}, dict(zip(spread, parts, strict=True)))
+    return followed(model.inputs, own), states
 
 
-def agrees(model: LearnedModel, dtype: Any, small: float) -> None:
-    log, states = near(model, dtype)
-    command, variance = session(written(model, dtype, variance=True))(states)
+def agrees(model: LearnedModel, dtype: Any, small: float, spec: Any = None) -> None:
+    spec = spec or arm_spec()
+    log, states = near(model, dtype, spec)
+    parts, limit = parts_of(model), np.asarray(ARM.limit(spec)).min()
+    widths = taken_by(parts, ARM.channels(spec)).widths
+    command, variance = in_turn(written(parts, widths, dtype, variance=True), parts, states)
     mean, spread = model.predict(log)
-    assert np.abs(command - mean).max() <= small * LIMIT.min()
-    assert np.abs(variance - spread).max() <= small * LIMIT.min() ** 2
-    one = session(written(model, dtype, variance=False))(states[:1])
-    assert np.abs(one[0] - command[:1]).max() <= small * LIMIT.min()
+    assert np.abs(command - mean).max() <= small * limit
+    assert np.abs(variance - spread).max() <= small * limit**2
+    one = in_turn(written(parts, widths, dtype, variance=False), parts, states[:1])
+    assert np.abs(one[0] - command[:1]).max() <= small * limit
 
 
-@pytest.mark.parametrize("name", ["mixed", "ssgp"])
+@pytest.mark.parametrize("name", ["mixed", "ssgp", "standing"])
 def test_the_graph_agrees(name: str) -> None:
     model = CASES[name]()
     assert np.ptp(model.predict(near(model, float)[0])[0], axis=0).min() > 0.05
@@ -103,7 +117,8 @@ def test_a_variance_is_never_below_its_noise() -> None:
     sure = posterior_given(own.kernel, own.theta + 3.0, 1e-6, own.X, own.y)
     candidates = tuple(replace(c, process=Posteriors((sure,))) for c in model.candidates)
     states = own.X[:, :12].astype(np.float32)
-    _, variance = session(written(replace(model, candidates=candidates), np.float32, variance=True))(states)
+    doubtless = replace(model, candidates=candidates)
+    _, variance = in_turn(written_of(doubtless, np.float32), parts_of(doubtless), states)
     noise = [c.calibration[0] * c.units[1, 0] ** 2 * 1e-6 for c in candidates]
     assert (variance >= np.array(noise) * (1.0 - 1e-5)).all()
 
@@ -132,17 +147,13 @@ def test_the_file_says_what_it_takes_and_gives() -> None:
 
 
 def test_what_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for model, words in (
-        (arm_model("exact", "ard_se", points=12, physics=True), "the physics RigidBodyMean"),
-        (arm_model("exact", "ard_se", points=12, memory=True), "the input 'memory' of qd waist"),
-    ):
-        with pytest.raises(UsageError, match=f"({words}).* cannot be exported to ONNX"):
-            written(model, np.float64, variance=False)
-    with pytest.raises(UsageError, match="the physics VehicleInverse"):
-        ONNX(quadrotor_model("quadrotor", points=12), QUADROTOR, quadrotor_spec("quadrotor"), {})
+    model = arm_model("exact", "ard_se", points=12, physics=True)
+    bare = replace(model, candidates=tuple(replace(c, mean=object()) for c in model.candidates))  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="the physics object cannot be exported to ONNX"):
+        parts_of(bare)
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(UsageError, match="--to onnx needs onnx") as problem:
-        written(arm_model("exact", "ard_se", points=12), np.float64, variance=False)
+        written_of(arm_model("exact", "ard_se", points=12), np.float64)
     assert "pip install 'etude[onnx]'" in problem.value.next_step
 
 
@@ -153,7 +164,36 @@ def test_kernels_and_processes_that_cannot_be_written_are_named() -> None:
         (arm_model("all_lin", "ard_se", points=12, together=True), "the process"),
         (arm_model("local_gp", "ard_se", points=24), "a process of the form|the process"),
         (arm_model("lwpr", "ard_se", points=24), "a process of the form|the process"),
-        (arm_model("exact", "standing", points=12, memory=True), "the input 'memory' of qd waist"),
     ):
         with pytest.raises(UsageError, match=f"({words}).* cannot be exported to ONNX"):
-            written(model, np.float64, variance=False)
+            parts_of(model)
+
+
+@pytest.mark.parametrize(("robot", "memory"), [("arm4", False), ("arm4_rough", True), ("mobile_arm", True)])
+def test_physics_agree(robot: str, memory: bool) -> None:
+    """Linkages, hinges and slides; friction that turns with speed, at once, and over a way."""
+    spec = arm_spec(robot)
+    model = arm_model("exact", "short", points=36, physics=True, memory=memory, spec=spec)
+    agrees(model, np.float64, 1e-9, spec)
+
+
+@pytest.mark.parametrize("robot", ["quadrotor", "pelican"])
+def test_a_vehicle_agrees(robot: str) -> None:
+    """Voltages by Euler's equation, and least squares where nobody described the motors."""
+    spec = quadrotor_spec(robot)
+    found = ONNX(quadrotor_model(robot, points=24, spec=spec), QUADROTOR, spec, {"variance": True})
+    assert found.facts["deviation"] < 1e-11
+
+
+def test_memory_is_carried_from_call_to_call() -> None:
+    """There and back again: the way back needs another command than the way there."""
+    model = arm_model("exact", "standing", memory=True, physics=True, points=36)
+    found = ONNX(model, ARM, arm_spec(), {})
+    (data,) = found.files.values()
+    parts, low, high = parts_of(model), *model.ranges[:, :12]
+    there = np.linspace(low, high, 12) * np.repeat([1.0, 0.0, 0.0], 4)
+    states = np.concatenate([there, there[::-1]])
+    (command,) = in_turn(data, parts, states)
+    assert parts.memory == 2 * 9
+    assert np.abs(command[:12] - command[:11:-1])[1:-1].max() > 0.01 * LIMIT.min()
+    assert "zeros at the start of a run" in " ".join(found.said)

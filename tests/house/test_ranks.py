@@ -23,6 +23,7 @@ RANKS = {
     "contracts": 0,
     "plugins": 0,
     "options": 0,
+    "operators": 0,
     "progress": 0,
     "shown": 0,
     "trajectories": 1,
@@ -47,6 +48,7 @@ SIDEWAYS = {
     ("shown", "plugins"),
     ("shown", "storage"),
     ("contracts", "shown"),
+    ("contracts", "operators"),
     ("cli", "commands"),
 }
 # of a lower rank, and still none of its business: a kind supplies nouns, the steps are the pipeline's

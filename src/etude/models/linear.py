@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array, Code, Index, Inputs, Log, Mask, Samples
+from etude.operators import Piece, Value, joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,15 @@ class LinearMean:
         from etude.models.c99 import linear_code
 
         return linear_code(name, self.inputs.columns, self.weights)
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX: a product."""
+        reads = tuple(dict.fromkeys(channel for channel, _, _, op in self.inputs.columns if not op))
+
+        def draw(states: Mapping[str, Value], _: Value | None) -> tuple[Value, None]:
+            return joined([states[name] for name in reads]) @ self.weights[:-1] + self.weights[-1], None
+
+        return Piece(reads, draw)
 
 
 @dataclass(frozen=True)

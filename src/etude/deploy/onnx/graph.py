@@ -61,9 +61,13 @@ class Graph:
         return self.op("Gather", value, np.array(list(which)), axis=1)
 
     def model(
-        self, width: int, outputs: Mapping[str, tuple[str, int]], words: Mapping[str, str], text: str
+        self,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, tuple[str, int]],
+        words: Mapping[str, str],
+        text: str,
     ) -> bytes:
-        """The file: input `states` (n, width); outputs by name, (n, columns) of a value.
+        """The file: inputs (n, width) by name; outputs by name, (n, columns) of a value.
 
         Args:
             words: kept in the file beside the graph. text: what people read of it.
@@ -77,7 +81,7 @@ class Graph:
         graph = helper.make_graph(
             self.nodes,
             "model",
-            [helper.make_tensor_value_info("states", kind, ["n", width])],
+            [helper.make_tensor_value_info(name, kind, ["n", size]) for name, size in inputs.items()],
             [helper.make_tensor_value_info(name, kind, ["n", size]) for name, (_, size) in outputs.items()],
             self.values,
             doc_string=text,

@@ -3,98 +3,159 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Column
+from etude.contracts import Candidate, Inputs
 from etude.deploy.onnx.graph import Graph, needed
 from etude.deploy.onnx.kernels import unwritable
-from etude.deploy.onnx.processes import in_order, looked_at, moments
-from etude.models.linear import LinearMean
+from etude.deploy.onnx.processes import looked_at, moments
 from etude.models.model import LearnedModel
+from etude.operators import Piece, Value, joined
 
 Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""
+REMEMBERED = "memory"
+"""The op of columns that remember, and the graph's input of what they do."""
 
 
-def written(model: LearnedModel, dtype: Any, variance: bool, words: Mapping[str, str] | None = None) -> bytes:
-    """The file of a model; words are kept in it.
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A model taken apart.
 
-    Raises:
-        UsageError: ONNX is not installed, or a part of the model has no operators.
+    Attributes:
+        model, used: and its candidates in use. inputs: the feature map. means: physics, each once, by id.
+        remembers: whether a process looks at what the inputs remember.
     """
-    needed("onnx")
-    used = [candidate for candidate in model.candidates if candidate.weights.any()]
-    graph, J = Graph(dtype), len(model.commands)
-    x = _inputs(graph, model, _looked_at(used))
-    terms = [_term(graph, x, candidate, variance) for candidate in used]
-    command = _sum(graph, [_placed(graph, own, c, J) for c, own, _ in terms])
-    outputs = {"command": (command, J)}
-    if variance:
-        outputs["variance"] = (_variance(graph, model, terms, command), J)
-    text = "States, in the order of `states`, to commands, in the order of `commands`; see the properties."
-    return graph.model(len(state_columns(model)), outputs, words or {}, text)
+
+    model: LearnedModel
+    used: tuple[Candidate, ...]
+    inputs: Piece
+    means: Mapping[int, Piece]
+    remembers: bool
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Channels that the graph takes, in order."""
+        every = [self.inputs, *self.means.values()]
+        return tuple(dict.fromkeys(name for drawn in every for name in drawn.reads))
+
+    @property
+    def memories(self) -> list[Piece]:
+        """What remembers, in order."""
+        own = [self.inputs] if self.remembers else []
+        return [*own, *(drawn for drawn in self.means.values() if drawn.memory)]
+
+    @property
+    def memory(self) -> int:
+        """Words of it."""
+        return sum(drawn.memory for drawn in self.memories)
+
+    @property
+    def rate(self) -> float:
+        """Hz at which the graph must be asked, as it remembers; 0: anyhow."""
+        return max((drawn.rate for drawn in self.memories), default=0.0)
 
 
-def state_columns(model: LearnedModel) -> list[Column]:
-    """What the graph takes, in order: the inputs that are channels themselves."""
-    return [column for column in model.inputs.columns if not column[3]]
-
-
-def _looked_at(used: Sequence[Candidate]) -> set[int]:
-    """Columns of the inputs that count. UsageError where a part of a candidate has no operators."""
+def parts_of(model: LearnedModel) -> Parts:
+    """The model taken apart. UsageError: a part of it has no operators, named."""
+    used = tuple(candidate for candidate in model.candidates if candidate.weights.any())
     looked: set[int] = set()
+    means: dict[int, Piece] = {}
     for candidate in used:
         assert candidate.process is not None
         looked |= looked_at(candidate.process)
-        if candidate.mean is not None and not isinstance(candidate.mean, LinearMean):
-            raise unwritable(f"the physics {type(candidate.mean).__name__}")
-    return looked
+        mean = candidate.mean
+        if mean is not None and id(mean) not in means:
+            draw = getattr(mean, "onnx", None)
+            if draw is None:
+                raise unwritable(f"the physics {type(mean).__name__}")
+            means[id(mean)] = draw()
+    held = {i for i, column in enumerate(model.inputs.columns) if column[3] == REMEMBERED}
+    return Parts(model, used, _inputs(model.inputs), means, bool(held & looked))
 
 
-def _inputs(graph: Graph, model: LearnedModel, looked: set[int]) -> str:
-    """x (n, D); what remembers is 0 where nothing looks at it, and else refused."""
-    columns = list(model.inputs.columns)
-    if not any(op for *_, op in columns):
-        return "states"
-    states = {(c[0], c[1]): place for place, c in enumerate(state_columns(model))}
-    scales: Array = getattr(model.inputs, "scales", lambda: np.ones(len(columns)))()
-    groups: dict[str, list[int]] = {}
-    for i, column in enumerate(columns):
-        groups.setdefault(column[3], []).append(i)
-    parts = []
-    for op, own in groups.items():
-        raw = graph.columns("states", [states[columns[i][:2]] for i in own])
-        parts.append(_mapped(graph, raw, op, scales[own], [columns[i] for i in own if i in looked]))
-    order = np.argsort([i for own in groups.values() for i in own])
-    return in_order(graph, parts, order)
+def _inputs(inputs: Inputs) -> Piece:
+    """By themselves, or channel by channel where all columns are such."""
+    draw = getattr(inputs, "onnx", None)
+    if draw is not None:
+        own: Piece = draw()
+        return own
+    other = [column for column in inputs.columns if column[3]]
+    if other:
+        raise unwritable(f"the input {other[0][3]!r} of {other[0][0]} {other[0][1]}")
+    reads = tuple(dict.fromkeys(channel for channel, *_ in inputs.columns))
+    return Piece(reads, lambda states, _: (joined([states[name] for name in reads]), None))
 
 
-def _mapped(graph: Graph, raw: str, op: str, scales: Array, looked: Sequence[Column]) -> str:
-    """Columns of one op."""
-    if not op:
-        return raw
-    if op == "tanh":
-        return graph.op("Tanh", graph.op("Div", raw, scales[None, :]))
-    if op == "rest":
-        return graph.op("Exp", graph.op("Neg", graph.op("Abs", graph.op("Div", raw, scales[None, :]))))
-    if looked:
-        channel, part = looked[0][:2]
-        raise unwritable(f"the input {op!r} of {channel} {part}, which is a state of the features,")
-    return graph.op("Mul", raw, np.zeros((1, len(scales))))
+def written(
+    parts: Parts,
+    widths: Mapping[str, int],
+    dtype: Any,
+    variance: bool,
+    words: Mapping[str, str] | None = None,
+) -> bytes:
+    """The file of a model; words are kept in it.
+
+    Args:
+        widths: parts of each channel that it reads.
+
+    Raises:
+        UsageError: ONNX is not installed.
+    """
+    needed("onnx")
+    graph, J = Graph(dtype), len(parts.model.commands)
+    states = _channels(graph, parts, widths)
+    x, physics, after = _drawn(graph, parts, states)
+    terms = [_term(graph, x, candidate, physics, variance) for candidate in parts.used]
+    command = _sum(graph, [_placed(graph, own, c, J) for c, own, _ in terms])
+    outputs = {"command": (command, J)}
+    if variance:
+        outputs["variance"] = (_variance(graph, parts.model, terms, command), J)
+    inputs = {"states": sum(widths[name] for name in parts.reads)}
+    if after:
+        inputs[REMEMBERED] = parts.memory
+        outputs["memory_after"] = (joined(after).name, parts.memory)
+    text = "States, in the order of `states`, to commands, in the order of `commands`; see the properties."
+    return graph.model(inputs, outputs, words or {}, text)
 
 
-def _term(graph: Graph, x: str, candidate: Candidate, variance: bool) -> Term:
+def _channels(graph: Graph, parts: Parts, widths: Mapping[str, int]) -> dict[str, Value]:
+    whole, at, found = Value(graph, "states"), 0, {}
+    for name in parts.reads:
+        found[name] = whole.at(range(at, at + widths[name]))
+        at += widths[name]
+    return found
+
+
+def _drawn(
+    graph: Graph, parts: Parts, states: Mapping[str, Value]
+) -> tuple[str, dict[int, Value], list[Value]]:
+    """x (n, D), commands (n, J) of each mean, and the memory after of all that remember."""
+    memory, at, left = Value(graph, REMEMBERED), 0, []
+    values = []
+    for drawn in (parts.inputs, *parts.means.values()):
+        own = None
+        if any(drawn is one for one in parts.memories):
+            own = memory.at(range(at, at + drawn.memory))
+            at += drawn.memory
+        value, after = drawn.draw(states, own)
+        values.append(value)
+        left += [] if after is None else [after]
+    return values[0].name, dict(zip(parts.means, values[1:], strict=True)), left
+
+
+def _term(graph: Graph, x: str, candidate: Candidate, physics: Mapping[int, Value], variance: bool) -> Term:
     assert candidate.process is not None
     mean, latent = moments(graph, x, candidate.process, variance)
     offset, factor = candidate.units
     own = graph.op("Mul", mean, factor[None, :])
     own = graph.op("Add", own, offset[None, :]) if offset.any() else own
-    if isinstance(candidate.mean, LinearMean):
-        weights = candidate.mean.weights[:, list(candidate.commands)]
-        line = graph.op("MatMul", "states", weights[:-1])
-        own = graph.op("Add", own, graph.op("Add", line, weights[-1][None, :]))
+    if candidate.mean is not None:
+        line = physics[id(candidate.mean)].at(candidate.commands).name
+        own = graph.op("Add", own, line)
     return candidate, own, latent
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Column, Delivered, Kind
+from etude.contracts import Array, Channel, Delivered, Kind, Log
 from etude.deploy.c99.names import identifier
 from etude.deploy.onnx.graph import OPSET, needed
-from etude.deploy.onnx.model_graph import state_columns, written
+from etude.deploy.onnx.model_graph import REMEMBERED, Parts, parts_of, written
 from etude.errors import UsageError
+from etude.models.given import followed
 from etude.models.model import LearnedModel
 from etude.options import taken
 
@@ -32,6 +33,33 @@ class Options:
     model_hash: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What a graph takes: channels in order, and (2, N) the range that each of their parts was trained on."""
+
+    channels: tuple[Channel, ...]
+    ranges: Array
+
+    @property
+    def widths(self) -> dict[str, int]:
+        return {channel.name: len(channel.parts) for channel in self.channels}
+
+    @property
+    def labels(self) -> list[str]:
+        """Name and unit of each state."""
+        return [
+            f"{c.name}_{part} [{unit or '1'}]" if part else f"{c.name} [{unit or '1'}]"
+            for c in self.channels
+            for part, unit in zip(c.parts, c.units, strict=True)
+        ]
+
+    def log(self, states: Array) -> Log:
+        """A log of states (T, N), a row for each."""
+        ends = np.cumsum([len(channel.parts) for channel in self.channels])[:-1]
+        values = dict(zip(self.widths, np.split(states, ends, axis=1), strict=True))
+        return Log(np.arange(len(states), dtype=float), {c.name: c for c in self.channels}, values, "states")
+
+
 def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
     """The target (`contracts.Target`).
 
@@ -42,75 +70,102 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     asked = taken(options, Options, "onnx")
     if asked.real not in REALS:
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
-    states = state_columns(model)
-    words = _words(model, kind, spec, states, asked)
+    parts = parts_of(model)
+    takes = taken_by(parts, kind.channels(spec))
+    words = _words(parts, takes, kind, spec, asked)
     dtype, limit = REALS[asked.real], np.asarray(kind.limit(spec), dtype=float)
-    data = written(model, dtype, asked.variance, words)
-    found = deviation(model, data, limit, dtype)
+    data = written(parts, takes.widths, dtype, asked.variance, words)
+    found = deviation(parts, takes, data, limit, dtype)
     if not found <= SMALL[asked.real]:
         raise UsageError(
             f"{asked.real} is wrong for this model: commands differ from Python's by up to {found:.1e} of "
             f"their limit, more than {SMALL[asked.real]:g}",
             next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
         )
-    said = (
-        f"Input states (n, {len(states)}): {', '.join(_label(c) for c in states)}.",
-        f"Output command{' and variance' * asked.variance} (n, {len(limit)}): {', '.join(model.commands)}.",
-        f"Opset {OPSET}, {asked.real}, {len(data) / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
-        f"onnxruntime differs from Python by {found:.1e} of a limit.",
-    )
+    said = _said(parts, takes, asked, len(data), found)
     name = f"{identifier(asked.name or spec.name)}.onnx"
     return Delivered({name: data}, said, {"opset": OPSET, "deviation": found, "bytes": len(data)})
 
 
+def taken_by(parts: Parts, channels: Sequence[Channel]) -> Taken:
+    """What the graph takes, of all channels of a robot."""
+    known = {channel.name: channel for channel in channels}
+    own = tuple(known[name] for name in parts.reads)
+    trained = {
+        column[:2]: parts.model.ranges[:, i]
+        for i, column in enumerate(parts.model.inputs.columns)
+        if not column[3]
+    }
+    unknown = np.array([-1.0, 1.0])  # of a state that only physics reads
+    ranges = [trained.get((c.name, part), unknown) for c in own for part in c.parts]
+    return Taken(own, np.stack(ranges, axis=1))
+
+
 def session(data: bytes) -> Any:
-    """onnxruntime on one thread: states (n, N) -> outputs. UsageError if it is not installed."""
+    """onnxruntime on one thread: states (n, N), memory (n, M) -> outputs. UsageError: it is not installed."""
     onnxruntime = needed("onnxruntime")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     found = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-    return lambda states: found.run(None, {"states": states})
+    return lambda states, memory=None: found.run(
+        None, {"states": states} | ({} if memory is None else {REMEMBERED: memory})
+    )
 
 
-def deviation(model: LearnedModel, data: bytes, limit: Array, dtype: Any) -> float:
-    """Largest difference from Python at states drawn inside the range trained on: of commands as a part of
-    their limits, of variances of these squared.
+def in_turn(data: bytes, parts: Parts, states: Array) -> list[Array]:
+    """Outputs at states (T, N): at once, or row by row where the graph remembers, from a memory of zeros."""
+    run = session(data)
+    if not parts.memory:
+        return list(run(states))
+    memory, rows = np.zeros((1, parts.memory), states.dtype), []
+    for row in states:
+        *own, memory = run(row[None], memory)
+        rows.append(own)
+    return [np.concatenate(own) for own in zip(*rows, strict=True)]
+
+
+def deviation(parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any) -> float:
+    """Largest difference from Python at states that swing through the range trained on: of commands as a
+    part of their limits, of variances of these squared.
     """
-    inside = [i for i, column in enumerate(model.inputs.columns) if not column[3]]
-    low, high = model.ranges[:, inside]
-    states = np.random.default_rng(SEED).uniform(low, high, size=(COUNT, len(inside)))
-    states = states.astype(dtype)
-    found = session(data)(states)
-    wanted = model.predict(as_states(model, states.astype(float)))
-    pairs = zip(found, wanted, (limit, limit**2), strict=False)
+    rng = np.random.default_rng(SEED)
+    low, high = takes.ranges
+    t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
+    swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
+    states = (0.5 * (low + high) + 0.5 * (high - low) * swing).astype(dtype)
+    log = followed(parts.model.inputs, takes.log(states.astype(float)))
+    pairs = zip(in_turn(data, parts, states), parts.model.predict(log), (limit, limit**2), strict=False)
     return max(float(np.abs((own - told) / size).max()) for own, told, size in pairs)
 
 
-def as_states(model: LearnedModel, states: Array) -> dict[str, Array]:
-    """States (n, N) of the graph as `LearnedModel.predict` takes them, by channel."""
-    found: dict[str, list[Array]] = {}
-    for column, values in zip(state_columns(model), states.T, strict=True):
-        found.setdefault(column[0], []).append(values)
-    return {name: np.stack(values, axis=1) for name, values in found.items()}
+def _said(parts: Parts, takes: Taken, asked: Options, size: int, found: float) -> tuple[str, ...]:
+    J, labels = len(parts.model.commands), takes.labels
+    said = [
+        f"Input states (n, {len(labels)}): {', '.join(labels)}.",
+        f"Output command{' and variance' * asked.variance} (n, {J}): {', '.join(parts.model.commands)}.",
+    ]
+    if parts.memory:
+        said.append(
+            f"Input memory (n, {parts.memory}), zeros at the start of a run, then memory_after of the call "
+            f"before: friction remembers the way. Call it at least {parts.rate:g} times a second."
+        )
+    return (
+        *said,
+        f"Opset {OPSET}, {asked.real}, {size / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
+        f"onnxruntime differs from Python by {found:.1e} of a limit.",
+    )
 
 
-def _label(column: Column) -> str:
-    channel, part, unit, _ = column
-    return f"{channel}_{part} [{unit or '1'}]"
-
-
-def _words(
-    model: LearnedModel, kind: Kind, spec: Any, states: list[Column], asked: Options
-) -> dict[str, str]:
+def _words(parts: Parts, takes: Taken, kind: Kind, spec: Any, asked: Options) -> dict[str, str]:
     """Kept in the file: what it takes and gives, and whose it is."""
+    model: LearnedModel = parts.model
     units = next(c.units for c in kind.channels(spec) if c.role == "command")
-    inside = [i for i, column in enumerate(model.inputs.columns) if not column[3]]
-    ranges = ", ".join(f"{a:.6g}..{b:.6g}" for a, b in model.ranges[:, inside].T)
-    return {
+    found = {
         "robot": str(spec.name),
         "model_sha256": asked.model_hash,
-        "states": ", ".join(map(_label, states)),
-        "trained": ranges,
+        "states": ", ".join(takes.labels),
+        "trained": ", ".join(f"{a:.6g}..{b:.6g}" for a, b in takes.ranges.T),
         "commands": ", ".join(f"{n} [{u or '1'}]" for n, u in zip(model.commands, units, strict=True)),
         "limits": ", ".join(f"{v:.6g}" for v in kind.limit(spec)),
     }
+    return found | ({"least_rate_hz": f"{parts.rate:g}"} if parts.memory else {})

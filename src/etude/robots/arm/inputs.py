@@ -15,6 +15,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import UsageError
+from etude.operators import Piece
 from etude.robots.arm.memory import MEMORY_RATE, pulled, remembered, turning
 from etude.robots.arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
@@ -245,6 +246,12 @@ class ArmInputs:
         from etude.robots.arm.c99 import inputs_code
 
         return inputs_code(name, self)
+
+    def onnx(self) -> Piece:
+        """The map in operators of ONNX, its memory with it."""
+        from etude.robots.arm.onnx import inputs_piece
+
+        return inputs_piece(self)
 
     def _sigma(self, q: Array) -> Array:
         """(T, J) what friction remembers along positions q (T, J) from an unknown past; zeros without."""

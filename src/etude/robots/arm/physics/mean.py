@@ -12,6 +12,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Index, Log, Samples
 from etude.errors import DataError, UsageError
+from etude.operators import Piece
 from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
@@ -81,6 +82,12 @@ class RigidBodyMean:
         from etude.robots.arm.c99 import rigid_body_code
 
         return rigid_body_code(name, self, FRICTION_SCALES)
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude.robots.arm.physics.rigid_body_graph import rigid_body_piece
+
+        return rigid_body_piece(self)
 
 
 @dataclass(frozen=True, eq=False)

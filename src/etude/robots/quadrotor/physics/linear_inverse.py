@@ -13,6 +13,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Log, Mask
 from etude.errors import DataError
+from etude.operators import Piece
 from etude.robots.quadrotor.physics.hover import hovering
 from etude.robots.quadrotor.physics.map_fit import map_fit
 from etude.robots.quadrotor.vehicle import GRAVITY
@@ -62,6 +63,12 @@ class LinearInverse:
         from etude.robots.quadrotor.c99 import features_code
 
         return features_code(name, self, LEAST_LIFT)
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude.robots.quadrotor.onnx import features_piece
+
+        return features_piece(self, LEAST_LIFT)
 
 
 def physical_features(log: Log, uses: tuple[str, ...]) -> Array:

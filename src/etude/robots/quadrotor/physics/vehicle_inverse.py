@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Array, Code, Log, Mask
+from etude.operators import Piece
 from etude.robots.quadrotor.physics.hover import hovering
 from etude.robots.quadrotor.physics.map_fit import map_fit
 from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
@@ -89,6 +90,12 @@ class VehicleInverse:
         from etude.robots.quadrotor.c99 import vehicle_code
 
         return vehicle_code(name, self, (NEAR, FAR))
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude.robots.quadrotor.onnx import vehicle_piece
+
+        return vehicle_piece(self, (NEAR, FAR))
 
     def linearised(self, log: Log) -> tuple[Array, Array]:
         """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""

@@ -1,0 +1,145 @@
+"""Arithmetic of values in a graph that runs elsewhere: a sum written here is an operator there.
+
+Names of operators are those of ONNX. Numbers and arrays beside a value become constants of the graph; where
+no value takes part, NumPy computes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+Operand = Any
+"""A Value, an array or a number."""
+
+
+class Operators(Protocol):
+    """A graph as it grows. op: the name of what an operator makes of names of values, or of arrays."""
+
+    def op(self, name: str, *inputs: Any, **attributes: Any) -> str: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """An array that will be there when the graph runs; its first axis counts instants."""
+
+    graph: Operators
+    name: str
+    __array_ufunc__ = None  # so that array + Value is asked here
+
+    def made(self, name: str, *inputs: Operand, **attributes: Any) -> Value:
+        """What that operator makes of the inputs."""
+        own = [part.name if isinstance(part, Value) else part for part in inputs]
+        return Value(self.graph, self.graph.op(name, *own, **attributes))
+
+    def __add__(self, other: Operand) -> Value:
+        return self.made("Add", self, other)
+
+    def __radd__(self, other: Operand) -> Value:
+        return self.made("Add", other, self)
+
+    def __sub__(self, other: Operand) -> Value:
+        return self.made("Sub", self, other)
+
+    def __rsub__(self, other: Operand) -> Value:
+        return self.made("Sub", other, self)
+
+    def __mul__(self, other: Operand) -> Value:
+        return self.made("Mul", self, other)
+
+    def __rmul__(self, other: Operand) -> Value:
+        return self.made("Mul", other, self)
+
+    def __truediv__(self, other: Operand) -> Value:
+        return self.made("Div", self, other)
+
+    def __matmul__(self, other: Operand) -> Value:
+        return self.made("MatMul", self, other)
+
+    def __rmatmul__(self, other: Operand) -> Value:
+        return self.made("MatMul", other, self)
+
+    def __neg__(self) -> Value:
+        return self.made("Neg", self)
+
+    def __abs__(self) -> Value:
+        return self.made("Abs", self)
+
+    def of(self, function: str) -> Value:
+        """That function of each number: Sin, Cos, Tanh, Exp, Sqrt, Sign."""
+        return self.made(function, self)
+
+    def most(self, other: Operand) -> Value:
+        """The larger of each two numbers."""
+        return self.made("Max", self, other)
+
+    def least(self, other: Operand) -> Value:
+        """The smaller of each two numbers."""
+        return self.made("Min", self, other)
+
+    def sum(self, axis: int) -> Value:
+        """Along an axis, which goes."""
+        return self.made("ReduceSum", self, np.array([axis]), keepdims=0)
+
+    def at(self, places: Sequence[int], axis: int = -1) -> Value:
+        """Those places of an axis, which stays."""
+        return self.made("Gather", self, np.array(list(places)), axis=axis)
+
+    def shaped(self, *sizes: int) -> Value:
+        """The same numbers as another array; -1: as many as there are."""
+        return self.made("Reshape", self, np.array(sizes))
+
+    def widened(self, axis: int) -> Value:
+        """With one more axis, of one place."""
+        return self.made("Unsqueeze", self, np.array([axis]))
+
+    def swapped(self, *order: int) -> Value:
+        """Its axes in that order."""
+        return self.made("Transpose", self, perm=list(order))
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Inputs or a mean as a part of a graph (`contracts.Graphed`).
+
+    Attributes:
+        reads: channels, in order.
+        draw: channels (n, parts) by name, and the memory (n, words), None if nobody looks at what it is for
+            -> inputs (n, D) or commands (n, J), and the memory after, None where there is none.
+        memory: words that it remembers from one instant to the next, all 0 to begin.
+        rate: Hz at which it must be asked, as it remembers; 0: anyhow.
+    """
+
+    reads: tuple[str, ...]
+    draw: Callable[[Mapping[str, Value], Value | None], tuple[Value, Value | None]]
+    memory: int = 0
+    rate: float = 0.0
+
+
+def joined(parts: Sequence[Value], axis: int = -1) -> Value:
+    """Arrays one behind the other."""
+    return parts[0] if len(parts) == 1 else parts[0].made("Concat", *parts, axis=axis)
+
+
+def stacked(parts: Sequence[Operand], like: Value, axis: int) -> Value:
+    """Arrays beside each other along a new axis; those of numbers for as many instants as `like` has, which
+    has their shape.
+    """
+    nothing = like * 0.0
+    found = [part if isinstance(part, Value) else nothing + part for part in parts]
+    return joined([part.widened(axis) for part in found], axis)
+
+
+def cross(a: Operand, b: Operand) -> Operand:
+    """a x b of vectors (..., 3), values or arrays."""
+    if not (isinstance(a, Value) or isinstance(b, Value)):
+        return np.cross(a, b)
+    return _cycled(a, 1) * _cycled(b, 2) - _cycled(a, 2) * _cycled(b, 1)
+
+
+def _cycled(v: Operand, by: int) -> Operand:
+    places = [(i + by) % 3 for i in range(3)]
+    return v.at(places) if isinstance(v, Value) else np.asarray(v)[..., places]

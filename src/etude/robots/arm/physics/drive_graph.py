@@ -1,0 +1,113 @@
+"""Drives in the operators of ONNX: moments, speeds, accelerations, and the way back from joints to drives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.operators import Operand, Value, cross, joined, stacked
+from etude.robots.arm.physics.kinematics import KinematicTree
+from etude.robots.arm.physics.motion_graph import Moving
+from etude.robots.arm.physics.transmission import Drive
+
+
+@dataclass(frozen=True)
+class DriveGraph:
+    """moment (n, A, J) and its inverse (n, J, A), n = 1 where they stand; speed, acceleration (n, A)."""
+
+    moment: Value
+    inverse: Operand
+    speed: Value
+    acceleration: Value
+
+
+@dataclass(frozen=True)
+class Site:
+    """Position, velocity, acceleration (n, 3) and Jacobian (n, J, 3) of a point of a body."""
+
+    position: Value
+    velocity: Value
+    acceleration: Value
+    jacobian: Value
+
+
+def drives_of(
+    tree: KinematicTree, drives: Sequence[Drive], moving: Moving, qd: Value, qdd: Value
+) -> DriveGraph:
+    """Of the drives along a motion (`transmission.drive_motion`)."""
+    gear = np.array([drive.gear for drive in drives])
+    fixed = gear[:, None] * np.stack([drive.coefficients for drive in drives])
+    speed, acceleration = qd @ fixed.T, qdd @ fixed.T
+    if not any(len(drive.bodies) for drive in drives):
+        moment = qd.at([0]).shaped(-1, 1, 1) * 0.0 + fixed
+        return DriveGraph(moment, _inverted(fixed), speed, acceleration)
+    own = [_line(tree, drive, moving) for drive in drives]
+    like = qd.at([0])
+    rows = stacked([part[0] for part in own], qd, 1)
+    faster = joined([part[1] if isinstance(part[1], Value) else like * 0.0 for part in own])
+    pushed = joined([part[2] if isinstance(part[2], Value) else like * 0.0 for part in own])
+    moment = fixed + gear[:, None] * rows
+    return DriveGraph(
+        moment, _eliminated(moment, len(gear)), speed + gear * faster, acceleration + gear * pushed
+    )
+
+
+def _inverted(moment: Operand) -> Operand:
+    if abs(np.linalg.det(moment)) == 0.0:
+        raise UsageError(
+            "the moment arms of the drives form a singular matrix", next_step="Check the drives."
+        )
+    return np.linalg.inv(moment)[None]
+
+
+def _line(tree: KinematicTree, drive: Drive, moving: Moving) -> tuple[Operand, Operand, Operand]:
+    """Moment (n, J), speed and acceleration (n, 1) of the line through the drive's sites; zeros without."""
+    sites = [_site(tree, moving, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
+    moment: Operand = np.zeros((1, tree.joints))
+    speed: Operand = 0.0
+    acceleration: Operand = 0.0
+    for first, second in pairwise(sites):
+        part = _segment(first, second)
+        moment, speed, acceleration = moment + part[0], speed + part[1], acceleration + part[2]
+    return moment, speed, acceleration
+
+
+def _site(tree: KinematicTree, moving: Moving, body: int, point: Operand) -> Site:
+    frame, nothing = moving.frames[body], moving.axes.at([0], 1).sum(1) * 0.0
+    position = nothing + (frame.position + frame.rotation @ point)
+    velocity, acceleration = frame.shifted(position)
+    path, slides = np.zeros((tree.joints, 1)), tree.joint_slides.astype(float)[:, None]
+    path[tree.path(body)] = 1.0
+    swung = cross(moving.axes, position.widened(1) - moving.anchors)
+    jacobian = path * ((1.0 - slides) * swung + slides * moving.axes)
+    return Site(position, nothing + velocity, nothing + acceleration, jacobian)
+
+
+def _segment(first: Site, second: Site) -> tuple[Value, Value, Value]:
+    """Moment (n, J), speed and acceleration (n, 1) of the distance between two sites."""
+    gap, drift = second.position - first.position, second.velocity - first.velocity
+    length = (gap * gap).sum(1).of("Sqrt").widened(1)
+    direction = gap / length
+    moment = ((second.jacobian - first.jacobian) * direction.widened(1)).sum(2)
+    speed = (direction * drift).sum(1).widened(1)
+    push = (direction * (second.acceleration - first.acceleration)).sum(1).widened(1)
+    return moment, speed, push + ((drift * drift).sum(1).widened(1) - speed * speed) / length
+
+
+def _eliminated(moment: Value, size: int) -> Value:
+    """M^-1 (n, J, A) = M' (M M')^-1: elimination needs no pivots where a matrix is positive definite."""
+    turned = moment.swapped(0, 2, 1)
+    square = moment @ turned
+    left = [square.at([i], 1).sum(1) for i in range(size)]
+    right: list[Operand] = [left[0] * 0.0 + row for row in np.eye(size)]
+    for k in range(size):
+        pivot = left[k].at([k])
+        left[k], right[k] = left[k] / pivot, right[k] / pivot
+        for i in set(range(size)) - {k}:
+            factor = left[i].at([k])
+            left[i], right[i] = left[i] - factor * left[k], right[i] - factor * right[k]
+    return turned @ joined([row.widened(1) for row in right], 1)
