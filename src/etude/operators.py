@@ -1,7 +1,7 @@
 """Arithmetic of values in a graph that runs elsewhere: a sum written here is an operator there.
 
-Names of operators are those of ONNX. Numbers and arrays beside a value become constants of the graph; where
-no value takes part, NumPy computes at once.
+Names of operators are those of ONNX. Numbers and arrays beside a value become constants of the graph. The
+functions below take either, so that one formula serves both; where no value takes part, NumPy computes.
 """
 
 from __future__ import annotations
@@ -124,20 +124,44 @@ def joined(parts: Sequence[Value], axis: int = -1) -> Value:
     return parts[0] if len(parts) == 1 else parts[0].made("Concat", *parts, axis=axis)
 
 
-def stacked(parts: Sequence[Operand], like: Value, axis: int) -> Value:
-    """Arrays beside each other along a new axis; those of numbers for as many instants as `like` has, which
-    has their shape.
-    """
+def stacked(parts: Sequence[Operand], axis: int = 0) -> Operand:
+    """Arrays of one shape beside each other along a new axis; beside values, numbers are of every instant."""
+    like = next((part for part in parts if isinstance(part, Value)), None)
+    if like is None:
+        return np.stack(parts, axis=axis)
     nothing = like * 0.0
     found = [part if isinstance(part, Value) else nothing + part for part in parts]
     return joined([part.widened(axis) for part in found], axis)
 
 
+def column(a: Operand, place: int) -> Operand:
+    """(n, 1): one column of (n, k)."""
+    return a.at([place]) if isinstance(a, Value) else a[:, place, None]
+
+
+def sine(angle: Operand) -> Operand:
+    """Of each number."""
+    return angle.of("Sin") if isinstance(angle, Value) else np.sin(angle)
+
+
+def cosine(angle: Operand) -> Operand:
+    """Of each number."""
+    return angle.of("Cos") if isinstance(angle, Value) else np.cos(angle)
+
+
+def shaped(a: Operand, *sizes: int) -> Operand:
+    """The same numbers as another array; -1: as many as there are."""
+    return a.shaped(*sizes) if isinstance(a, Value) else np.reshape(a, sizes)
+
+
 def cross(a: Operand, b: Operand) -> Operand:
-    """a x b of vectors (..., 3), values or arrays."""
-    if not (isinstance(a, Value) or isinstance(b, Value)):
-        return np.cross(a, b)
-    return _cycled(a, 1) * _cycled(b, 2) - _cycled(a, 2) * _cycled(b, 1)
+    """a x b of vectors (..., 3); of arrays to the bit as np.cross, which spends most of a tick on its
+    generality.
+    """
+    if isinstance(a, Value) or isinstance(b, Value):
+        return _cycled(a, 1) * _cycled(b, 2) - _cycled(a, 2) * _cycled(b, 1)
+    parts = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return np.stack(parts, axis=-1)
 
 
 def _cycled(v: Operand, by: int) -> Operand:

@@ -13,9 +13,9 @@ from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, 
 
 from etude.contracts import Samples, joined_samples
 from etude.errors import DataError, UsageError
+from etude.operators import cross
 from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude.robots.arm.physics.estimate import fitted, output_priors, require_axes
-from etude.robots.arm.physics.kinematics import cross
 from etude.robots.arm.physics.regressor import nominal_parameters, regressor
 from etude.robots.arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.contracts import Array, Index, Mask
+from etude.operators import cross
 from etude.robots.arm.clearance.gaps import Gaps, unit
 from etude.robots.arm.clearance.skeleton import Shape
 from etude.robots.arm.clearance.surroundings import Column
-from etude.robots.arm.physics.kinematics import cross
 
 FARTHEST = 10.0
 """m: any two shapes of a robot are nearer, so that a direction is found."""

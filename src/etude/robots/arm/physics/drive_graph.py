@@ -10,8 +10,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.operators import Operand, Value, cross, joined, stacked
-from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.motion_graph import Moving
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree
 from etude.robots.arm.physics.transmission import Drive
 
 
@@ -36,7 +35,7 @@ class Site:
 
 
 def drives_of(
-    tree: KinematicTree, drives: Sequence[Drive], moving: Moving, qd: Value, qdd: Value
+    tree: KinematicTree, drives: Sequence[Drive], motion: BodyMotion, qd: Value, qdd: Value
 ) -> DriveGraph:
     """Of the drives along a motion (`transmission.drive_motion`)."""
     gear = np.array([drive.gear for drive in drives])
@@ -45,9 +44,9 @@ def drives_of(
     if not any(len(drive.bodies) for drive in drives):
         moment = qd.at([0]).shaped(-1, 1, 1) * 0.0 + fixed
         return DriveGraph(moment, _inverted(fixed), speed, acceleration)
-    own = [_line(tree, drive, moving) for drive in drives]
+    own = [_line(tree, drive, motion) for drive in drives]
     like = qd.at([0])
-    rows = stacked([part[0] for part in own], qd, 1)
+    rows = stacked([part[0] for part in own], 1)
     faster = joined([part[1] if isinstance(part[1], Value) else like * 0.0 for part in own])
     pushed = joined([part[2] if isinstance(part[2], Value) else like * 0.0 for part in own])
     moment = fixed + gear[:, None] * rows
@@ -64,9 +63,9 @@ def _inverted(moment: Operand) -> Operand:
     return np.linalg.inv(moment)[None]
 
 
-def _line(tree: KinematicTree, drive: Drive, moving: Moving) -> tuple[Operand, Operand, Operand]:
+def _line(tree: KinematicTree, drive: Drive, motion: BodyMotion) -> tuple[Operand, Operand, Operand]:
     """Moment (n, J), speed and acceleration (n, 1) of the line through the drive's sites; zeros without."""
-    sites = [_site(tree, moving, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
+    sites = [_site(tree, motion, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
     moment: Operand = np.zeros((1, tree.joints))
     speed: Operand = 0.0
     acceleration: Operand = 0.0
@@ -76,15 +75,19 @@ def _line(tree: KinematicTree, drive: Drive, moving: Moving) -> tuple[Operand, O
     return moment, speed, acceleration
 
 
-def _site(tree: KinematicTree, moving: Moving, body: int, point: Operand) -> Site:
-    frame, nothing = moving.frames[body], moving.axes.at([0], 1).sum(1) * 0.0
-    position = nothing + (frame.position + frame.rotation @ point)
-    velocity, acceleration = frame.shifted(position)
+def _site(tree: KinematicTree, motion: BodyMotion, body: int, point: Operand) -> Site:
+    R, origin, velocity, acceleration, omega, alpha = (
+        getattr(motion, name).at([body], 0).sum(0)
+        for name in ("rotation", "position", "velocity", "acceleration", "omega", "alpha")
+    )
+    arm = R @ point
+    position, swing = origin + arm, cross(omega, arm)
     path, slides = np.zeros((tree.joints, 1)), tree.joint_slides.astype(float)[:, None]
     path[tree.path(body)] = 1.0
-    swung = cross(moving.axes, position.widened(1) - moving.anchors)
-    jacobian = path * ((1.0 - slides) * swung + slides * moving.axes)
-    return Site(position, nothing + velocity, nothing + acceleration, jacobian)
+    axes, anchors = (part.swapped(1, 0, 2) for part in (motion.axis, motion.anchor))
+    jacobian = path * ((1.0 - slides) * cross(axes, position.widened(1) - anchors) + slides * axes)
+    pull = acceleration + cross(alpha, arm) + cross(omega, swing)
+    return Site(position, velocity + swing, pull, jacobian)
 
 
 def _segment(first: Site, second: Site) -> tuple[Value, Value, Value]:

@@ -1,4 +1,4 @@
-"""Rigid-body kinematics of a fixed-base tree, vectorised over samples, in plain NumPy.
+"""Rigid-body kinematics of a fixed-base tree, vectorised over samples, in NumPy or in the values of a graph.
 
 MuJoCo reads the robot's URDF or MJCF once (`rigid_tree.tree_from_mujoco`); afterwards nothing here needs it,
 so that a saved model predicts without it.
@@ -7,18 +7,15 @@ so that a saved model predicts without it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.operators import Operand, Value, column, cosine, cross, shaped, sine, stacked
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-def cross(a: Array, b: Array) -> Array:
-    """a x b of vectors (..., 3), to the bit as np.cross, which spends most of a tick on its generality."""
-    parts = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
-    return np.stack(parts, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -76,112 +73,94 @@ class BodyMotion:
         axis, anchor: (J, n, 3) joint axes and a point on each.
     """
 
-    rotation: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    omega: Array
-    alpha: Array
-    axis: Array
-    anchor: Array
+    rotation: Any
+    position: Any
+    velocity: Any
+    acceleration: Any
+    omega: Any
+    alpha: Any
+    axis: Any
+    anchor: Any
 
 
-def axis_rotation(axis: Array, angle: Array) -> Array:
+def axis_rotation(axis: Array, angle: Operand) -> Operand:
     """Rotation matrices (n, 3, 3) about a fixed unit axis (3,) by angle (n,); Rodrigues' formula."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, versine = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
-    return np.asarray(np.eye(3) + sine * K + versine * (K @ K))
+    turn = shaped(angle, -1, 1, 1)
+    return np.eye(3) + sine(turn) * K + (1.0 - cosine(turn)) * (K @ K)
 
 
-@dataclass
-class _Frame:
-    """Motion of one body-fixed frame while joints are being applied to it."""
+class _Frame(NamedTuple):
+    """Motion of a frame that is fixed to a body: rotation (n, 3, 3), the others (n, 3)."""
 
-    rotation: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    omega: Array
-    alpha: Array
+    rotation: Operand
+    position: Operand
+    velocity: Operand
+    acceleration: Operand
+    omega: Operand
+    alpha: Operand
 
-    def shifted(self, point: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration of the body-fixed point that is at `point` (n, 3) now."""
-        arm = point - self.position
-        swing = cross(self.omega, arm)
-        return self.velocity + swing, self.acceleration + cross(self.alpha, arm) + cross(self.omega, swing)
-
-
-def _after_hinge(frame: _Frame, axis: Array, anchor: Array, turn: Array, rate: Array, pull: Array) -> _Frame:
-    """The frame after a hinge: `axis` and `anchor` in the body's frame, `turn` (n, 3, 3), rate and pull
-    (n, 1).
-    """
-    z = frame.rotation @ axis
-    pivot = frame.position + frame.rotation @ anchor
-    velocity, acceleration = frame.shifted(pivot)
-    moved = _Frame(
-        frame.rotation @ turn,
-        pivot,
-        velocity,
-        acceleration,
-        frame.omega + z * rate,
-        frame.alpha + z * pull + cross(frame.omega, z * rate),
-    )
-    origin = pivot - moved.rotation @ anchor
-    moved.velocity, moved.acceleration = moved.shifted(origin)
-    moved.position = origin
-    return moved
+    def moved(self, point: Operand) -> _Frame:
+        """The frame of the same body at the point (n, 3) that is there now."""
+        rotation, position, velocity, acceleration, omega, alpha = self
+        arm = point - position
+        swing = cross(omega, arm)
+        pulled = acceleration + cross(alpha, arm) + cross(omega, swing)
+        return _Frame(rotation, point, velocity + swing, pulled, omega, alpha)
 
 
-def _after_slide(frame: _Frame, axis: Array, shift: Array, rate: Array, pull: Array) -> _Frame:
-    """The frame after a sliding joint; shift, rate, pull are (n, 1)."""
-    z = frame.rotation @ axis
-    origin = frame.position + z * shift
-    velocity, acceleration = frame.shifted(origin)
-    return _Frame(
-        frame.rotation,
-        origin,
-        velocity + z * rate,
-        acceleration + z * pull + 2.0 * cross(frame.omega, z * rate),
-        frame.omega,
-        frame.alpha,
-    )
+def _after_hinge(
+    frame: _Frame, axis: Array, anchor: Array, travel: Operand, rate: Operand, pull: Operand
+) -> _Frame:
+    """The frame after a hinge: `axis` and `anchor` in the body's frame; travel, rate, pull (n, 1)."""
+    z, omega = frame.rotation @ axis, frame.omega
+    spun = z * rate
+    there = frame.moved(frame.position + frame.rotation @ anchor)
+    rotation = frame.rotation @ axis_rotation(axis, travel)
+    alpha = frame.alpha + z * pull + cross(omega, spun)
+    turned = _Frame(rotation, there.position, there.velocity, there.acceleration, omega + spun, alpha)
+    return turned.moved(there.position - rotation @ anchor)
 
 
-def body_motion(tree: KinematicTree, q: Array, qd: Array, qdd: Array) -> BodyMotion:
+def _after_slide(frame: _Frame, axis: Array, travel: Operand, rate: Operand, pull: Operand) -> _Frame:
+    """The frame after a sliding joint; travel, rate, pull are (n, 1)."""
+    z, omega, alpha = frame.rotation @ axis, frame.omega, frame.alpha
+    slid, spun = frame.moved(frame.position + z * travel), z * rate
+    acceleration = slid.acceleration + z * pull + 2.0 * cross(omega, spun)
+    return _Frame(frame.rotation, slid.position, slid.velocity + spun, acceleration, omega, alpha)
+
+
+def body_motion(tree: KinematicTree, q: Operand, qd: Operand, qdd: Operand) -> BodyMotion:
     """Motion of all bodies for q, qd, qdd (n, J): the forward half of recursive Newton-Euler."""
-    n = len(q)
+    n = 1 if isinstance(q, Value) else len(q)
     still = np.zeros((n, 3))
     frames = [_Frame(np.broadcast_to(np.eye(3), (n, 3, 3)), still, still, still, still, still)]
-    axes, anchors = np.zeros((tree.joints, n, 3)), np.zeros((tree.joints, n, 3))
+    axes: list[Operand] = [still] * tree.joints
+    anchors: list[Operand] = [still] * tree.joints
     for body in range(1, tree.bodies):
         base = frames[tree.parent[body]]
-        origin = base.position + base.rotation @ tree.position[body]
-        velocity, acceleration = base.shifted(origin)
-        frame = _Frame(
-            base.rotation @ tree.rotation[body], origin, velocity, acceleration, base.omega, base.alpha
-        )
-        for j in np.flatnonzero(tree.joint_body == body):
+        frame = base.moved(base.position + base.rotation @ tree.position[body])
+        frame = _Frame(base.rotation @ tree.rotation[body], *frame[1:])
+        for j in np.flatnonzero(tree.joint_body == body).tolist():
             axis, anchor = tree.joint_axis[j], tree.joint_anchor[j]
             axes[j] = frame.rotation @ axis
             anchors[j] = frame.position + frame.rotation @ anchor
-            travel, rate, pull = q[:, j] - tree.joint_zero[j], qd[:, j, None], qdd[:, j, None]
-            if tree.joint_slides[j]:
-                frame = _after_slide(frame, axis, travel[:, None], rate, pull)
-            else:
-                frame = _after_hinge(frame, axis, anchor, axis_rotation(axis, travel), rate, pull)
+            go = column(q, j) - tree.joint_zero[j], column(qd, j), column(qdd, j)
+            slides = tree.joint_slides[j]
+            frame = _after_slide(frame, axis, *go) if slides else _after_hinge(frame, axis, anchor, *go)
         frames.append(frame)
 
-    def stacked(name: str) -> Array:
-        return np.stack([getattr(frame, name) for frame in frames])
+    def all_of(name: str) -> Operand:
+        return stacked([getattr(frame, name) for frame in frames])
 
     return BodyMotion(
-        rotation=stacked("rotation"),
-        position=stacked("position"),
-        velocity=stacked("velocity"),
-        acceleration=stacked("acceleration"),
-        omega=stacked("omega"),
-        alpha=stacked("alpha"),
-        axis=axes,
-        anchor=anchors,
+        rotation=all_of("rotation"),
+        position=all_of("position"),
+        velocity=all_of("velocity"),
+        acceleration=all_of("acceleration"),
+        omega=all_of("omega"),
+        alpha=all_of("alpha"),
+        axis=stacked(axes),
+        anchor=stacked(anchors),
     )

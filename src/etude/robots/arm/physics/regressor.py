@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion, cross
+from etude.operators import cross
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 
 Array = NDArray[np.float64]
 

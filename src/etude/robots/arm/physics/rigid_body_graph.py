@@ -16,7 +16,7 @@ from etude.robots.arm.inputs import FRICTION_SCALES
 from etude.robots.arm.memory import MEMORY_RATE
 from etude.robots.arm.onnx import followed
 from etude.robots.arm.physics.drive_graph import drives_of
-from etude.robots.arm.physics.motion_graph import Moving, motion
+from etude.robots.arm.physics.kinematics import BodyMotion, body_motion
 from etude.robots.arm.physics.rigid_body import RigidBodyModel
 from etude.robots.arm.spec import PATH, PLAN, WAYS
 
@@ -51,8 +51,8 @@ def rigid_body_piece(mean: Any) -> Piece:
 def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Value | None) -> Value:
     """(n, J); turned (n, J): what the narrowest friction remembers, None: it turns with speed."""
     tree, extra = model.tree, model.extra
-    moving = motion(tree, q, qd, qdd)
-    drive = drives_of(tree, model.drives, moving, qd, qdd)
+    motion = body_motion(tree, q, qd, qdd)
+    drive = drives_of(tree, model.drives, motion, qd, qdd)
     found = drive.acceleration * extra[:, 0] + drive.speed * extra[:, 1] + extra[:, -1]
     threshold = (abs(drive.moment) @ model.friction_velocity[:, None]).shaped(-1, tree.joints)
     for number, scale in enumerate(FRICTION_SCALES):
@@ -60,7 +60,7 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
         if not number and turned is not None:
             friction = _turning(model, friction, drive.speed, turned)
         found = found + friction * extra[:, 2 + number]
-    rigid: Value = (forces(model, moving) * drive.inverse).sum(1)
+    rigid: Value = (forces(model, motion) * drive.inverse).sum(1)
     return found + rigid
 
 
@@ -76,31 +76,33 @@ def _turning(model: RigidBodyModel, friction: Value, speed: Value, turned: Value
     return by_speed + by_way
 
 
-def forces(model: RigidBodyModel, moving: Moving) -> Value:
+def forces(model: RigidBodyModel, motion: BodyMotion) -> Value:
     """(n, J, J): in each joint's coordinate, by the parameters of each output."""
-    tree, R = model.tree, moving.rotation
-    B, J = tree.bodies - 1, tree.joints
-    phi = model.inertial.reshape(J, B, 10).transpose(1, 2, 0)
-    a = _local(moving.acceleration - tree.gravity, R)
-    w, al = _local(moving.omega, R), _local(moving.alpha, R)
+    tree, bodies = model.tree, range(1, model.tree.bodies)
+    B, J = len(bodies), tree.joints
+    R = motion.rotation.at(bodies, 0)
+    phi = model.inertial.reshape(J, B, 1, 10).transpose(1, 2, 3, 0)
+    a = _local(motion.acceleration.at(bodies, 0) - tree.gravity, R)
+    w, al = _local(motion.omega.at(bodies, 0), R), _local(motion.alpha.at(bodies, 0), R)
     skew, spin = _map(w, SKEW, B, 3), _map(al, INERTIA, B, 6) + _map(w, SKEW, B, 3) @ _map(w, INERTIA, B, 6)
-    push = a.widened(3) * phi[:, :1] + (_map(al, SKEW, B, 3) + skew @ skew) @ phi[:, 1:4]
-    turn = spin @ phi[:, 4:] - _map(a, SKEW, B, 3) @ phi[:, 1:4]
-    on_path, hinge = np.zeros((B, J, 1)), (~tree.joint_slides).astype(float)[:, None]
-    for body in range(B):
-        on_path[body, tree.path(body + 1)] = 1.0
-    axes = moving.axes.widened(1)
-    lever: Value = cross(axes, moving.position.widened(2) - moving.anchors.widened(1))
+    push = a.widened(3) * phi[:, :, :1] + (_map(al, SKEW, B, 3) + skew @ skew) @ phi[:, :, 1:4]
+    turn = spin @ phi[:, :, 4:] - _map(a, SKEW, B, 3) @ phi[:, :, 1:4]
+    on_path, hinge = np.zeros((B, 1, J, 1)), (~tree.joint_slides).astype(float)[:, None]
+    for body in bodies:
+        on_path[body - 1, :, tree.path(body)] = 1.0
+    axes, anchors = (part.swapped(1, 0, 2).widened(0) for part in (motion.axis, motion.anchor))
+    lever: Value = cross(axes, motion.position.at(bodies, 0).widened(2) - anchors)
     along: Value = (lever * hinge + axes * (1.0 - hinge)) * on_path
     turning: Value = axes * (on_path * hinge)
-    return (along @ (R @ push) + turning @ (R @ turn)).sum(1)
+    found: Value = along @ (R @ push) + turning @ (R @ turn)
+    return found.sum(0)
 
 
 def _local(v: Value, rotation: Value) -> Value:
-    """R' v of vectors (n, B, 3)."""
+    """R' v of vectors (B, n, 3)."""
     return (v.widened(2) @ rotation).sum(2)
 
 
 def _map(v: Value, table: Array, bodies: int, width: int) -> Value:
-    """(n, B, 3, width) matrices that are linear in v (n, B, 3)."""
-    return (v @ table).shaped(-1, bodies, 3, width)
+    """(B, n, 3, width) matrices that are linear in v (B, n, 3)."""
+    return (v @ table).shaped(bodies, -1, 3, width)

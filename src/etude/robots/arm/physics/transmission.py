@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError
-from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, cross
+from etude.operators import cross
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree
 
 Array = NDArray[np.float64]
 

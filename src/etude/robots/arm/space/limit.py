@@ -18,8 +18,9 @@ from etude.contracts import Array, Cone, Family, Motion, Proof, Trajectory
 from etude.errors import UsageError
 from etude.limits.remembered import remembered
 from etude.limits.unseen import SPEED
+from etude.operators import cross
 from etude.robots.arm.clearance.way import largest
-from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion, cross
+from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 from etude.robots.arm.space.reach import bent
 from etude.robots.arm.space.table import Cartesian
 
