@@ -136,9 +136,8 @@ def _left(z: Array, features: Array) -> float:
     """Squares of z (n,) that no combination of the features (n, p) explains."""
     size = np.linalg.norm(features, axis=0)
     columns = features[:, size > 0.0] / size[size > 0.0]
-    return (
-        float(np.sum((z - columns @ np.linalg.lstsq(columns, z)[0]) ** 2)) if columns.size else float(z @ z)
-    )
+    left = z - columns @ np.linalg.lstsq(columns, z, rcond=None)[0] if columns.size else z
+    return float(np.sum(left**2))
 
 
 def _top(velocity: Array) -> float:

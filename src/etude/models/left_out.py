@@ -44,7 +44,7 @@ class LeftOut:
     def to_bytes(self) -> bytes:
         """The file."""
         file = io.BytesIO()
-        np.savez_compressed(file, allow_pickle=False, **vars(self))
+        np.savez_compressed(file, **vars(self))
         return file.getvalue()
 
 

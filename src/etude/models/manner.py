@@ -48,5 +48,5 @@ def block_sizes(t: Array, z: Array) -> Array:
 def _left(r: Array, feature: Array, *, rising: bool = False) -> float:
     """Squares of r (n,) about a constant and so much of the feature; infinite where that falls."""
     columns = np.column_stack([np.ones_like(r), feature])
-    found = np.linalg.lstsq(columns, r)[0]
+    found = np.linalg.lstsq(columns, r, rcond=None)[0]
     return np.inf if rising and found[1] <= 0.0 else float(np.sum((r - columns @ found) ** 2))

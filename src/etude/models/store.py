@@ -91,7 +91,7 @@ def model_bytes(model: LearnedModel) -> bytes:
     words |= {"candidates": rows, "arrays": shelf.names}
     buffer = io.BytesIO()
     text = np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)
-    np.savez(buffer, allow_pickle=False, **{WORDS: text}, **shelf.arrays)
+    np.savez(buffer, **{WORDS: text}, **shelf.arrays)
     return buffer.getvalue()
 
 

@@ -36,7 +36,7 @@ class Graph:
 
         own = [value if isinstance(value, str) else self.constant(value) for value in inputs]
         out = f"v{len(self.nodes)}"
-        self.nodes.append(helper.make_node(name, own, [out], **attributes))
+        self.nodes.append(helper.make_node(name, own, [out], name=f"n{len(self.nodes)}", **attributes))
         return out
 
     def constant(self, value: Any) -> str:

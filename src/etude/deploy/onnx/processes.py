@@ -14,6 +14,7 @@ from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 from etude.models.process import Posteriors, Silent
+from etude.operators import QUARTER
 
 Moments = tuple[str, str]
 """Mean and variance (n, m); the variance "" where it was not asked for."""
@@ -86,7 +87,8 @@ def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Momen
 def _spectral(graph: Graph, x: str, own: Sequence[SparseSpectrumPosterior], variance: bool) -> Moments:
     frequencies = np.stack([p.features.frequencies.T for p in own])
     phases = graph.op("MatMul", x, frequencies)
-    phi = graph.op("Concat", graph.op("Cos", phases), graph.op("Sin", phases), axis=2)
+    cosines = graph.op("Sin", graph.op("Add", phases, QUARTER))
+    phi = graph.op("Concat", cosines, graph.op("Sin", phases), axis=2)
     mean = _mean(graph, phi, np.stack([p.weights for p in own]))
     return mean, _told(graph, phi, np.stack([p.root for p in own])) if variance else ""
 

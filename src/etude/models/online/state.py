@@ -46,7 +46,7 @@ def state_bytes(state: Any) -> bytes:
     words = json.dumps(_words(state, arrays))
     buffer = io.BytesIO()
     text = np.frombuffer(words.encode(), dtype=np.uint8)
-    np.savez(buffer, allow_pickle=False, **{WORDS: text}, **{f"a{i}": a for i, a in enumerate(arrays)})
+    np.savez(buffer, **{WORDS: text}, **{f"a{i}": a for i, a in enumerate(arrays)})
     return buffer.getvalue()
 
 

@@ -102,9 +102,11 @@ def _segment(first: Site, second: Site) -> tuple[Value, Value, Value]:
 
 
 def _eliminated(moment: Value, size: int) -> Value:
-    """M^-1 (n, J, A) = M' (M M')^-1: elimination needs no pivots where a matrix is positive definite."""
-    turned = moment.swapped(0, 2, 1)
-    square = moment @ turned
+    """M^-1 (n, J, A) = M' (M M')^-1: elimination needs no pivots where a matrix is positive definite.
+
+    Sums of products, as onnxruntime joins Transpose and MatMul to an operator that it has not for double.
+    """
+    square = (moment.widened(2) * moment.widened(1)).sum(3)
     left = [square.at([i], 1).sum(1) for i in range(size)]
     right: list[Operand] = [left[0] * 0.0 + row for row in np.eye(size)]
     for k in range(size):
@@ -113,4 +115,5 @@ def _eliminated(moment: Value, size: int) -> Value:
         for i in set(range(size)) - {k}:
             factor = left[i].at([k])
             left[i], right[i] = left[i] - factor * left[k], right[i] - factor * right[k]
-    return turned @ joined([row.widened(1) for row in right], 1)
+    inverse = joined([row.widened(1) for row in right], 1)
+    return (moment.widened(3) * inverse.widened(2)).sum(1)
