@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
+from etude.models.gp.lower_half import combined
 
 Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
@@ -51,6 +52,13 @@ class Kernel(ABC):
 
         G need not be symmetric: a lower triangle with the halves folded together does.
         """
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        """`gram` for whoever reads its lower half alone, as a Cholesky factor does; nobody writes into it.
+
+        Above the diagonal the matrix may hold anything, and G is zero there.
+        """
+        return self.gram(theta, X)
 
     @abstractmethod
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
@@ -158,6 +166,14 @@ class Sum(_Composite):
 
         return _total([K for K, _ in pairs]), pull
 
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+
+        def pull(G: Array) -> Array:
+            return np.concatenate([pull_part(G) for _, pull_part in pairs])
+
+        return _lower(np.add, [K for K, _ in pairs]), pull
+
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
 
@@ -211,6 +227,15 @@ class Product(_Composite):
             return np.concatenate([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
 
         return _product(values), pull
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+        values = [K for K, _ in pairs]
+
+        def pull(G: Array) -> Array:
+            return np.concatenate([pairs[i][1](_weighted(G, values, without=i)) for i in range(len(pairs))])
+
+        return _lower(np.multiply, values), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -300,3 +325,14 @@ def _product(factors: list[Array], without: int = -1) -> Array:
     for factor in kept[1:]:
         out *= factor
     return out
+
+
+def _lower(operation: np.ufunc, terms: list[Array]) -> Array:
+    """The lower halves of the terms joined, or the only one."""
+    return combined(operation, terms, np.empty_like(terms[0], order="F")) if len(terms) > 1 else terms[0]
+
+
+def _weighted(G: Array, factors: list[Array], without: int) -> Array:
+    """G times all factors but one, zero above the diagonal as G is."""
+    kept = [factor for i, factor in enumerate(factors) if i != without]
+    return combined(np.multiply, [G, *kept], np.zeros_like(G, order="F")) if kept else G
