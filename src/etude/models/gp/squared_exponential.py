@@ -65,18 +65,19 @@ class SquaredExponential(Kernel):
         log_s0, lengths = self._split(theta)
         own = active(X, self.dims)
         U = (own - own.mean(axis=0)) / lengths
-        K = lower_half.exponentials(_left(U, log_s0), _right(U), 2.0 * log_s0)
+        left, right = _both_sides(U, log_s0)
+        K = lower_half.exponentials(left, right, 2.0 * log_s0)
 
         def pull(G: Array) -> Array:
-            return self._slopes(U, *lower_half.weighted_sums(G, K, with_ones(U)))
+            return self._slopes(U, *lower_half.weighted_sums(G, K, left))
 
         return K, pull
 
-    def _slopes(self, U: Array, TU: Array, others: Array) -> Array:
-        """Of T = G * K: T [U, 1] or Tᵀ [U, 1], and the sums along the other side of T."""
-        sums = TU[:, -1]
+    def _slopes(self, U: Array, products: Array, others: Array) -> Array:
+        """Of T = G * K: T [U, ..., 1] or its transposed's, and the sums of T along the other side."""
+        TU, sums = products[:, : U.shape[1]], products[:, -1]
         # sum_ij T_ij (u_i - u_j)^2 for every dimension without an n x n x D array
-        along = (sums + others) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU[:, :-1])
+        along = (sums + others) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU)
         return along if self.unit else np.concatenate([[2.0 * sums.sum()], along])
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
@@ -122,6 +123,16 @@ class SquaredExponential(Kernel):
 def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
     """exp(2 log_s0 - |u - v|²/2) (n, m): the exponent comes from one matrix product of width D + 2."""
     return _exponential(_left(U, log_s0), _right(V), log_s0)
+
+
+def _both_sides(U: Array, log_s0: float) -> tuple[Array, Array]:
+    """[U, a, 1] and [U, 1, a], so that the product of one with the other transposed is the exponent."""
+    left = np.empty((len(U), U.shape[1] + 2))
+    left[:, :-2], left[:, -1] = U, 1.0
+    left[:, -2] = log_s0 - 0.5 * np.einsum("nd,nd->n", U, U)
+    right = left.copy()
+    right[:, -2:] = left[:, :-3:-1]
+    return left, right
 
 
 def _left(U: Array, log_s0: float) -> Array:
