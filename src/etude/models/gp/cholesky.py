@@ -33,7 +33,14 @@ def factorise(K: Array, noise_variance: float, *, announce: bool = True) -> tupl
     Raises:
         NumericalError: K is not finite, or zero, or 1e-4 of its diagonal was not enough.
     """
-    L, jitter = with_jitter(K, noise_variance, _factor)
+
+    def attempt(diagonal: Array) -> Array | None:
+        A = copied(K)
+        diagonal_of(A)[:] = diagonal
+        L, failed = dpotrf(A, lower=1, overwrite_a=1, clean=1)
+        return None if failed or not np.isfinite(L[-1, -1]) else L
+
+    L, jitter = with_jitter(K, noise_variance, attempt)
     if jitter and announce:
         scale = float(K.diagonal().mean()) + noise_variance
         warnings.warn(
@@ -44,18 +51,13 @@ def factorise(K: Array, noise_variance: float, *, announce: bool = True) -> tupl
     return L, jitter
 
 
-def _factor(A: Array) -> Array | None:
-    L, failed = dpotrf(A, lower=1, overwrite_a=1, clean=1)
-    return None if failed or not np.isfinite(L[-1, -1]) else L
-
-
 def with_jitter(
     K: Array, noise_variance: float, attempt: Callable[[Array], Found | None]
 ) -> tuple[Found, float]:
-    """What `attempt` makes of K + (noise_variance + jitter) I, and the first jitter for which it is not None.
+    """What `attempt` makes of the diagonal (n,) of K + noise_variance I, raised until it is not None.
 
-    The attempt is given a matrix of its own in Fortran order, with anything above the diagonal. Jitter and errors as
-    of `factorise`.
+    Returns:
+        that and the jitter, which `factorise` describes; and its errors.
     """
     diagonal = K.diagonal() + noise_variance
     scale = float(diagonal.mean())
@@ -65,9 +67,7 @@ def with_jitter(
         raise NumericalError("the covariance matrix is zero", next_step="Look at the hyperparameters.")
     jitter = 0.0
     while jitter <= 1.001 * LAST_JITTER * scale:
-        A = copied(K)
-        diagonal_of(A)[:] = diagonal + jitter
-        found = attempt(A)
+        found = attempt(diagonal + jitter)
         if found is not None:
             return found, jitter
         jitter = max(10.0 * jitter, FIRST_JITTER * scale)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyr, dtrmm
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, UsageError
@@ -15,7 +15,6 @@ from etude.models.gp.cholesky import factorise, inverse_lower, triangular_invers
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.lower_half import diagonal_of
 from etude.models.gp.one_pass import solved
 from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
@@ -85,13 +84,8 @@ class ExactGP:
         K, pull = self.kernel.gram_lower(self.theta, X)
         found = solved(K, self.noise_variance, y)
         value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
-        # Q = K_y^-1 - αα', its lower triangle; the upper half of 1/2 Q folded onto it
-        Q = dsyr(-1.0, found.alpha, lower=1, a=found.inverse, overwrite_a=1)
-        diagonal = diagonal_of(Q)
-        trace = float(diagonal.sum())
-        diagonal *= 0.5
-        noise_gradient = np.exp(2.0 * self.log_noise) * trace
-        return float(value), -np.append(pull(Q), noise_gradient)
+        in_theta, in_noise = found.slopes(pull)
+        return float(value), -np.append(in_theta, 2.0 * np.exp(2.0 * self.log_noise) * in_noise)
 
     def condition(self, X: Array, y: Array) -> ExactPosterior:
         """The posterior given X (n, D) and centred y (n,); DataError and NumericalError as above."""

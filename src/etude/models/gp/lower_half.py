@@ -33,16 +33,16 @@ def combined(operation: np.ufunc, terms: Sequence[Array], out: Array) -> Array:
     return out
 
 
-def copied(K: Array) -> Array:
-    """The lower half of K, in whatever order that is, in memory of its own."""
-    out = np.empty(K.shape, order="F")
+def copied(K: Array, out: Array | None = None) -> Array:
+    """The lower half of K, in whatever order that is, in `out` or memory of its own."""
+    out = np.empty(K.shape, order="F") if out is None else out
     for panel in panels(len(K)):
         out[panel] = K[panel]
     return out
 
 
 def diagonal_of(A: Array) -> Array:
-    """The diagonal (n,) of A, to write to."""
+    """The diagonal (n,) of A, whose columns follow one another without a gap, to write to."""
     return A.reshape(-1, order="F")[:: len(A) + 1]
 
 

@@ -1,14 +1,15 @@
 """What a likelihood asks of a covariance matrix, in one pass over it: factor, inverse and solutions together.
 
-With K = L Lᵀ and X = L^-1, by blocks of rows: the factor's own block and what it takes from the rest (a Cholesky
-factorisation from the left up), the rows of X by substitution in L X = I, and their share of K^-1 = Xᵀ X. The
-three go on in the same memory: below the diagonal what is still to be factorised gives way to L, to -L X and to
-K^-1. Each does what LAPACK does in `dpotrf`, `dtrtri` and `dlauum` one after the other, with as many operations,
-n³ in all. But the inverse of a triangle alone has small triangles in its way, and together nearly everything is
-an update of the whole matrix by a few rows, the fastest thing a BLAS has.
+With K = L Lᵀ and X = L^-1, by blocks of rows: the factor's own block and what it takes from the rest (a
+Cholesky factorisation), the rows of X by substitution in L X = I, and their share of K^-1 = Xᵀ X. The three go
+on in the same memory: what is still to be factorised gives way to L, then to -L X, to X and to K^-1. It does
+what LAPACK does in `dpotrf`, `dtrtri` and `dlauum` one after the other, with as many operations, n³ in all. But
+the inverse of a triangle alone has small triangles in its way; together nearly everything is an update of the
+whole matrix by a few rows, the fastest thing a BLAS has.
 
-As X solves L X = I, Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and Stability of Numerical
-Algorithms, 14.2).
+Outputs Y (n, m) stand below K as m more rows, with zeros in the corner, and are never factorised themselves: as
+rows of L they become (L^-1 Y)ᵀ, as rows of -L X then -(K^-1 Y)ᵀ, and the corner -Yᵀ K^-1 Y. As X solves L X = I,
+Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and Stability of Numerical Algorithms, 14.2).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from etude.models.gp.cholesky import with_jitter
@@ -35,7 +37,8 @@ from etude.models.gp.fortran import (
     routines,
     whole,
 )
-from etude.models.gp.lower_half import diagonal_of
+from etude.models.gp.kernel_algebra import Pull
+from etude.models.gp.lower_half import copied, diagonal_of
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,8 @@ BLOCK = 96
 """Rows at a time: with fewer the products are slow, with more what is done inside a block counts."""
 LEAST = 2 * BLOCK
 """Up to here calls cost more than the one pass gains."""
+ALIGNED = 8
+"""Columns begin at multiples of so many numbers, a line of cache."""
 
 NONE, ONE, MINUS = number(0.0), number(1.0), number(-1.0)
 
@@ -52,14 +57,21 @@ class Solved:
     """What K_y = K + noise says of outputs Y (n,) or (n, m).
 
     Attributes:
-        alpha: K_y^-1 Y, as Y. square: sum(Y * alpha). log_det: of K_y.
-        inverse: (n, n) the lower half of K_y^-1, zero above, Fortran order, memory of its own.
+        square: sum(Y * K_y^-1 Y). log_det: of K_y.
+        weights: (n, n) the lower half of m K_y^-1 - Σ_j α_j α_jᵀ with α = K_y^-1 Y, zero above: minus twice the
+            slope of log p(Y) in K_y. In memory of its own, column by column.
     """
 
-    alpha: Array
     square: float
     log_det: float
-    inverse: Array
+    weights: Array
+
+    def slopes(self, pull: Pull) -> tuple[Array, float]:
+        """Minus the slopes of log p(Y) in theta (P,) and in the noise variance; uses the weights up."""
+        diagonal = np.einsum("ii->i", self.weights)
+        in_noise = 0.5 * float(diagonal.sum())
+        diagonal *= 0.5  # half the weights, their upper half folded onto the lower one
+        return pull(self.weights), in_noise
 
 
 def solved(K: Array, noise_variance: float, Y: Array) -> Solved:
@@ -68,32 +80,39 @@ def solved(K: Array, noise_variance: float, Y: Array) -> Solved:
     Raises:
         NumericalError: as `factorise`, whose jitter it adds where needed without a word.
     """
-    known = routines() if len(K) > LEAST else None
-    attempt = (lambda A: by_parts(A, Y)) if known is None else (lambda A: in_one(A, Y, known))
+    columns, known = Y.reshape(len(Y), -1), routines()
+
+    def attempt(diagonal: Array) -> Solved | None:
+        if known is None or len(K) <= LEAST:
+            return by_parts(K, diagonal, columns)
+        return in_one(K, diagonal, columns, known)
+
     return with_jitter(K, noise_variance, attempt)[0]
 
 
-def by_parts(A: Array, Y: Array) -> Solved | None:
-    """The same by LAPACK's three, in the memory of A = K_y; None if that is indefinite."""
+def by_parts(K: Array, diagonal: Array, Y: Array) -> Solved | None:
+    """By LAPACK's three, of K with that diagonal (n,) and Y (n, m); None if it is indefinite."""
+    A = copied(K)
+    diagonal_of(A)[:] = diagonal
     L, failed = dpotrf(A, lower=1, overwrite_a=1, clean=1)
     pivots = L.diagonal().copy()
     if failed or not np.isfinite(pivots).all():
         return None
     alpha, _ = dpotrs(L, Y, lower=1)
     inverse, _ = dpotri(L, lower=1, overwrite_c=1)
-    return Solved(alpha, float(np.sum(Y * alpha)), _log_det(pivots), inverse)
+    weights = dsyrk(-1.0, alpha, beta=float(Y.shape[1]), lower=1, c=inverse, overwrite_c=1)
+    return Solved(float(np.sum(Y * alpha)), _log_det(pivots), weights)
 
 
-def in_one(A: Array, Y: Array, use: Routines) -> Solved | None:
-    """In one pass, in the memory of A = K_y, Fortran order; None if that is indefinite."""
-    way = _Pass(A, np.array(Y.reshape(len(Y), -1), order="F"), use)
-    for first in range(0, len(A), BLOCK):
-        if not way.through(first, min(first + BLOCK, len(A))):
+def in_one(K: Array, diagonal: Array, Y: Array, use: Routines) -> Solved | None:
+    """The same in one pass."""
+    way = _Pass(K, diagonal, Y, use)
+    for first in range(0, way.n, BLOCK):
+        if not way.through(first, min(first + BLOCK, way.n)):
             return None
     if not np.isfinite(way.pivots).all():
         return None
-    way.clear_above()
-    return Solved(way.alpha.reshape(Y.shape), float(np.sum(way.Z * way.Z)), _log_det(way.pivots), A)
+    return Solved(-float(np.trace(way.corner)), _log_det(way.pivots), way.weights())
 
 
 def _log_det(pivots: Array) -> float:
@@ -101,66 +120,55 @@ def _log_det(pivots: Array) -> float:
 
 
 class _Pass:
-    """One pass over A (n, n); Z (n, m) is Y and becomes L^-1 Y, alpha grows to K^-1 Y."""
+    """One pass over K (n, n) with Y (n, m) below it."""
 
-    def __init__(self, A: Array, Z: Array, use: Routines) -> None:
-        self.A, self.Z, self.use = A, Z, use
-        self.alpha, self.pivots = np.zeros_like(Z), np.empty(len(A))
-        self.diagonal = diagonal_of(A)
-        self.start, self.outputs, self.found = (own.ctypes.data for own in (A, Z, self.alpha))
-        self.rows, self.columns = whole(len(A)), whole(Z.shape[1])
+    def __init__(self, K: Array, diagonal: Array, Y: Array, use: Routines) -> None:
+        n, m = Y.shape
+        rows = ALIGNED * -(-(n + m) // ALIGNED)
+        memory = np.empty((rows, n + m), order="F")
+        self.n, self.m, self.use, self.pivots = n, m, use, np.empty(n)
+        self.A, self.corner = memory[:n, :n], memory[n : n + m, n:]
+        copied(K, self.A)
+        self.diagonal = memory.reshape(-1, order="F")[: n * rows : rows + 1]
+        self.diagonal[:], memory[n : n + m, :n], self.corner[:] = diagonal, Y.T, 0.0
+        self.memory, self.start, self.stride, self.rows = memory, memory.ctypes.data, rows, whole(rows)
 
     def at(self, row: int, column: int) -> Any:
         """The address of an entry."""
-        return place(self.start + 8 * (row + column * len(self.A)))
+        return place(self.start + 8 * (row + column * self.stride))
 
     def through(self, first: int, last: int) -> bool:
         """Takes the rows from first to last; False if K is indefinite."""
-        own, before, rows, use = whole(last - first), whole(first), self.rows, self.use
-        corner, row, failed = self.at(first, first), self.at(first, 0), c_int(0)
+        use, rows, own, before = self.use, self.rows, whole(last - first), whole(first)
+        left = whole(self.n + self.m - last)
+        corner, row, below = self.at(first, first), self.at(first, 0), self.at(last, first)
+        failed = c_int(0)
         use.potrf(LOWER, own, corner, rows, byref(failed))
         if failed.value:
             return False
         self.pivots[first:last] = self.diagonal[first:last]
-        # the rows of L^-1 Y and of X, as far as they lie before the corner
-        z = place(self.outputs + 8 * first)
-        use.trsm(LEFT, LOWER, PLAIN, PLAIN, own, self.columns, ONE, corner, rows, z, rows)
+        # L below the corner, X left of it, and what both take from what is below
+        use.trsm(RIGHT, LOWER, TRANSPOSED, PLAIN, left, own, ONE, corner, rows, below, rows)
+        use.syrk(LOWER, PLAIN, left, own, MINUS, below, rows, ONE, self.at(last, last), rows)
         if first:
             use.trsm(LEFT, LOWER, PLAIN, PLAIN, own, before, ONE, corner, rows, row, rows)
-        if last < len(self.A):
-            self._factorise_below(first, last)
+            use.gemm(
+                PLAIN, PLAIN, left, before, own, MINUS, below, rows, row, rows, ONE, self.at(last, 0), rows
+            )
+            use.syrk(LOWER, TRANSPOSED, before, own, ONE, row, rows, ONE, self.at(0, 0), rows)
+        # X in the corner: -L X below it, and its share of K^-1
         use.trtri(LOWER, PLAIN, own, corner, rows, byref(failed))
-        if last < len(self.A):
-            left, below = whole(len(self.A) - last), self.at(last, first)
-            use.trmm(RIGHT, LOWER, PLAIN, PLAIN, left, own, MINUS, corner, rows, below, rows)
-        self._add_share(first, last)
+        use.trmm(RIGHT, LOWER, PLAIN, PLAIN, left, own, MINUS, corner, rows, below, rows)
+        if first:
+            use.trmm(LEFT, LOWER, TRANSPOSED, PLAIN, own, before, ONE, corner, rows, row, rows)
+        use.lauum(LOWER, own, corner, rows, byref(failed))
         return True
 
-    def _factorise_below(self, first: int, last: int) -> None:
-        """The columns of L under the corner, and what they take from A, L^-1 Y and L X below."""
-        own, left, rows, use = whole(last - first), whole(len(self.A) - last), self.rows, self.use
-        below, rest = self.at(last, first), self.at(last, last)
-        use.trsm(RIGHT, LOWER, TRANSPOSED, PLAIN, left, own, ONE, self.at(first, first), rows, below, rows)
-        use.syrk(LOWER, PLAIN, left, own, MINUS, below, rows, ONE, rest, rows)
-        self.Z[last:] -= self.A[last:, first:last] @ self.Z[first:last]
-        if first:
-            row, under = self.at(first, 0), self.at(last, 0)
-            use.gemm(PLAIN, PLAIN, left, whole(first), own, MINUS, below, rows, row, rows, ONE, under, rows)
-
-    def _add_share(self, first: int, last: int) -> None:
-        """What the rows of X give to α = Xᵀ z and to K^-1 = Xᵀ X, their own part in their own place."""
-        own, before, rows, use = whole(last - first), whole(first), self.rows, self.use
-        corner, row = self.at(first, first), self.at(first, 0)
-        z, alpha = self.Z[first:last], place(self.found + 8 * first)
-        self.alpha[first:last] = z
-        use.trmm(LEFT, LOWER, TRANSPOSED, PLAIN, own, self.columns, ONE, corner, rows, alpha, rows)
-        if first:
-            self.alpha[:first] += self.A[first:last, :first].T @ z
-            use.syrk(LOWER, TRANSPOSED, before, own, ONE, row, rows, ONE, self.at(0, 0), rows)
-            use.trmm(LEFT, LOWER, TRANSPOSED, PLAIN, own, before, ONE, corner, rows, row, rows)
-        use.lauum(LOWER, own, corner, rows, byref(c_int(0)))
-
-    def clear_above(self) -> None:
-        """Zeros above the diagonal."""
-        order = whole(len(self.A) - 1)
+    def weights(self) -> Array:
+        """m K^-1 - Σ α αᵀ, from K^-1 and the rows of -α below it; zero above the diagonal."""
+        n, outputs, scale = whole(self.n), whole(self.m), number(float(self.m))
+        alpha, first = self.at(self.n, 0), self.at(0, 0)
+        self.use.syrk(LOWER, TRANSPOSED, n, outputs, MINUS, alpha, self.rows, scale, first, self.rows)
+        order = whole(self.n - 1)
         self.use.laset(UPPER, order, order, NONE, NONE, self.at(0, 1), self.rows)
+        return self.A

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrmm
+from scipy.linalg.blas import dtrmm
 
 from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -33,11 +33,8 @@ def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
         K, pull = gp.kernel.gram_lower(gp.theta, X)
         found = solved(K, gp.noise_variance, Y)
         value = -0.5 * (found.square + m * (found.log_det + n * np.log(2.0 * np.pi)))
-        # Q = m K_y^-1 - Σ α αᵀ, its lower triangle; the upper half of 1/2 Q folded onto it
-        Q = dsyrk(-1.0, found.alpha, beta=float(m), lower=1, c=found.inverse, overwrite_c=1)
-        trace = float(np.trace(Q))
-        np.fill_diagonal(Q, 0.5 * Q.diagonal())
-        return value, -np.append(pull(Q), np.exp(2.0 * gp.log_noise) * trace)
+        in_theta, in_noise = found.slopes(pull)
+        return value, -np.append(in_theta, 2.0 * np.exp(2.0 * gp.log_noise) * in_noise)
 
 
 def fit_shared(
