@@ -43,7 +43,7 @@ def test_it_inverts_solves_and_takes_the_determinant(n: int, outputs: int) -> No
 
 @pytest.mark.parametrize("noise", [1.0, 1e-3, 1e-6])
 def test_it_is_as_good_as_lapack_s_three(noise: float) -> None:
-    """Both against the pass in extended precision, by substitution; K is as ill-conditioned as kernels make it."""
+    """Both beside extended precision; K is as ill-conditioned as kernels make it."""
     K, Y = problem(250, 1, noise)
     use = fortran.routines()
     assert use is not None

@@ -2,8 +2,8 @@
 
 SciPy's wrappers take whole arrays: of a block inside one they make a copy, which costs what working by blocks
 gains. So the routines are called where SciPy offers them to compiled code (`scipy.linalg.cython_blas`), by
-address. All arguments are addresses, as Fortran wants them: the letters below, `number`, `whole`, and of a block its
-first entry's. Nothing is checked here: whoever calls answers for shapes and for memory in Fortran order.
+address. All arguments are addresses, as Fortran wants them: the letters below, `number`, `whole`, and of a
+block `place` of its first entry. Nothing is checked here: whoever calls answers for shapes and for the order.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The lower half of symmetric matrices, by panels of columns: what a Cholesky factor and a likelihood read.
 
 A panel is so many columns from their diagonal down. It stays in the processor's second cache from one step to
-the next, and what lies above the diagonal is neither computed nor read but for the panel's own small triangle.
+the next; above the diagonal no more than the panel's own small triangle is computed or read.
 Matrices here are (n, n) in Fortran order; above the diagonal they may hold anything.
 """
 
@@ -55,7 +55,10 @@ def squared(A: Array) -> Array:
 
 
 def exponentials(left: Array, right: Array, most: float) -> Array:
-    """exp(left rightᵀ), of (n, F) matrices for which it is symmetric; no exponent is above the diagonal's `most`."""
+    """exp(left rightᵀ), of (n, F) matrices for which that is symmetric.
+
+    The diagonal's exponent is `most`, and no other is above it.
+    """
     out = np.empty((len(left), len(left)), order="F")
     diagonal = diagonal_of(out)
     for rows, columns in panels(len(left)):

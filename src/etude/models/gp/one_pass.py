@@ -1,15 +1,16 @@
 """What a likelihood asks of a covariance matrix, in one pass over it: factor, inverse and solutions together.
 
-With K = L Lᵀ and X = L^-1, by blocks of rows: the factor's own block and what it takes from the rest (a
-Cholesky factorisation), the rows of X by substitution in L X = I, and their share of K^-1 = Xᵀ X. The three go
-on in the same memory: what is still to be factorised gives way to L, then to -L X, to X and to K^-1. It does
-what LAPACK does in `dpotrf`, `dtrtri` and `dlauum` one after the other, with as many operations, n³ in all. But
-the inverse of a triangle alone has small triangles in its way; together nearly everything is an update of the
-whole matrix by a few rows, the fastest thing a BLAS has.
+With K = L Lᵀ and X = L^-1, by blocks of rows: the factor's own block and what it takes from the rest, as in a
+Cholesky factorisation; the rows of X by substitution in L X = I; and their share of K^-1 = Xᵀ X. All go on in
+the same memory: what is still to be factorised gives way to L, then to -L X, to X and to K^-1. LAPACK does it
+in three, `dpotrf`, `dtrtri` and `dlauum`, with as many operations, n³ in all. But the inverse of a triangle
+alone has small triangles in its way; together nearly everything is an update of the whole matrix by a few
+rows, the fastest thing a BLAS has.
 
-Outputs Y (n, m) stand below K as m more rows, with zeros in the corner, and are never factorised themselves: as
-rows of L they become (L^-1 Y)ᵀ, as rows of -L X then -(K^-1 Y)ᵀ, and the corner -Yᵀ K^-1 Y. As X solves L X = I,
-Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and Stability of Numerical Algorithms, 14.2).
+Outputs Y (n, m) stand below K as m more rows, with zeros in the corner, and are never factorised themselves:
+as rows of L they become (L^-1 Y)ᵀ, as rows of -L X then -(K^-1 Y)ᵀ, and the corner -Yᵀ K^-1 Y. As X solves
+L X = I, Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and Stability of Numerical Algorithms,
+14.2).
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ class Solved:
 
     Attributes:
         square: sum(Y * K_y^-1 Y). log_det: of K_y.
-        weights: (n, n) the lower half of m K_y^-1 - Σ_j α_j α_jᵀ with α = K_y^-1 Y, zero above: minus twice the
-            slope of log p(Y) in K_y. In memory of its own, column by column.
+        weights: (n, n) the lower half of m K_y^-1 - Σ_j α_j α_jᵀ with α = K_y^-1 Y, zero above: minus twice
+            the slope of log p(Y) in K_y. In memory of its own, column by column.
     """
 
     square: float
