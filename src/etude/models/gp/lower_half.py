@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PANEL = 128
-"""Columns handled at once: at n = 1000 their half megabyte is in the second cache."""
+"""Columns handled at once, about: at n = 1000 their half megabyte is in the second cache."""
+ALIGNED = 8
+"""Panels begin at multiples of so many columns."""
 
 
 def panels(n: int) -> Iterator[tuple[slice, slice]]:
-    """(rows, columns) of the panels of a matrix of order n, from the left."""
-    for first in range(0, n, PANEL):
-        yield slice(first, n), slice(first, min(first + PANEL, n))
+    """(rows, columns) of the panels of a matrix of order n, from the left, of about the same width."""
+    width = -(-n // max(1, round(n / PANEL)))
+    width += -width % ALIGNED
+    for first in range(0, n, width):
+        yield slice(first, n), slice(first, min(first + width, n))
 
 
 def combined(operation: np.ufunc, terms: Sequence[Array], out: Array) -> Array:
@@ -82,9 +86,11 @@ def weighted_sums(G: Array, K: Array, B: Array) -> tuple[Array, Array]:
     """Tᵀ B (n, F) and the sums (n,) of the rows of T = G * K, for G that is zero above the diagonal."""
     n = len(K)
     sums, rows_of_T = np.empty(B.shape), np.zeros(n)
-    memory, ones = np.empty(min(PANEL, n) * n), np.ones(min(PANEL, n))
+    memory = ones = np.empty(0)
     for rows, columns in panels(n):
         across = G[rows, columns].T
+        if not len(memory):  # the first is the largest
+            memory, ones = np.empty(across.size), np.ones(len(across))
         T = memory[: across.size].reshape(across.shape)  # transposed: a row is a column of T
         np.multiply(across, K[rows, columns].T, out=T)
         np.matmul(T, B[rows], out=sums[columns])
