@@ -94,6 +94,17 @@ def test_theta_gradient(kernel: Kernel) -> None:
 
 
 @ROWS
+@pytest.mark.parametrize("n", [7, 300])
+def test_the_lower_half_is_that_of_the_matrix(kernel: Kernel, n: int) -> None:
+    X, theta = inputs(n, 3), theta_of(kernel)
+    (K, pull), (lower, pull_lower) = kernel.gram(theta, X), kernel.gram_lower(theta, X)
+    np.testing.assert_allclose(np.tril(lower), np.tril(K), rtol=1e-12, atol=1e-14 * np.abs(K).max())
+    G = np.asfortranarray(np.tril(np.random.default_rng(4).normal(size=(n, n))))
+    expected = pull(G)
+    np.testing.assert_allclose(pull_lower(G), expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
+
+
+@ROWS
 def test_input_gradient(kernel: Kernel) -> None:
     X, Z, theta = inputs(6, 5), inputs(5, 6), theta_of(kernel)
     G = np.random.default_rng(7).normal(size=(6, 5))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyr, dtrmm
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrs
 
 from etude.errors import DataError, UsageError
@@ -15,6 +15,7 @@ from etude.models.gp.cholesky import factorise, inverse_lower, triangular_invers
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
+from etude.models.gp.one_pass import solved
 from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
 
@@ -80,17 +81,11 @@ class ExactGP:
             return self._likelihood(X, y)
 
     def _likelihood(self, X: Array, y: Array) -> tuple[float, Array]:
-        K, pull = self.kernel.gram(self.theta, X)
-        L, _ = factorise(K, self.noise_variance, announce=False)
-        alpha, _ = dpotrs(L, y, lower=1)
-        half_log_det = np.log(L.diagonal()).sum()
-        value = -0.5 * float(y @ alpha) - half_log_det - 0.5 * len(y) * np.log(2.0 * np.pi)
-        # Q = K_y^-1 - αα', its lower triangle in the memory of L; the upper half of 1/2 Q folded onto it
-        Q = dsyr(-1.0, alpha, lower=1, a=inverse_lower(L), overwrite_a=1)
-        trace = float(np.trace(Q))
-        np.fill_diagonal(Q, 0.5 * Q.diagonal())
-        noise_gradient = np.exp(2.0 * self.log_noise) * trace
-        return float(value), -np.append(pull(Q), noise_gradient)
+        K, pull = self.kernel.gram_lower(self.theta, X)
+        found = solved(K, self.noise_variance, y)
+        value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
+        in_theta, in_noise = found.slopes(pull)
+        return float(value), -np.append(in_theta, 2.0 * np.exp(2.0 * self.log_noise) * in_noise)
 
     def condition(self, X: Array, y: Array) -> ExactPosterior:
         """The posterior given X (n, D) and centred y (n,); DataError and NumericalError as above."""
@@ -120,7 +115,7 @@ class ExactPosterior:
         Raises NumericalError if the covariance is indefinite.
         """
         with threads_for(len(self.X)):
-            return factorise(self.kernel.gram(self.theta, self.X)[0], self.noise_variance)
+            return factorise(self.kernel.gram_lower(self.theta, self.X)[0], self.noise_variance)
 
     @property
     def L(self) -> Array:

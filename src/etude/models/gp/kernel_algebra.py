@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import UsageError
+from etude.models.gp.terms import joined_lower, multiplied, product, total, weighted_lower
 
 Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
@@ -51,6 +52,13 @@ class Kernel(ABC):
 
         G need not be symmetric: a lower triangle with the halves folded together does.
         """
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        """`gram` for whoever reads its lower half alone, as a Cholesky factor does; nobody writes into it.
+
+        Above the diagonal the matrix may hold anything, and G is zero there.
+        """
+        return self.gram(theta, X)
 
     @abstractmethod
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
@@ -156,7 +164,15 @@ class Sum(_Composite):
         def pull(G: Array) -> Array:
             return np.concatenate([pull_part(G) for _, pull_part in pairs])
 
-        return _total([K for K, _ in pairs]), pull
+        return total([K for K, _ in pairs]), pull
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+
+        def pull(G: Array) -> Array:
+            return np.concatenate([pull_part(G) for _, pull_part in pairs])
+
+        return joined_lower(np.add, [K for K, _ in pairs]), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -166,7 +182,7 @@ class Sum(_Composite):
 
         def crossed(X: Array) -> tuple[Array, Pull]:
             pairs = [part(X) for part in parts]
-            return _total([K for K, _ in pairs]), lambda G: _total([pull(G) for _, pull in pairs])
+            return total([K for K, _ in pairs]), lambda G: total([pull(G) for _, pull in pairs])
 
         return crossed
 
@@ -183,14 +199,14 @@ class Sum(_Composite):
 
     def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
         parts = [part.sums(own, Z, alpha) for part, own in self.shares(theta)]
-        return lambda X: _total([part(X) for part in parts])
+        return lambda X: total([part(X) for part in parts])
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return _total([part.diagonal(own, X) for part, own in self.shares(theta)])
+        return total([part.diagonal(own, X) for part, own in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         shares = self.shares(theta)
-        return _total([part.diagonal_gradient(own, X, g) for part, own in shares])
+        return total([part.diagonal_gradient(own, X, g) for part, own in shares])
 
 
 @dataclass(frozen=True)
@@ -208,9 +224,19 @@ class Product(_Composite):
         values = [K for K, _ in pairs]
 
         def pull(G: Array) -> Array:
-            return np.concatenate([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+            return np.concatenate([pairs[i][1](G * product(values, without=i)) for i in range(len(pairs))])
 
-        return _product(values), pull
+        return product(values), pull
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        pairs = [part.gram_lower(own, X) for part, own in self.shares(theta)]
+        values = [K for K, _ in pairs]
+
+        def pull(G: Array) -> Array:
+            parts = [pull(weighted_lower(G, values, without=i)) for i, (_, pull) in enumerate(pairs)]
+            return np.concatenate(parts)
+
+        return joined_lower(np.multiply, values), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -223,14 +249,14 @@ class Product(_Composite):
             values = [K for K, _ in pairs]
 
             def pull(G: Array) -> Array:
-                return _total([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
+                return total([pairs[i][1](G * product(values, without=i)) for i in range(len(pairs))])
 
-            return _product(values), pull
+            return product(values), pull
 
         return crossed
 
     def values(self, theta: Array, Z: Array) -> Of:
-        return _multiplied([part.values(own, Z) for part, own in self.shares(theta)])
+        return multiplied([part.values(own, Z) for part, own in self.shares(theta)])
 
     def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
         shares = self.shares(theta)
@@ -242,7 +268,7 @@ class Product(_Composite):
         (part, own), beside = shares.pop(place), known[place]
         assert beside is not None
         weights = beside[:, :, None] * alpha.reshape(len(Z), 1, -1)
-        others = _multiplied([other.values(its, Z) for other, its in shares])
+        others = multiplied([other.values(its, Z) for other, its in shares])
 
         def summed(X: Array) -> Array:
             found = (others(X) @ weights.reshape(len(Z), -1)).reshape(len(X), *weights.shape[1:])
@@ -252,14 +278,14 @@ class Product(_Composite):
         return summed
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return _product([part.diagonal(own, X) for part, own in self.shares(theta)])
+        return product([part.diagonal(own, X) for part, own in self.shares(theta)])
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         shares = self.shares(theta)
         values = [part.diagonal(own, X) for part, own in shares]
-        return _total(
+        return total(
             [
-                part.diagonal_gradient(own, X, g * _product(values, without=i))
+                part.diagonal_gradient(own, X, g * product(values, without=i))
                 for i, (part, own) in enumerate(shares)
             ]
         )
@@ -271,32 +297,3 @@ def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...
 
 def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
     return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
-
-
-def _multiplied(factors: list[Of]) -> Of:
-    first, *others = factors
-
-    def valued(X: Array) -> Array:
-        out = first(X)
-        for other in others:
-            out *= other(X)
-        return out
-
-    return valued
-
-
-def _total(terms: list[Array]) -> Array:
-    out = terms[0].copy(order="K")
-    for term in terms[1:]:
-        out += term
-    return out
-
-
-def _product(factors: list[Array], without: int = -1) -> Array:
-    kept = [factor for i, factor in enumerate(factors) if i != without]
-    if len(kept) == 1 < len(factors):
-        return kept[0]  # only read
-    out = kept[0].copy(order="K")
-    for factor in kept[1:]:
-        out *= factor
-    return out

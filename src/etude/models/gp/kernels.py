@@ -9,7 +9,10 @@ import numpy as np
 
 from etude.contracts import Column
 from etude.errors import UsageError
+from etude.models.gp import lower_half
+from etude.models.gp.inputs import active, check_dims
 from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Product, Pull, Role, Sum
+from etude.models.gp.squared_exponential import SquaredExponential
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""
@@ -19,100 +22,6 @@ AT_REST = ("memory", "rest")
 
 __all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "ard_se", "structured"]
 
-BLOCK = 512
-"""Columns of a weighted Gram matrix handled at once: a few megabytes instead of one more n x n array."""
-
-
-@dataclass(frozen=True)
-class SquaredExponential(Kernel):
-    """ARD squared exponential s0² exp(-1/2 Σ_d (x_d - z_d)² / ℓ_d²), thesis (2.3), over the columns `dims`.
-
-    theta = log s0 (absent with `unit=True`, where s0 = 1: for a factor of a product), then log ℓ_d.
-    `share` is the part of an input's half range that training starts from as its length.
-    """
-
-    dims: tuple[int, ...]
-    unit: bool = False
-    share: float = 1.0
-
-    def __post_init__(self) -> None:
-        _check_dims(self.dims)
-        if not (np.isfinite(self.share) and self.share > 0.0):
-            raise UsageError(f"a length starts at a positive share of its half range, not {self.share}")
-
-    def names(self) -> tuple[str, ...]:
-        lengths = [f"length[{d}]" for d in self.dims]
-        return tuple(lengths if self.unit else ["amplitude", *lengths])
-
-    def roles(self) -> tuple[Role, ...]:
-        lengths: list[Role] = ["length"] * len(self.dims)
-        return tuple(lengths if self.unit else ["amplitude", *lengths])
-
-    def initial(self, half_range: Array, scale: float) -> Array:
-        lengths = np.log(self.share * half_range[list(self.dims)])
-        return lengths if self.unit else np.concatenate([[np.log(scale)], lengths])
-
-    def _split(self, theta: Array) -> tuple[float, Array]:
-        theta = self.check(theta)
-        return (0.0, np.exp(theta)) if self.unit else (float(theta[0]), np.exp(theta[1:]))
-
-    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        log_s0, lengths = self._split(theta)
-        own = _active(X, self.dims)
-        U = (own - own.mean(axis=0)) / lengths
-        K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
-        np.fill_diagonal(K, np.exp(2.0 * log_s0))
-
-        def pull(G: Array) -> Array:
-            TU, columns = _weighted_sums(G, K, _with_ones(U))
-            rows = TU[:, -1]
-            # sum_ij T_ij (u_i - u_j)^2, T = G * K, for every dimension without an n x n x D array
-            along = (rows + columns) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU[:, :-1])
-            return along if self.unit else np.concatenate([[2.0 * rows.sum()], along])
-
-        return K, pull
-
-    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
-        return self.against(theta, Z)(X)
-
-    def values(self, theta: Array, Z: Array) -> Of:
-        log_s0, lengths = self._split(theta)
-        fixed = _active(Z, self.dims)
-        centre = fixed.mean(axis=0)
-        right = _right((fixed - centre) / lengths)
-        return lambda X: _exponential(
-            _left((_active(X, self.dims) - centre) / lengths, log_s0), right, log_s0
-        )
-
-    def against(self, theta: Array, Z: Array) -> Against:
-        log_s0, lengths = self._split(theta)
-        fixed = _active(Z, self.dims)
-        centre = fixed.mean(axis=0)
-        V = (fixed - centre) / lengths
-        right, beside = _right(V), _with_ones(V)
-
-        def crossed(X: Array) -> tuple[Array, Pull]:
-            U = (_active(X, self.dims) - centre) / lengths
-            K = _exponential(_left(U, log_s0), right, log_s0)
-
-            def pull(G: Array) -> Array:
-                GV = (G * K) @ beside
-                out = np.zeros(X.shape)
-                out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
-                return out
-
-            return K, pull
-
-        return crossed
-
-    def diagonal(self, theta: Array, X: Array) -> Array:
-        log_s0, _ = self._split(theta)
-        return np.full(len(X), np.exp(2.0 * log_s0))
-
-    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
-        self.check(theta)
-        return np.zeros_like(X * g[:, None])
-
 
 @dataclass(frozen=True)
 class Linear(Kernel):
@@ -121,7 +30,7 @@ class Linear(Kernel):
     dims: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        _check_dims(self.dims)
+        check_dims(self.dims)
 
     def names(self) -> tuple[str, ...]:
         return tuple(f"slope[{d}]" for d in self.dims)
@@ -135,7 +44,7 @@ class Linear(Kernel):
         return slopes
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        A = _active(X, self.dims) * np.exp(self.check(theta))
+        A = active(X, self.dims) * np.exp(self.check(theta))
 
         def pull(G: Array) -> Array:
             GA = G @ A
@@ -143,11 +52,19 @@ class Linear(Kernel):
 
         return (A @ A.T).T, pull
 
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        A = active(X, self.dims) * np.exp(self.check(theta))
+
+        def pull(G: Array) -> Array:
+            return np.asarray(2.0 * np.einsum("nd,nd->d", A, lower_half.transposed_times(G, A)))
+
+        return lower_half.squared(A), pull
+
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
 
     def against(self, theta: Array, Z: Array) -> Against:
-        weighted = _active(Z, self.dims) * np.exp(2.0 * self.check(theta))
+        weighted = active(Z, self.dims) * np.exp(2.0 * self.check(theta))
 
         def crossed(X: Array) -> tuple[Array, Pull]:
             def pull(G: Array) -> Array:
@@ -155,27 +72,27 @@ class Linear(Kernel):
                 out[:, self.dims] = G @ weighted
                 return out
 
-            return _active(X, self.dims) @ weighted.T, pull
+            return active(X, self.dims) @ weighted.T, pull
 
         return crossed
 
     def values(self, theta: Array, Z: Array) -> Of:
-        weighted = _active(Z, self.dims) * np.exp(2.0 * self.check(theta))
-        return lambda X: np.asarray(_active(X, self.dims) @ weighted.T)
+        weighted = active(Z, self.dims) * np.exp(2.0 * self.check(theta))
+        return lambda X: np.asarray(active(X, self.dims) @ weighted.T)
 
     def sums(self, theta: Array, Z: Array, alpha: Array) -> Of:
-        slopes = (_active(Z, self.dims) * np.exp(2.0 * self.check(theta))).T @ alpha
-        return lambda X: np.asarray(_active(X, self.dims) @ slopes)
+        slopes = (active(Z, self.dims) * np.exp(2.0 * self.check(theta))).T @ alpha
+        return lambda X: np.asarray(active(X, self.dims) @ slopes)
 
     def features(self, theta: Array, X: Array) -> Array:
-        return np.asarray(_active(X, self.dims) * np.exp(self.check(theta)))
+        return np.asarray(active(X, self.dims) * np.exp(self.check(theta)))
 
     def diagonal(self, theta: Array, X: Array) -> Array:
-        return np.asarray(_active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
+        return np.asarray(active(X, self.dims) ** 2 @ np.exp(2.0 * self.check(theta)))
 
     def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
         out = np.zeros(X.shape)
-        out[:, self.dims] = 2.0 * g[:, None] * _active(X, self.dims) * np.exp(2.0 * self.check(theta))
+        out[:, self.dims] = 2.0 * g[:, None] * active(X, self.dims) * np.exp(2.0 * self.check(theta))
         return out
 
 
@@ -238,62 +155,3 @@ def _posture(columns: Sequence[Column]) -> tuple[int, ...]:
 def _motion(columns: Sequence[Column]) -> tuple[int, ...]:
     posture = _posture(columns)
     return tuple(i for i, column in enumerate(columns) if i not in posture and column[3] not in AT_REST)
-
-
-def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
-    """exp(2 log_s0 - |u - v|²/2) (n, m): the exponent comes from one matrix product of width D + 2."""
-    return _exponential(_left(U, log_s0), _right(V), log_s0)
-
-
-def _left(U: Array, log_s0: float) -> Array:
-    out = np.empty((len(U), U.shape[1] + 2))
-    out[:, :-2], out[:, -1] = U, 1.0
-    out[:, -2] = 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U)
-    return out
-
-
-def _right(V: Array) -> Array:
-    out = np.empty((len(V), V.shape[1] + 2))
-    out[:, :-2], out[:, -2] = V, 1.0
-    out[:, -1] = -0.5 * np.einsum("nd,nd->n", V, V)
-    return out
-
-
-def _exponential(left: Array, right: Array, log_s0: float) -> Array:
-    K: Array = left @ right.T
-    most = 2.0 * log_s0
-    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow. That is
-    # seldom and looking for it is cheap; a minimum with a number, not a row, takes as long as the exponential
-    if K.max(initial=most) > most:
-        np.minimum(K, np.full(K.shape[1], most), out=K)
-    return np.exp(K, out=K)
-
-
-def _weighted_sums(G: Array, K: Array, U: Array) -> tuple[Array, Array]:
-    """T U and the column sums of T = G * K, by blocks of columns so that T is never there as a whole."""
-    TU, columns = np.zeros_like(U), np.empty(len(K))
-    for first in range(0, len(K), BLOCK):
-        block = slice(first, first + BLOCK)
-        T = G[:, block] * K[:, block]
-        TU += T @ U[block]
-        columns[block] = T.sum(axis=0)
-    return TU, columns
-
-
-def _active(X: Array, dims: tuple[int, ...]) -> Array:
-    if X.ndim != 2 or X.shape[1] <= max(dims):
-        raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
-    first, count = dims[0], len(dims)
-    # consecutive columns as a view: no copy
-    return X[:, first : first + count] if dims == tuple(range(first, first + count)) else X[:, list(dims)]
-
-
-def _with_ones(U: Array) -> Array:
-    out = np.empty((len(U), U.shape[1] + 1))
-    out[:, :-1], out[:, -1] = U, 1.0
-    return out
-
-
-def _check_dims(dims: tuple[int, ...]) -> None:
-    if not dims or len(set(dims)) != len(dims) or min(dims) < 0:
-        raise UsageError(f"active dimensions must be distinct and not negative, got {dims}")

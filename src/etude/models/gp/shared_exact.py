@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrmm
-from scipy.linalg.lapack import dpotrs
+from scipy.linalg.blas import dtrmm
 
 from etude.errors import DataError, NumericalError
-from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given
 from etude.models.gp.kernels import Kernel
+from etude.models.gp.one_pass import solved
 from etude.models.gp.priors import Prior
 from etude.models.gp.training import Method, negative_posterior, optimise
 from etude.threads import threads_for
@@ -30,16 +30,11 @@ def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:
     X, Y = _matrix(X, Y)
     n, m = Y.shape
     with threads_for(n):
-        K, pull = gp.kernel.gram(gp.theta, X)
-        L, _ = factorise(K, gp.noise_variance, announce=False)
-        alpha, _ = dpotrs(L, np.asfortranarray(Y), lower=1)
-        half_log_det = np.log(L.diagonal()).sum()
-        value = -0.5 * float(np.sum(Y * alpha)) - m * (half_log_det + 0.5 * n * np.log(2.0 * np.pi))
-        # Q = m K_y^-1 - Σ α αᵀ, its lower triangle in the memory of L; the upper half of 1/2 Q folded onto it
-        Q = dsyrk(-1.0, alpha, beta=float(m), lower=1, c=inverse_lower(L), overwrite_c=1)
-        trace = float(np.trace(Q))
-        np.fill_diagonal(Q, 0.5 * Q.diagonal())
-        return value, -np.append(pull(Q), np.exp(2.0 * gp.log_noise) * trace)
+        K, pull = gp.kernel.gram_lower(gp.theta, X)
+        found = solved(K, gp.noise_variance, Y)
+        value = -0.5 * (found.square + m * (found.log_det + n * np.log(2.0 * np.pi)))
+        in_theta, in_noise = found.slopes(pull)
+        return value, -np.append(in_theta, 2.0 * np.exp(2.0 * gp.log_noise) * in_noise)
 
 
 def fit_shared(

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrs
 
-from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.kernel_algebra import Array
+from etude.models.gp.one_pass import solved
 from etude.models.gp.priors import (
     AMPLITUDE_DEVIATION,
     LENGTH_DEVIATION,
@@ -66,11 +65,9 @@ def joint_likelihood(
     with threads_for(len(used)):
         K = prior.gram(at.theta, X, used)
         K[np.diag_indices(len(K))] += at.noise_variance[command]
-        L, _ = factorise(K, 0.0, announce=False)
-        alpha, _ = dpotrs(L, y, lower=1)
-        value = -0.5 * float(y @ alpha) - np.log(L.diagonal()).sum() - 0.5 * len(y) * np.log(2.0 * np.pi)
-        W = inverse_lower(L)
-        Q = np.ascontiguousarray(W + np.tril(W, -1).T) - np.outer(alpha, alpha)
+        found = solved(K, 0.0, y)
+        value = -0.5 * (found.square + found.log_det + len(y) * np.log(2.0 * np.pi))
+        Q = np.ascontiguousarray(found.weights + np.tril(found.weights, -1).T)
         in_theta = prior.gram_gradient(at.theta, X, used, 0.5 * Q)
     traces = np.bincount(command, weights=Q.diagonal(), minlength=len(at.log_noise))
     return float(value), -np.concatenate([in_theta, np.exp(2.0 * at.log_noise) * traces])

@@ -1,0 +1,30 @@
+"""Columns of inputs that a kernel looks at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.models.gp.kernel_algebra import Array
+
+
+def active(X: Array, dims: tuple[int, ...]) -> Array:
+    """The columns `dims` of X (n, D); UsageError if there are fewer."""
+    if X.ndim != 2 or X.shape[1] <= max(dims):
+        raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
+    first, count = dims[0], len(dims)
+    # consecutive columns as a view: no copy
+    return X[:, first : first + count] if dims == tuple(range(first, first + count)) else X[:, list(dims)]
+
+
+def with_ones(U: Array) -> Array:
+    """[U, 1], (n, D + 1)."""
+    out = np.empty((len(U), U.shape[1] + 1))
+    out[:, :-1], out[:, -1] = U, 1.0
+    return out
+
+
+def check_dims(dims: tuple[int, ...]) -> None:
+    """UsageError if these cannot be columns."""
+    if not dims or len(set(dims)) != len(dims) or min(dims) < 0:
+        raise UsageError(f"active dimensions must be distinct and not negative, got {dims}")
