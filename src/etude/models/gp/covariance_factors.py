@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dtrmm
 
+from etude.blas import dgemm, dtrmm
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 

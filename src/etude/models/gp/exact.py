@@ -7,9 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyr, dtrmm
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs, dsyr, dtrmm
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors

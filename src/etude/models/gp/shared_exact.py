@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrmm
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs, dsyrk, dtrmm
 from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.kernel_algebra import Array
 from etude.models.gp.priors import (
