@@ -117,7 +117,7 @@ class Reduction:
     def of(cls, output: Output, batch: Batch, gain: Array) -> Reduction:
         own, cross = batch.covariance(), batch.covariance(output.reference_batch)
         noisy = gain[:, None] * own * gain
-        noisy[np.diag_indices_from(noisy)] += output.posterior.noise_variance
+        noisy.ravel()[:: len(noisy) + 1] += output.posterior.noise_variance
         scaled = gain[:, None] * cross
         solved = solved_in_place(noisy.T, scaled)
         noise = output.posterior.noise_variance

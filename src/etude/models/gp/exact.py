@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 BLOCK = 256
 """Inputs predicted at once: their covariances stay in the processor's cache."""
+EVERY, FEW = 3, 200
+"""Which points bound variances, and of how many it is not worth it."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class ExactPosterior:
         Raises NumericalError if the covariance is indefinite.
         """
         with threads_for(len(self.X)):
-            return factorise(self.kernel.gram(self.theta, self.X)[0], self.noise_variance)
+            return factorise(self.kernel.matrix(self.theta, self.X), self.noise_variance)
 
     @property
     def L(self) -> Array:
@@ -168,6 +170,20 @@ class ExactPosterior:
                 V = dtrmm(1.0, self.L_inverse, K.T, lower=1, overwrite_b=1)
                 variance[rows] -= np.einsum("nt,nt->t", V, V)
         return mean, np.maximum(variance, 0.0)
+
+    def at_most(self, X: Array) -> tuple[Array, Array]:
+        """Mean (T,), and variances (T,) that are never below the latent ones: those given fewer points.
+
+        More points never say less: the variance given a part of them is an upper bound. A ninth of the price.
+        """
+        if len(self.X) < FEW:
+            return self.predict(X)
+        return self.mean(X), self._of_fewer.predict(X)[1]
+
+    @cached_property
+    def _of_fewer(self) -> ExactPosterior:
+        rows = slice(None, None, EVERY)
+        return ExactPosterior(self.kernel, self.theta, self.noise_variance, self.X[rows], self.y[rows])
 
     def mean(self, X: Array) -> Array:
         """Mean (T,) alone, thesis (2.5): O(n) a point."""

@@ -69,6 +69,10 @@ class Kernel(ABC):
         """Number P of hyperparameters."""
         return len(self.names())
 
+    def matrix(self, theta: Array, X: Array) -> Array:
+        """The matrix of `gram` alone, in memory of its own: the same bits."""
+        return self.gram(theta, X)[0]
+
     def against(self, theta: Array, Z: Array) -> Against:
         """X -> `cross` with Z (m, D) that stays: what depends on that alone is made once."""
         return lambda X: self.cross(theta, X, Z)
@@ -106,7 +110,7 @@ class Kernel(ABC):
                 f"the kernel has {self.size} hyperparameters, the vector has shape {theta.shape}",
                 next_step="Pass one logarithm per name in kernel.names().",
             )
-        if not np.all(np.isfinite(theta)):
+        if not np.isfinite(theta).all():
             bad = [name for name, value in zip(self.names(), theta, strict=True) if not np.isfinite(value)]
             raise UsageError(f"log hyperparameters must be finite, got {bad}")
         return theta
@@ -157,6 +161,14 @@ class Sum(_Composite):
             return np.concatenate([pull_part(G) for _, pull_part in pairs])
 
         return _total([K for K, _ in pairs]), pull
+
+    def matrix(self, theta: Array, X: Array) -> Array:
+        out: Array | None = None
+        for part, own in self.shares(theta):
+            K = part.matrix(own, X)
+            out = K if out is None else np.add(out, K, out=out)
+        assert out is not None
+        return out
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -211,6 +223,14 @@ class Product(_Composite):
             return np.concatenate([pairs[i][1](G * _product(values, without=i)) for i in range(len(pairs))])
 
         return _product(values), pull
+
+    def matrix(self, theta: Array, X: Array) -> Array:
+        out: Array | None = None
+        for part, own in self.shares(theta):
+            K = part.matrix(own, X)
+            out = K if out is None else np.multiply(out, K, out=out)
+        assert out is not None
+        return out
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -286,8 +306,10 @@ def _multiplied(factors: list[Of]) -> Of:
 
 
 def _total(terms: list[Array]) -> Array:
-    out = terms[0].copy(order="K")
-    for term in terms[1:]:
+    if len(terms) == 1:
+        return terms[0].copy(order="K")
+    out = terms[0] + terms[1]
+    for term in terms[2:]:
         out += term
     return out
 
@@ -296,7 +318,9 @@ def _product(factors: list[Array], without: int = -1) -> Array:
     kept = [factor for i, factor in enumerate(factors) if i != without]
     if len(kept) == 1 < len(factors):
         return kept[0]  # only read
-    out = kept[0].copy(order="K")
-    for factor in kept[1:]:
+    if len(kept) == 1:
+        return kept[0].copy(order="K")
+    out = kept[0] * kept[1]
+    for factor in kept[2:]:
         out *= factor
     return out

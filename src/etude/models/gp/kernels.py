@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -57,11 +58,7 @@ class SquaredExponential(Kernel):
         return (0.0, np.exp(theta)) if self.unit else (float(theta[0]), np.exp(theta[1:]))
 
     def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
-        log_s0, lengths = self._split(theta)
-        own = _active(X, self.dims)
-        U = (own - own.mean(axis=0)) / lengths
-        K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
-        np.fill_diagonal(K, np.exp(2.0 * log_s0))
+        K, U = self._matrix(theta, X)
 
         def pull(G: Array) -> Array:
             TU, columns = _weighted_sums(G, K, _with_ones(U))
@@ -71,6 +68,18 @@ class SquaredExponential(Kernel):
             return along if self.unit else np.concatenate([[2.0 * rows.sum()], along])
 
         return K, pull
+
+    def matrix(self, theta: Array, X: Array) -> Array:
+        return self._matrix(theta, X)[0]
+
+    def _matrix(self, theta: Array, X: Array) -> tuple[Array, Array]:
+        """The matrix, and the inputs in lengths."""
+        log_s0, lengths = self._split(theta)
+        own = _active(X, self.dims)
+        U = (own - own.mean(axis=0)) / lengths
+        K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
+        np.fill_diagonal(K, np.exp(2.0 * log_s0))
+        return K, U
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)
@@ -98,7 +107,7 @@ class SquaredExponential(Kernel):
             def pull(G: Array) -> Array:
                 GV = (G * K) @ beside
                 out = np.zeros(X.shape)
-                out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
+                out[:, _columns(self.dims)] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # -(u - v)/ℓ k
                 return out
 
             return K, pull
@@ -152,7 +161,7 @@ class Linear(Kernel):
         def crossed(X: Array) -> tuple[Array, Pull]:
             def pull(G: Array) -> Array:
                 out = np.zeros(X.shape)
-                out[:, self.dims] = G @ weighted
+                out[:, _columns(self.dims)] = G @ weighted
                 return out
 
             return _active(X, self.dims) @ weighted.T, pull
@@ -281,11 +290,17 @@ def _weighted_sums(G: Array, K: Array, U: Array) -> tuple[Array, Array]:
 
 
 def _active(X: Array, dims: tuple[int, ...]) -> Array:
-    if X.ndim != 2 or X.shape[1] <= max(dims):
+    columns = _columns(dims)
+    if X.ndim != 2 or X.shape[1] <= (max(dims) if isinstance(columns, list) else dims[-1]):
         raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
+    return X[:, columns]
+
+
+@cache
+def _columns(dims: tuple[int, ...]) -> slice | list[int]:
+    """The places: of consecutive ones as a slice, whose columns are a view, and no copy."""
     first, count = dims[0], len(dims)
-    # consecutive columns as a view: no copy
-    return X[:, first : first + count] if dims == tuple(range(first, first + count)) else X[:, list(dims)]
+    return slice(first, first + count) if dims == tuple(range(first, first + count)) else list(dims)
 
 
 def _with_ones(U: Array) -> Array:
