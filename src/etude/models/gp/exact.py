@@ -12,7 +12,7 @@ from etude.blas import dpotrs, dsyr, dtrmm
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.covariance_factors import CovarianceFactors
-from etude.models.gp.kernel_algebra import Against
+from etude.models.gp.kernel_algebra import Against, Of
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
@@ -152,6 +152,14 @@ class ExactPosterior:
     def _against(self) -> Against:
         return self.kernel.against(self.theta, self.X)
 
+    @cached_property
+    def _values(self) -> Of:
+        return self.kernel.values(self.theta, self.X)
+
+    @cached_property
+    def _sums(self) -> Of:
+        return self.kernel.sums(self.theta, self.X, self.alpha)
+
     def factors(self, X: Array) -> CovarianceFactors:
         """What covariances and gradients at X (T, D) share; keep it for inputs that stay."""
         X = self._inputs(X)
@@ -162,7 +170,7 @@ class ExactPosterior:
         """Mean (T,) and latent variance (T,), thesis (2.5) and (2.6)."""
         X = self._inputs(X)
         mean, variance = np.empty(len(X)), self.kernel.diagonal(self.theta, X)
-        values = self.kernel.values(self.theta, self.X)
+        values = self._values
         with threads_for(len(self.X)):
             for rows in _blocks(len(X)):
                 K = values(X[rows])
@@ -188,7 +196,7 @@ class ExactPosterior:
     def mean(self, X: Array) -> Array:
         """Mean (T,) alone, thesis (2.5): O(n) a point."""
         X = self._inputs(X)
-        mean, sums = np.empty(len(X)), self.kernel.sums(self.theta, self.X, self.alpha)
+        mean, sums = np.empty(len(X)), self._sums
         for rows in _blocks(len(X)):
             mean[rows] = sums(X[rows])
         return mean
