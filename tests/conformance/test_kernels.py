@@ -69,6 +69,16 @@ def test_gram_cross_and_diagonal_agree(kernel: Kernel) -> None:
 
 
 @ROWS
+def test_the_matrix_alone_is_that_of_gram_to_the_bit(kernel: Kernel) -> None:
+    X, theta = inputs(23, 5), theta_of(kernel)
+    K, alone = kernel.gram(theta, X)[0], kernel.matrix(theta, X)
+    assert alone.flags.f_contiguous
+    np.testing.assert_array_equal(alone, K)
+    alone[:] = 0.0
+    np.testing.assert_array_equal(kernel.matrix(theta, X), K)
+
+
+@ROWS
 def test_weighted_sums_are_those_of_the_matrix(kernel: Kernel) -> None:
     X, Z, theta = inputs(7, 3), inputs(5, 4), theta_of(kernel)
     matrix = kernel.value(theta, X, Z)
