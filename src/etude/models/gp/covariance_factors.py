@@ -113,11 +113,11 @@ class CovarianceFactors:
         self, variance: Array | None, own: Array | None, cross: tuple[CovarianceFactors, Array] | None
     ) -> Array:
         """Weights (T, n) on K: those on V, taken back through L."""
-        weights = np.zeros_like(self.V)
+        weights = np.zeros_like(self.V) if own is None else own @ self.V
+        if own is not None:
+            weights *= -2.0
         if variance is not None:
             weights -= 2.0 * variance[:, None] * self.V
-        if own is not None:
-            weights -= 2.0 * (own @ self.V)
         if cross is not None:
             weights -= cross[1] @ cross[0].V
         return np.asarray(dtrmm(1.0, self.L_inverse, weights.T, lower=1, trans_a=1, overwrite_b=1).T)
