@@ -36,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     end_on_interrupt(_block(KEPT), line)
     code = _guarded(given)
     ignore_from_now()
+    gc.freeze()  # Python looks for circles once more at the end, among all that was loaded; nobody needs that
     return code
 
 

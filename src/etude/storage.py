@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from etude.errors import EtudeError, UsageError
 
@@ -85,6 +87,15 @@ def write_folder(folder: Path, files: Mapping[str, bytes], mark: str) -> None:
 
 def _may_replace(folder: Path, mark: str) -> bool:
     return folder.is_dir() and ((folder / mark).is_file() or not any(folder.iterdir()))
+
+
+def packed(arrays: Mapping[str, Any]) -> bytes:
+    """The file of arrays by name (NumPy's npz), none of them of objects."""
+    import numpy as np
+
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # NumPy below 2.1 would store allow_pickle=False as an array of that name
+    return buffer.getvalue()
 
 
 def append_line(path: Path, line: str) -> None:

@@ -22,8 +22,9 @@ KEPT_BYTES = 31 * 2**20
 def _controller() -> Any:
     # numpy and scipy are loaded first, so that both of their libraries are found
     import numpy as np
-    import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
+
+    import etude.blas  # noqa: F401
 
     # glibc returns freed blocks to the kernel until it has seen one as large as this come and go; then it
     # keeps them. Without it every evaluation faults its matrices in again: a quarter of an ivr gradient.

@@ -20,6 +20,7 @@ from etude.deploy.trajectory_files import (
     at_speed,
     column_names,
     csv_bytes,
+    lines,
     read_table,
     render,
     table_rate,
@@ -204,3 +205,17 @@ def test_slower_is_the_same_path(arm: Case, per_cent: int) -> None:
 def test_impossible_speeds_are_refused(arm: Case, per_cent: float) -> None:
     with pytest.raises(UsageError, match="per cent"):
         at_speed(arm.trajectory, per_cent)
+
+
+def test_numbers_are_written_as_python_writes_them() -> None:
+    """Around all exponents at which it changes its mind, zeros of both signs, and what is not finite."""
+    rng = np.random.default_rng(0)
+    exponents = rng.integers(-30, 30, (2000, 5))
+    rows = rng.standard_normal((2000, 5)) * 10.0**exponents
+    rows[::7] = rng.standard_normal((len(rows[::7]), 5))
+    edges = [0.0, -0.0, 1e-4, np.nextafter(1e-4, 0.0), 1e16, np.nextafter(1e16, 0.0), 5e-324, np.nan, -np.inf]
+    rows[:9, 2], rows[20:29] = edges, np.array(edges)[:, None]
+    expected = "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+    assert lines(rows) == expected
+    assert lines(rows[:1]) == expected[: len(lines(rows[:1]))]
+    assert lines(np.zeros((0, 3))) == ""

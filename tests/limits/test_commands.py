@@ -137,6 +137,12 @@ def test_a_first_look_passes_only_what_is_far_inside() -> None:
         assert asked[0] == FEW + 1
         assert bool(counts) == closer, "what is nearer is looked at closely"
     assert not replace(own, upper=np.full(2, 0.9 * largest), lower=-np.full(2, 0.9 * largest)).keeps(long)
+    for bound, needed in ((0.05, []), (50.0, [FEW + 1])):
+        asked.clear()
+        far = replace(own, upper=np.full(2, 2.0 * largest), lower=-np.full(2, 2.0 * largest))
+        known = replace(far, at_most=lambda m, b=bound: (pendulum(m), np.full((len(m.t), 2), b)))
+        assert known.keeps(long)
+        assert asked == needed, "deviations are asked only where what they are at most leaves it open"
     short = replace(own, both=None, mean=pendulum, deviation=None)
     asked.clear()
     assert short.keeps(SWING)

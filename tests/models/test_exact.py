@@ -157,6 +157,19 @@ def test_shared_factors_give_the_gradient_of_a_variance_reduction() -> None:
         )
 
 
+def test_more_points_never_say_less_than_the_bound_by_fewer() -> None:
+    """Variances of `at_most` are at least the latent ones, hardly more far away, and its means the same."""
+    rng = np.random.default_rng(1)
+    for n in (150, 450):
+        posterior = process().condition(*data(n))
+        X = np.concatenate([rng.uniform(-1.0, 1.0, (60, D)), 40.0 + rng.uniform(-1.0, 1.0, (9, D))])
+        (mean, variance), (bound_mean, bound) = posterior.predict(X), posterior.at_most(X)
+        np.testing.assert_allclose(bound_mean, mean, rtol=1e-9, atol=1e-9)
+        assert np.all(bound >= variance - 1e-9 * variance.max())
+        assert np.all(bound <= posterior.kernel.diagonal(posterior.theta, X) + 1e-12)
+        assert np.any(bound > 1.01 * variance) == (n == 450), "of few points it is the variance itself"
+
+
 def test_repeated_points_warn_with_the_amount() -> None:
     X = np.zeros((6, 1))
     gp = ExactGP(SquaredExponential((0,)), np.zeros(2), -40.0)

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from etude import plugins
 from etude.design.batch import Batch
@@ -22,6 +21,7 @@ from etude.design.config import GROUP
 from etude.design.information import d_opt, info_gain, mi_region, sum_log
 from etude.design.score import Criterion, Output, Score, evaluate, needing, value_of
 from etude.errors import UsageError
+from etude.models.gp.cholesky import solved_in_place
 
 __all__ = [
     "LOG_FLOOR",
@@ -117,9 +117,9 @@ class Reduction:
     def of(cls, output: Output, batch: Batch, gain: Array) -> Reduction:
         own, cross = batch.covariance(), batch.covariance(output.reference_batch)
         noisy = gain[:, None] * own * gain
-        noisy[np.diag_indices_from(noisy)] += output.posterior.noise_variance
+        noisy.ravel()[:: len(noisy) + 1] += output.posterior.noise_variance
         scaled = gain[:, None] * cross
-        solved: Array = cho_solve(cho_factor(noisy.T, lower=True, overwrite_a=True), scaled)
+        solved = solved_in_place(noisy.T, scaled)
         noise = output.posterior.noise_variance
         return cls(gain, noise, cross, solved, np.einsum("tr,tr->r", scaled, solved))
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
 
+from etude.blas import dpotrs, dtrtrs
 from etude.design.batch import Batch
 from etude.design.score import Output, Score, needing
 from etude.models.gp.cholesky import factorise, inverse_lower
@@ -68,11 +68,11 @@ def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
     """
     factor = output.reference_factor
     own, cross = batch.covariance(), batch.covariance(output.reference_batch)
-    half = solve_triangular(factor, cross.T, lower=True, check_finite=False)
+    half, _ = dtrtrs(factor, cross.T, lower=1)
     before = Entropy.of(own, gain, output.noise)
     after = Entropy.of(own - half.T @ half, gain, output.noise)
     (in_own, in_gain), (in_rest, in_rest_gain) = before.back(), after.back()
-    projected = cho_solve((factor, True), cross.T, check_finite=False).T
+    projected = dpotrs(factor, cross.T, lower=1)[0].T
     return Score(
         value=before.value - after.value,
         gain=in_gain - in_rest_gain,

@@ -90,7 +90,8 @@ def instants(duration: float, count: int, rate: float) -> tuple[Array, Index | N
     if rate == 0.0:
         return wanted, None
     times = np.arange(int(np.floor(duration * rate * (1.0 + 1e-12))) + 1) / rate
-    return times, np.unique(np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64))
+    nearest = np.minimum(np.rint(wanted * rate), len(times) - 1).astype(np.int64)
+    return times, nearest[np.diff(nearest, prepend=-1) > 0]  # they rise: each once
 
 
 def _mean_size(gains: Array) -> Array:

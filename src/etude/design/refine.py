@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from etude.contracts import Array
+from etude.lbfgs import minimise
 from etude.limits.feasible import FeasibleSet
 
 CORNER = 30
@@ -35,8 +36,6 @@ class Refined:
 
 def refine(objective: Aim, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
     """The best point met in `steps` iterations from `start` (P,), on the exact edge where that is better."""
-    from scipy.optimize import minimize
-
     search = Search(objective, feasible)
     first = search.variables(start)
     best = Best(-np.inf, first)
@@ -47,8 +46,7 @@ def refine(objective: Aim, feasible: FeasibleSet, start: Array, steps: int) -> R
         scale = 1.0 / max(abs(best.first), LEAST_VALUE)
         return -scale * value, -scale * gradient
 
-    options = {"maxiter": steps, "maxcor": 20, "maxls": 10}
-    minimize(cost, first, jac=True, method="L-BFGS-B", options=options)
+    minimise(cost, first, steps=steps, kept=20, searched=10)
     p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
     return Refined(p, value, best.count + len(feasible.blocks))
 

@@ -178,7 +178,8 @@ def search(
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
         found = _at_home(kept, replace(start, p=end.p), own.value)
-        found_value = own.value(found.p) if kept.limits else end.value
+        known = found.p is end.p and searched is own
+        found_value = end.value if known else own.value(found.p)
         if found_value > value:
             best, value = found, found_value
     if kept.limits:

@@ -59,6 +59,7 @@ class CommandLimit:
         most: (J,) deviations that are hardly exceeded; a search asks for them in full only where these would
             be too much, since they are what costs. None: nothing is known of them.
         both: motion -> mean and deviation, at the price of a deviation; None: they are asked in turn.
+        at_most: motion -> mean and what deviations are at most, for less; None: nobody knows.
         share: (J,) of the deviations that counts, see `believed`; None: all.
     """
 
@@ -76,6 +77,7 @@ class CommandLimit:
     looks_at: tuple[str, ...] = (COMMANDS,)
     most: Array | None = None
     both: Both | None = None
+    at_most: Both | None = None
     share: Array | None = None
     _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
 
@@ -142,10 +144,14 @@ class CommandLimit:
 
     def _keeps_by_far(self, piece: Trajectory) -> bool:
         """Whether few samples use so little of each limit that what is between them cannot matter."""
-        mean, deviation = self._both(self.along(piece, piece.duration / FEW))
-        off = np.abs(mean - 0.5 * (self.upper + self.lower))
-        spread = self._counted(piece.duration) * np.maximum(deviation[:-1], deviation[1:])
-        return bool(np.all(np.maximum(off[:-1], off[1:]) + spread <= AMPLE * 0.5 * (self.upper - self.lower)))
+        motion, counted = self.along(piece, piece.duration / FEW), self._counted(piece.duration)
+        for ask in (self._both,) if self.at_most is None else (self.at_most, self._both):
+            mean, deviation = ask(motion)
+            off = np.abs(mean - 0.5 * (self.upper + self.lower))
+            most = np.maximum(off[:-1], off[1:]) + counted * np.maximum(deviation[:-1], deviation[1:])
+            if np.all(most <= AMPLE * 0.5 * (self.upper - self.lower)):
+                return True
+        return False
 
     def _both(self, motion: Motion) -> tuple[Array, Array]:
         """(T, J) means and deviations."""
@@ -214,7 +220,8 @@ class CommandLimit:
             return np.zeros((len(motion.t), len(self.names)))
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else apart
         every = max(1, math.floor(apart / step + 1e-9))
-        places = np.unique(np.append(np.arange(0, len(motion.t), every), len(motion.t) - 1))
+        places = np.arange(0, len(motion.t) - 1 + every, every)
+        places[-1] = len(motion.t) - 1
         found = self.deviation(Motion(motion.t[places], motion.orders[:, places]))
         left = np.minimum(
             np.searchsorted(places, np.arange(len(motion.t)), side="right") - 1, len(places) - 1
@@ -243,6 +250,7 @@ def by_model(
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
     inputs, cheap = model.inputs, getattr(model, "mean", None)
+    bound = getattr(model, "at_most", model.predict)
 
     def mean(motion: Motion) -> Array:
         log = inputs.states(motion)
@@ -254,6 +262,10 @@ def by_model(
 
     def deviation(motion: Motion) -> Array:
         return both(motion)[1]
+
+    def at_most(motion: Motion) -> tuple[Array, Array]:
+        found, variance = bound(inputs.states(motion))
+        return np.asarray(found), np.asarray(np.sqrt(variance))
 
     source, before = "the learned model", getattr(model, "prior_deviation", None)
     doubted = getattr(model, "least", None) is not None  # then its mean may be wrong by all of itself
@@ -270,6 +282,7 @@ def by_model(
         inputs.orders,
         most=most,
         both=both,
+        at_most=at_most if hasattr(model, "at_most") else None,
     )
 
 

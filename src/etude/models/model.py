@@ -138,6 +138,11 @@ class LearnedModel:
         average, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), iter)
         return average, variance
 
+    def at_most(self, log: Any) -> tuple[Array, Array]:
+        """As `predict`, with variances that are never below its own: for less, where processes know how."""
+        average, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), iter, "at_most")
+        return average, variance
+
     def faded(self, log: Any) -> tuple[Array, Array]:
         """What a feedforward adds (n, J), and the variance of `predict`: its mean where the model knows more
         than before any data, what is `safe` elsewhere.
@@ -147,16 +152,16 @@ class LearnedModel:
         return trusted(average, variance - noise, self.signal_deviation, self._safe(means)), variance
 
     def _predicted(
-        self, means: Means, each: Callable[[list[_InUse]], Iterable[_InUse]]
+        self, means: Means, each: Callable[[list[_InUse]], Iterable[_InUse]], question: str = "predict"
     ) -> tuple[Array, Array, Array]:
         """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
-        through the candidates.
+        through the candidates, whose processes are asked the question if they know it.
         """
         X, parts = self.inputs.of_log(means.log), []
         average = np.zeros((len(X), len(self.commands)))
         for candidate, own in each(self._in_use()):
             assert candidate.process is not None
-            output, latent = candidate.process.predict(X)
+            output, latent = getattr(candidate.process, question, candidate.process.predict)(X)
             mean = means.of(candidate) + candidate.units[1] * output
             noisy = latent + candidate.process.noise_variance
             average[:, own] += candidate.weights * mean

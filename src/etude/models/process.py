@@ -101,6 +101,14 @@ class Posteriors:
         pairs = [posterior.predict(X) for posterior in self.own]
         return np.stack([m for m, _ in pairs], axis=1), np.stack([v for _, v in pairs], axis=1)
 
+    def at_most(self, X: Array) -> tuple[Array, Array]:
+        """Means (T, m), and latent variances (T, m) that are at least those of `predict`, for less."""
+        if len(self.own) > 1:
+            return self.predict(X)
+        own = self.own[0]
+        mean, variance = getattr(own, "at_most", own.predict)(X)
+        return mean[:, None], variance[:, None]
+
     def mean(self, X: Array) -> Array:
         """Means (T, m) alone, without the price of their variances."""
         shared = self.shared

@@ -27,7 +27,7 @@ from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.models.recipes import CANDIDATES
 from etude.models.student_t import StudentT
-from etude.storage import write_atomic
+from etude.storage import packed, write_atomic
 
 VERSION = 2
 """Of the contents; 1 were the files of 0.1, an .npz beside a .json."""
@@ -89,10 +89,8 @@ def model_bytes(model: LearnedModel) -> bytes:
     processes: dict[int, int] = {}
     rows = [_candidate_words(shelf, f"c{i}", c, means, processes) for i, c in enumerate(model.candidates)]
     words |= {"candidates": rows, "arrays": shelf.names}
-    buffer = io.BytesIO()
     text = np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)
-    np.savez(buffer, **{WORDS: text}, **shelf.arrays)
-    return buffer.getvalue()
+    return packed({WORDS: text, **shelf.arrays})
 
 
 def model_of(

@@ -14,7 +14,7 @@ from etude.robots.arm.clearance.gaps import CUTOFF, Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.surroundings import Column, Floor, Surroundings, Wall
-from etude.robots.arm.clearance.tracked import lost
+from etude.robots.arm.clearance.tracked import all_keep, lost
 
 CHAINS = given(st.integers(0, 10**6), st.integers(2, 7))
 AROUND = Surroundings(
@@ -91,6 +91,25 @@ def test_tracking_takes_no_more_than_is_said(seed: int, joints: int) -> None:
         signs = signs * np.where(rng.random(poses.shape) < 0.3, rng.random(poses.shape), 1.0)
         found = gaps.of_poses(poses + signs * error)
         assert np.all((found >= distances - taken - 2e-5)[apart])
+
+
+@settings(max_examples=6)
+@CHAINS
+def test_the_quick_word_of_searches_is_that_of_all_distances(seed: int, joints: int) -> None:
+    """At the very limit too: a thousandth of a millimetre more than a gap keeps is not kept."""
+    gaps, rng = chain(seed, joints), np.random.default_rng(seed)
+    poses = gaps.skeleton.random_poses(rng, 300)
+    distances, error = gaps.of_poses(poses), rng.uniform(0.0, 0.03, joints)
+    wanted, share = rng.uniform(-0.02, 0.04, len(gaps.list)), rng.uniform(0.0, 1.0, len(gaps.list))
+    found = distances - share * lost(gaps, poses, distances, error, wanted)
+    for some in np.array_split(rng.permutation(len(poses)), 60):
+        least, given = found[some].min(axis=0), (distances[some], error, share, wanted)
+        tight = rng.choice(len(gaps.list))
+        for more in (-1e-6, 1e-6):
+            sought = np.minimum(wanted + 0.002, least - 1e-6)
+            sought[tight] = min(wanted[tight] + 0.003, least[tight] + more)
+            expected = bool(np.all(found[some] >= sought))
+            assert all_keep(gaps, poses[some], *given, sought) == expected
 
 
 def test_at_the_pose_tracking_takes_much_less_than_at_the_worst_one() -> None:

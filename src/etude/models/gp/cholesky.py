@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
+from etude.blas import dpotrf, dpotri, dpotrs, dtrtri
 from etude.errors import NumericalError
 from etude.models.gp.lower_half import copied, diagonal_of
 
@@ -92,3 +92,17 @@ def triangular_inverse(L: Array) -> Array:
     if failed:
         raise NumericalError("a Cholesky factor has a zero on its diagonal")
     return np.asarray(inverse)
+
+
+def solved_in_place(M: Array, B: Array) -> Array:
+    """M^-1 B, of M (n, n) symmetric, positive definite and in Fortran order, whose memory its factor takes.
+
+    Raises:
+        NumericalError: M is not finite, or not positive definite.
+    """
+    if not np.isfinite(M).all():
+        raise NumericalError("a matrix to be solved with is not finite")
+    L, failed = dpotrf(M, lower=1, overwrite_a=1, clean=0)
+    if failed:
+        raise NumericalError(f"a matrix of {len(M)} samples to be solved with is not positive definite")
+    return np.asarray(dpotrs(L, B, lower=1)[0])

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dtrmm
 
+from etude.blas import dgemm, dtrmm
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
 
@@ -104,27 +104,28 @@ class CovarianceFactors:
             gradient += self._prior(cross[0])[1](cross[1])
         if reduction is not None:
             other, A, B = reduction
-            gradient += self.pull(self._reduction_back(other, A, B))
-            gradient += 2.0 * (self._prior(other)[1](A) - self._prior(self)[1](A @ B.T))
+            through_own = A @ B.T
+            gradient += self.pull(self._reduction_back(other, A, B, through_own))
+            gradient += 2.0 * (self._prior(other)[1](A) - self._prior(self)[1](through_own))
         return gradient
 
     def _back(
         self, variance: Array | None, own: Array | None, cross: tuple[CovarianceFactors, Array] | None
     ) -> Array:
         """Weights (T, n) on K: those on V, taken back through L."""
-        weights = np.zeros_like(self.V)
+        weights = np.zeros_like(self.V) if own is None else own @ self.V
+        if own is not None:
+            weights *= -2.0
         if variance is not None:
             weights -= 2.0 * variance[:, None] * self.V
-        if own is not None:
-            weights -= 2.0 * (own @ self.V)
         if cross is not None:
             weights -= cross[1] @ cross[0].V
         return np.asarray(dtrmm(1.0, self.L_inverse, weights.T, lower=1, trans_a=1, overwrite_b=1).T)
 
-    def _reduction_back(self, other: CovarianceFactors, A: Array, B: Array) -> Array:
-        """-2 A (V_Z - Bᵀ V) L^-1: from the right, or from the left if there are fewer rows than columns."""
+    def _reduction_back(self, other: CovarianceFactors, A: Array, B: Array, product: Array) -> Array:
+        """-2 A (V_Z - Bᵀ V) L^-1: from the right, or, by product = A Bᵀ, from the left if A is wide."""
         if A.shape[1] > len(A):
-            return self._back(None, -A @ B.T, (other, 2.0 * A))
+            return self._back(None, -product, (other, 2.0 * A))
         left = dgemm(-1.0, self.V.T, B, beta=1.0, c=other.V.T)
         left = dtrmm(1.0, self.L_inverse, left, lower=1, trans_a=1, overwrite_b=1)
         return np.asarray(dgemm(-2.0, left, A, trans_b=1).T)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp import dictionary_steps as steps
 from etude.models.gp.cholesky import factorise, inverse_lower

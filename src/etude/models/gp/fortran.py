@@ -27,7 +27,8 @@ from functools import cache
 from typing import Any
 
 from scipy import LowLevelCallable
-from scipy.linalg import cython_blas, cython_lapack
+
+from etude.blas import loaded
 
 Routine = Callable[..., None]
 
@@ -57,6 +58,9 @@ class Routines:
 @cache
 def routines() -> Routines | None:
     """They, or None if this SciPy's have other integers than C's `int`, as with a BLAS of 64 bits."""
+    cython_blas, cython_lapack = (
+        loaded(f"cython_{name}", f"scipy.linalg.cython_{name}") for name in ("blas", "lapack")
+    )
     found = [
         _routine(cython_blas, "dgemm", integers=6),
         _routine(cython_blas, "dsyrk", integers=4),

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrsv
 
+from etude.blas import dtrsv
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP

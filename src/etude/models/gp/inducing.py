@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import factorise, triangular_inverse

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from etude.errors import UsageError
@@ -10,11 +12,17 @@ from etude.models.gp.kernel_algebra import Array
 
 def active(X: Array, dims: tuple[int, ...]) -> Array:
     """The columns `dims` of X (n, D); UsageError if there are fewer."""
-    if X.ndim != 2 or X.shape[1] <= max(dims):
+    own = places(dims)
+    if X.ndim != 2 or X.shape[1] <= (max(dims) if isinstance(own, list) else dims[-1]):
         raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
+    return X[:, own]
+
+
+@cache
+def places(dims: tuple[int, ...]) -> slice | list[int]:
+    """The columns as an index: consecutive ones as a slice, whose columns are a view, and no copy."""
     first, count = dims[0], len(dims)
-    # consecutive columns as a view: no copy
-    return X[:, first : first + count] if dims == tuple(range(first, first + count)) else X[:, list(dims)]
+    return slice(first, first + count) if dims == tuple(range(first, first + count)) else list(dims)
 
 
 def with_ones(U: Array) -> Array:

@@ -114,7 +114,7 @@ class Kernel(ABC):
                 f"the kernel has {self.size} hyperparameters, the vector has shape {theta.shape}",
                 next_step="Pass one logarithm per name in kernel.names().",
             )
-        if not np.all(np.isfinite(theta)):
+        if not np.isfinite(theta).all():
             bad = [name for name, value in zip(self.names(), theta, strict=True) if not np.isfinite(value)]
             raise UsageError(f"log hyperparameters must be finite, got {bad}")
         return theta
@@ -297,3 +297,15 @@ def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...
 
 def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
     return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
+
+
+def _multiplied(factors: list[Of]) -> Of:
+    first, *others = factors
+
+    def valued(X: Array) -> Array:
+        out = first(X)
+        for other in others:
+            out *= other(X)
+        return out
+
+    return valued

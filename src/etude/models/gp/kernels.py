@@ -10,7 +10,7 @@ import numpy as np
 from etude.contracts import Column
 from etude.errors import UsageError
 from etude.models.gp import lower_half
-from etude.models.gp.inputs import active, check_dims
+from etude.models.gp.inputs import active, check_dims, places
 from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Product, Pull, Role, Sum
 from etude.models.gp.squared_exponential import SquaredExponential
 
@@ -69,7 +69,7 @@ class Linear(Kernel):
         def crossed(X: Array) -> tuple[Array, Pull]:
             def pull(G: Array) -> Array:
                 out = np.zeros(X.shape)
-                out[:, self.dims] = G @ weighted
+                out[:, places(self.dims)] = G @ weighted
                 return out
 
             return active(X, self.dims) @ weighted.T, pull

@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
+from etude.blas import dpotrf, dpotri, dpotrs, dsyrk
 from etude.models.gp.cholesky import with_jitter
 from etude.models.gp.fortran import (
     LEFT,

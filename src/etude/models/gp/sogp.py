@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr_delete
-from scipy.linalg.blas import dtrmm
-from scipy.linalg.lapack import dtrtrs
 
+from etude.blas import dtrmm, dtrtrs
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import triangular_inverse

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import checked_data

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.cholesky import factorise, triangular_inverse

@@ -8,7 +8,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.models.gp import lower_half
-from etude.models.gp.inputs import active, check_dims, with_ones
+from etude.models.gp.inputs import active, check_dims, places, with_ones
 from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Pull, Role
 
 BLOCK = 512
@@ -104,7 +104,7 @@ class SquaredExponential(Kernel):
             def pull(G: Array) -> Array:
                 GV = (G * K) @ beside
                 out = np.zeros(X.shape)
-                out[:, self.dims] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # back(G, K, Z): -(u - v)/ℓ k
+                out[:, places(self.dims)] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # -(u - v)/ℓ k
                 return out
 
             return K, pull

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
+from etude.lbfgs import minimise
 from etude.models.gp.exact import ExactGP, checked_data, checked_outputs, columns_of
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.minimize import Objective, minimize
@@ -121,8 +122,6 @@ def negative_posterior(likelihood: Objective, prior: Prior | None) -> Objective:
 
 
 def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
-    from scipy.optimize import minimize as scipy_minimize
-
     if steps < 0:
         raise UsageError("negative steps count function evaluations and need method 'minimize'")
     value, _ = objective(start)
@@ -138,6 +137,5 @@ def _lbfgs(objective: Objective, start: Array, steps: int) -> Array:
         return (value, gradient) if np.isfinite(value) else (abs(best[0]) * 1e3 + 1e10, gradient)
 
     bounds = [(p - REACH, p + REACH) for p in start]
-    options = {"maxiter": steps, "maxfun": 20 * steps}
-    scipy_minimize(remembered, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    minimise(remembered, start, steps=steps, evaluations=20 * steps, bounds=bounds)
     return best[1]

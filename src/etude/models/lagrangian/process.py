@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.linalg.lapack import dpotrs
 
+from etude.blas import dpotrs
 from etude.contracts import Array, Code, Column, FitData, Index, Mask, Posterior
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse

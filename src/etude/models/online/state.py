@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import DataError
+from etude.storage import packed
 
 WORDS = "words"
 
@@ -44,10 +45,8 @@ def state_bytes(state: Any) -> bytes:
     """The file of a state: arrays, and JSON that says where each belongs."""
     arrays: list[np.ndarray[Any, Any]] = []
     words = json.dumps(_words(state, arrays))
-    buffer = io.BytesIO()
     text = np.frombuffer(words.encode(), dtype=np.uint8)
-    np.savez(buffer, **{WORDS: text}, **{f"a{i}": a for i, a in enumerate(arrays)})
-    return buffer.getvalue()
+    return packed({WORDS: text, **{f"a{i}": a for i, a in enumerate(arrays)}})
 
 
 def state_of(data: bytes) -> Any:

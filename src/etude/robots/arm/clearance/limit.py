@@ -19,7 +19,7 @@ from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude.robots.arm.clearance.proof import QUICK, Nearest, nearest
 from etude.robots.arm.clearance.stance import ROOM
-from etude.robots.arm.clearance.tracked import lost
+from etude.robots.arm.clearance.tracked import all_keep, lost
 from etude.robots.arm.clearance.way import Way, way_of
 
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
@@ -106,9 +106,14 @@ class Clearance:
         way, error = way_of(piece), self._error(piece)[0]
         x = way.knots[::LOOK]
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
-        return all(
-            bool(np.all(self._distances(way.at(some)[0], error) >= self._sought)) for some in (first, others)
-        )
+        return all(self._kept_at(way.at(some)[0], error) for some in (first, others))
+
+    def _kept_at(self, poses: Array, error: Array) -> bool:
+        """Whether `_distances` at poses (T, k) are all what searches keep."""
+        found = self.gaps.of_poses(poses) - TOLERANCE
+        if not error.any() or np.any(found < self._wanted):
+            return bool(np.all(found >= self._sought))
+        return all_keep(self.gaps, poses, found, error, self._share(error), self._wanted, self._sought)
 
     @cached_property
     def _wanted(self) -> Array:

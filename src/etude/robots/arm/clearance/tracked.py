@@ -50,6 +50,34 @@ def lost(gaps: Gaps, poses: Array, distances: Array, error: Array, wanted: Array
     return found
 
 
+def all_keep(
+    gaps: Gaps, poses: Array, distances: Array, error: Array, share: Array, wanted: Array, sought: Array
+) -> bool:
+    """Whether distances less their share (n,) of what `lost` says are all at least `sought` (n,).
+
+    Arguments as there. The same answer for less: what by its reach alone keeps enough is not looked at, and
+    the first gap that does not keep it ends the search.
+    """
+    most = gaps.reach @ error
+    spare = distances - share * most - sought
+    spare = distances - share * most - sought
+    doubtful = ~(distances - share * most >= sought)
+    if not doubtful.any():
+        return True
+    near = (distances - most < wanted + NEAR) & (distances > 0.0)
+    if np.any(doubtful & ~near) or np.any(distances < sought):
+        return False
+    at = np.flatnonzero(doubtful.any(axis=1))
+    scene = Scene.of(gaps, poses[at], doubtful[at])
+    for i in sorted(np.flatnonzero(doubtful.any(axis=0)).tolist(), key=lambda i: float(spare[:, i].min())):
+        own = np.flatnonzero(doubtful[at, i])
+        apart = distances[at[own], i]
+        taken = np.clip(apart - scene.least(i, own, error), 0.0, most[i])
+        if not np.all(apart - share[i] * taken >= sought[i]):
+            return False
+    return True
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Where everything is at M poses.
