@@ -7,7 +7,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, number
+from etude.errors import UsageError
+from etude.robots.arm.loading.urdf_checks import number
+from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range
 
 if TYPE_CHECKING:
     import mujoco
@@ -47,6 +49,12 @@ def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tup
     lower, upper = (number(text or "0", place) for text in soft)
     if None in soft or not lower < upper:
         return hard
+    if not max(hard[0], lower) < min(hard[1], upper) and hard[0] < hard[1]:
+        raise UsageError(
+            f"the soft limits {lower:g}..{upper:g} leave nothing of the range {hard[0]:g}..{hard[1]:g}",
+            where=place,
+            next_step="Correct <safety_controller>, or take it out.",
+        )
     return max(hard[0], lower), min(hard[1], upper)
 
 

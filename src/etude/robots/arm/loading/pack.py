@@ -13,7 +13,7 @@ from etude.robots.arm.loading.mesh_paths import mesh_path
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.loading.slabs import slabs
-from etude.robots.arm.loading.urdf_tree import numbers
+from etude.robots.arm.loading.urdf_checks import scale_of
 
 MESHES = "robot_meshes"
 DEEPEST = 20
@@ -79,7 +79,8 @@ def _pack_shape(
     found = mesh_path(mesh.get("filename", ""), path, mesh_roots)
     if found is None:
         return False
-    scale = numbers(mesh.attrib.pop("scale", None), "1 1 1", str(path))
+    scale = scale_of(mesh, str(path))
+    mesh.attrib.pop("scale", None)
     triangles = read_triangles(found) * scale
     names = []
     for part in slabs(triangles) if cut else [triangles.reshape(-1, 3)]:
