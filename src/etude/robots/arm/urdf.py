@@ -98,10 +98,11 @@ def _read(
         tree = read_tree(root, str(path))
         found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
     else:
-        from etude.robots.arm.loading.mjcf import chosen_in, compiled
+        from etude.robots.arm.loading.mjcf import chosen_in
+        from etude.robots.arm.loading.mjcf_compiled import compiled
         from etude.robots.arm.loading.mjcf_joints import moving
 
-        model, _ = compiled(path)
+        model = compiled(path).model
         found, limits, choice = moving(model), mjcf_limits(model), chosen_in(model, joints, held, str(path))
     return choice, {joint.name: joint for joint in found}, limits
 

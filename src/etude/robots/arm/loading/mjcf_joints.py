@@ -10,7 +10,7 @@ from etude.robots.arm.loading.choice import Moving
 if TYPE_CHECKING:
     import mujoco
 
-HINGE, SLIDE = 3, 2  # mjtJoint
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 JOINT_EQUALITY = 2  # mjtEq
 
 

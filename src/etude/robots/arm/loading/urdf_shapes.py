@@ -133,8 +133,11 @@ def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: lis
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
+    if not end.any():  # the last link: nothing says how far it reaches
+        unseen.append(f"the shape of link '{link}': its mesh is missing, and nothing was taken in its place")
+        return []
     unseen.append(f"the shape of link '{link}': its mesh is missing, a capsule was guessed")
-    return [_capsule(end)] if end.any() else []
+    return [_capsule(end)]
 
 
 def _offset(joint: ET.Element) -> Array:
