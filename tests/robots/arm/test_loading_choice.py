@@ -7,7 +7,8 @@ import math
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Choice, Moving, choose
+from etude.robots.arm.loading.choice import Choice, choose
+from etude.robots.arm.loading.limbs import Moving
 
 
 def chain(*names: str, before: str = "", **values: float) -> list[Moving]:
@@ -89,12 +90,23 @@ def test_several_limbs_are_refused_with_their_names() -> None:
     assert chosen(torso, ["torso", "r?"]).joints == ("torso", "r1", "r2")
 
 
-@pytest.mark.parametrize(
-    "found", [[], chain("rotor", lower=-math.inf, upper=math.inf), chain("x") + chain("y")]
-)
+@pytest.mark.parametrize("found", [chain("rotor", lower=-math.inf, upper=math.inf), chain("x") + chain("y")])
 def test_no_arm_is_said(found: list[Moving]) -> None:
     with pytest.raises(UsageError, match="no arm: no chain of two or more joints"):
         chosen(found)
+
+
+def test_a_file_in_which_nothing_moves_is_no_arm() -> None:
+    with pytest.raises(UsageError, match=r"nothing in the file moves.*an object"):
+        chosen([])
+
+
+def test_a_hand_is_no_arm_but_its_longest_finger_can_be_chosen_as_the_message_says() -> None:
+    follower = Moving("index_q2", "index_q1", 0.0, 1.0, leader="index_q1")
+    hand = [*chain("index_q1"), follower, *chain("thumb_q1", "thumb_q2")]
+    with pytest.raises(UsageError, match=r"without fingers \(by name\).*--joints 'thumb_q\*'"):
+        chosen(hand)
+    assert chosen(hand, ["thumb_q*"]).joints == ("thumb_q1", "thumb_q2")
 
 
 def test_names_keep_their_order_and_patterns_go_outwards() -> None:

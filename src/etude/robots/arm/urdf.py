@@ -12,8 +12,9 @@ from pathlib import Path
 
 from etude.errors import UsageError
 from etude.robots.arm.checks import METRES, RADIANS, check_spec, suspected
-from etude.robots.arm.loading.choice import Choice, Moving
+from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.file_limits import Limits, mjcf_limits, urdf_limits
+from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import toml_value

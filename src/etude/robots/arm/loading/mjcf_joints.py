@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from etude.robots.arm.loading.choice import Moving
+from etude.robots.arm.loading.limbs import Moving
 
 if TYPE_CHECKING:
     import mujoco

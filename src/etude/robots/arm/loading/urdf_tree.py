@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Moving
+from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.rotations import turn_of
 from etude.robots.arm.loading.urdf_checks import FLOATING, MOVING, check_joints, number, vector
 
@@ -143,10 +143,11 @@ def hard_range(joint: ET.Element, place: str) -> tuple[float, float]:
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
-    # the format's own default is 0 for both; a file that states neither has no range
+    # the format's own default is 0 for both; a file that states neither, or 0 and 0, has no range
     if limit.get("lower") is None and limit.get("upper") is None:
         return -math.inf, math.inf
-    return number(limit.get("lower", "0"), place), number(limit.get("upper", "0"), place)
+    lower, upper = number(limit.get("lower", "0"), place), number(limit.get("upper", "0"), place)
+    return (-math.inf, math.inf) if lower == upper == 0.0 else (lower, upper)
 
 
 def pose_of(element: ET.Element) -> tuple[Array, Array]:
