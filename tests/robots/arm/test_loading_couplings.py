@@ -90,6 +90,25 @@ def test_what_changes_torques_or_names_is_to_be_confirmed(
     assert not any(re.search(words, note) for note in load(arm(tmp_path)).notes)
 
 
+@pytest.mark.parametrize(
+    ("drives", "idle"),
+    [
+        ("", ""),
+        ('<motor joint="two"/><motor joint="three"/>', "drives one:"),
+        ('<motor tendon="t"/>', "drives one:"),
+        ('<motor joint="one"/><position jointinparent="two"/><motor tendon="t"/>', ""),
+    ],
+)
+def test_joints_that_nothing_drives_are_said_where_others_are_driven(
+    tmp_path: Path, drives: str, idle: str
+) -> None:
+    fixed = '<fixed name="t"><joint joint="two" coef="1"/><joint joint="three" coef="1"/></fixed>'
+    path = arm(tmp_path, more=f"<tendon>{fixed}</tendon><actuator>{drives}</actuator>")
+    said = [note for note in load(path).notes if "No actuator of the file" in note]
+    assert len(said) == bool(idle)
+    assert all(idle in note for note in said)
+
+
 def test_springs_and_stops_of_tendons_are_said(tmp_path: Path) -> None:
     fixed = '<joint joint="two" coef="1"/><joint joint="three" coef="1"/>'
     more = f'<tendon><fixed name="t" stiffness="9" limited="true" range="-1 1">{fixed}</fixed></tendon>'

@@ -13,6 +13,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.choice import Choice
+from etude.robots.arm.loading.mjcf_drives import ON_JOINT, ON_TENDON, WRAP_JOINT, WRAP_SITE
 from etude.robots.arm.loading.mjcf_joints import FREE
 from etude.robots.arm.loading.mjcf_parts import joints_of, name_of, part_of
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 CONNECT, WELD, JOINT, TENDON = 0, 1, 2, 3  # mjtEq
 SITE = 6  # mjtObj
-WRAP_JOINT, WRAP_SITE = 1, 3  # mjtWrap
 NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
 DOWN = np.array([0.0, 0.0, -9.81])
 CLOSE = 0.1
@@ -83,10 +83,26 @@ def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
             f"The file takes the weight off {', '.join(moved)} (gravcomp): right only if something beside "
             "the joints' drives carries them."
         )
+    if idle := _idle(model, choice):
+        notes.append(
+            f"No actuator of the file drives {', '.join(idle)}: leave out with --joints what moves by itself."
+        )
     springs = [name for name, t in _tendons(model, choice) if np.ravel(model.tendon_stiffness[t])[0] > 0.0]
     if springs:
         notes.append(f"The springs of tendons are left out: {', '.join(springs)}.")
     return tuple(notes)
+
+
+def _idle(model: mujoco.MjModel, choice: Choice) -> list[str]:
+    """The chosen joints without an actuator, where others have one: a base that slides, a pendulum."""
+    driven: set[str] = set()
+    for kind, (target, *_) in zip(model.actuator_trntype, model.actuator_trnid, strict=True):
+        if kind in ON_JOINT:
+            driven.add(model.joint(int(target)).name)
+        elif kind == ON_TENDON:
+            driven |= _pulled(model, int(target))
+    idle = [name for name in choice.joints if name not in driven]
+    return idle if len(idle) < len(choice.joints) else []
 
 
 def unseen_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
@@ -95,6 +111,15 @@ def unseen_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
             (model.eq_obj1id[k], model.eq_obj2id[k])}  # fmt: skip
     held = [name for name, t in _tendons(model, choice) if model.tendon_limited[t] or t in tied]
     return (f"the limits of tendons over several joints: {', '.join(held)}",) if held else ()
+
+
+def _pulled(model: mujoco.MjModel, t: int) -> set[str]:
+    """Names of the joints that a tendon runs over; of one through space all, since any may be."""
+    first = int(model.tendon_adr[t])
+    wraps = range(first, first + int(model.tendon_num[t]))
+    if any(model.wrap_type[w] != WRAP_JOINT for w in wraps):
+        return {model.joint(j).name for j in range(model.njnt)}
+    return {model.joint(int(model.wrap_objid[w])).name for w in wraps}
 
 
 def _tendons(model: mujoco.MjModel, choice: Choice) -> Iterator[tuple[str, int]]:
