@@ -145,3 +145,12 @@ def test_followers_go_with_their_leader_and_one_of_an_axis_is_not_looked_at() ->
     found = chosen([*ARM, parallel])
     assert found.held == {"bar": 0.3}
     assert any("'bar' follows 'a2'" in sentence for sentence in found.unseen)
+
+
+def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
+    found = [*chain("a1", "a2"), Moving("rod", "a2", -1.0, 1.0, leader="a2", factor=-1.0)]
+    for choice in (chosen(found), chosen(found, ["a1", "a2"])):
+        assert choice.joints == ("a1", "a2")
+        (note,) = choice.notes
+        assert "'rod' follows 'a2' (<mimic>), here it stands still: clearances and torques" in note
+    assert chosen(found, ["a1"]).notes == ()  # what it follows stands still as well

@@ -46,6 +46,14 @@ def test_links_in_mm_are_refused_but_a_robot_file_may_vouch_for_them(tmp_path: P
     assert describe(toml).files
 
 
+def test_an_inertia_in_kg_mm2_is_refused(tmp_path: Path) -> None:
+    moments = 'ixx="0.011" iyy="0.02" izz="0.021" ixy="0.001" ixz="0" iyz="0.002"'
+    assert moments in TWO
+    in_mm = 'ixx="11000" iyy="20000" izz="21000" ixy="1000" ixz="0" iyz="2000"'
+    with pytest.raises(UsageError, match=r"the inertia of 'upper' is that of 3 kg .* m apart.*kg mm\^2"):
+        describe(write(tmp_path, TWO.replace(moments, in_mm, 1)))
+
+
 def test_no_floor_is_assumed_where_the_arm_hangs(tmp_path: Path) -> None:
     low = TWO.replace('xyz="0.3 0.05 -0.02"', 'xyz="0.3 0.05 -2"', 1).replace(
         '<origin xyz="0.1 0 0"/><geometry><box', '<origin xyz="0 0 0.1"/><geometry><box'

@@ -61,6 +61,7 @@ def test_what_is_no_joint_mass_or_shape_is_refused(tmp_path: Path, old: str, new
         ('lower="-1.5" upper="2" velocity="-3" effort="40"', "'velocity' of joint 'elbow'.*-3", "velocity"),
         ('lower="-1.5" upper="2" velocity="inf" effort="40"', "'velocity' of joint 'elbow'.*inf", "velocity"),
         ('lower="-1.5" upper="2" velocity="3" effort="-4"', "'command' of joint 'elbow'.*-4", "command"),
+        ('lower="-1.5" upper="2" velocity="3" effort="1e30"', "'command' of joint 'elbow'.*1e.30", "command"),
         ('lower="-1.5" upper="2" velocity="1000" effort="4"', "1000 of joint 'elbow' looks", "velocity"),
         ('lower="-1.5" upper="2" effort="4"', "velocity of elbow", "velocity"),
         ('lower="-90" upper="90" velocity="3" effort="4"', "90 of joint 'elbow' looks like degrees", "range"),
@@ -106,3 +107,31 @@ def test_soft_limits_beside_the_hard_ones_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(UsageError, match=r"soft limits 4\.\.5 leave nothing of the range -1\.5\.\.2"):
         describe(path)
+
+
+@pytest.mark.parametrize(
+    ("joint", "drive", "command"),
+    [
+        ("", '<motor joint="one" gear="2" ctrlrange="-3 9"/>', 6.0),
+        ("", '<position joint="one" forcerange="-30 9"/>', 9.0),
+        ("", '<motor joint="one" ctrlrange="0 9"/>', 9.0),
+        ('actuatorfrcrange="-4 40"', '<motor joint="one" ctrlrange="-50 50"/>', 4.0),
+    ],
+)
+def test_of_a_force_range_the_smaller_side_counts(
+    tmp_path: Path, joint: str, drive: str, command: float
+) -> None:
+    path = tmp_path / "arm.xml"
+    body = f'<body><joint name="one" range="-90 90" {joint}/><geom size=".1" mass="1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody><actuator>{drive}</actuator></mujoco>")
+    spec = spec_from_model(path, given={"*": {"velocity": 1.0}}).spec
+    assert spec.command.tolist() == [command]
+
+
+def test_a_range_of_nothing_is_asked_for(tmp_path: Path) -> None:
+    path = changed(tmp_path, LIMIT, '<limit lower="0" upper="0" velocity="3" effort="40"/>')
+    with pytest.raises(UsageError, match=r"lower of shoulder; upper of shoulder.*--range shoulder=-3:3"):
+        spec_from_model(path)
+    spec = spec_from_model(path, given={"shoulder": {"lower": -1.0, "upper": 1.0}}).spec
+    assert (spec.lower[0], spec.upper[0]) == (-1.0, 1.0)
+    assert load(path).model().joint("shoulder").name == "shoulder"

@@ -20,6 +20,7 @@ from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import toml_value
 
 STOPPING_TIME = 0.5  # s: the rule for accelerations that a file does not give, velocity limit / 0.5 s
+LARGEST_COMMAND = 1e6  # N m, and N: beyond any drive; files state 1e30 for "no limit"
 WANTED = ("lower", "upper", "velocity", "acceleration", "command")
 
 
@@ -177,11 +178,11 @@ def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
 def _require_positive(limits: Limits, path: Path) -> None:
     """UsageError for a velocity or command that the file states and that is none."""
     for joint, values in limits.items():
-        for limit in ("velocity", "command"):
-            if not 0.0 < values[limit] < math.inf:
+        for limit, most in (("velocity", math.inf), ("command", LARGEST_COMMAND)):
+            if not (0.0 < values[limit] <= most and math.isfinite(values[limit])):
                 raise UsageError(
-                    f"limit '{limit}' of joint '{joint}' must be a finite number above zero, not "
-                    f"{values[limit]:g}",
+                    f"limit '{limit}' of joint '{joint}' must be a finite number above zero"
+                    f"{'' if math.isinf(most) else f', {most:g} at most'}, not {values[limit]:g}",
                     where=str(path),
                     next_step=f"Give the one of the data sheet with --{limit} {_option(joint, '...')}.",
                 )

@@ -46,9 +46,12 @@ def choose(
     """
     joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
     held, unseen = _held(found, joints, given, where)
-    notes = []
+    notes = [
+        f"{sentence[0].upper()}{sentence[1:]}: clearances and torques of what it carries are wrong."
+        for sentence in unseen
+    ]
     if wanted is None:
-        notes = [
+        notes += [
             f"{_position(found, name, at)}: name it in --joints if it should move."
             for name, at in held.items()
             if not _leader(found, name)

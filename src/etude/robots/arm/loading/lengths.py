@@ -1,4 +1,4 @@
-"""Lengths that look like millimetres: meshes without their scale, above all."""
+"""Lengths and inertias that look like those of millimetres: meshes without their scale, above all."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ def check_lengths(loaded: Loaded) -> None:
         if away > LARGEST and int(model.body_parentid[body]):
             what = f"'{model.body(body).name}' lies {away:.3g} m from the part that carries it"
             raise _in_mm(what, "Lengths are in m: divide those in mm by 1000.", loaded)
+        mass, moment = float(model.body_mass[body]), float(model.body_inertia[body].max())
+        if moment > mass * (0.5 * LARGEST) ** 2:
+            across = 2.0 * float(np.sqrt(moment / mass))
+            what = f"the inertia of '{model.body(body).name}' is that of {mass:.3g} kg {across:.3g} m apart"
+            raise _in_mm(what, "Inertias are in kg m^2: divide those in kg mm^2 by 1e6.", loaded)
     for geom in range(model.ngeom):
         across = 2.0 * float(model.geom_rbound[geom])
         if across > LARGEST and int(model.geom_bodyid[geom]):
