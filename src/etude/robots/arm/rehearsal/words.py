@@ -101,6 +101,6 @@ def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     if not large:
         return []
     return [
-        f"The torque limits of {', '.join(large)} are far beyond what their fastest motions ask for. Friction "
-        "and rotors here follow them: correct command in robot.toml if they are placeholders."
+        f"The torque limits of {', '.join(large)} are far beyond what their fastest motions ask for. "
+        "Friction and rotors here follow them: correct command in robot.toml if they are placeholders."
     ]
