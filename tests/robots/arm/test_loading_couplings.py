@@ -72,6 +72,10 @@ def test_a_free_robot_is_no_object_beside_one(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="base is not fixed: joint 'f' is free"):
         load(path)
     assert "although 'f' leaves it free" in load(path, ["one", "two"]).unseen[0]
+    path.write_text(path.read_text().replace('<freejoint name="f"/>', "<freejoint/>"))
+    with pytest.raises(UsageError, match="base is not fixed: joint 'base_joint' is free"):
+        load(path)
+    assert "although 'base_joint' leaves it free" in load(path, ["one", "two"]).unseen[0]
 
 
 @pytest.mark.parametrize(

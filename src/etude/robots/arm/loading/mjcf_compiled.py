@@ -82,12 +82,12 @@ def _there(spec: Any, path: Path, name: str) -> bool:
 
 
 def name_joints(spec: Any) -> list[str]:
-    """Gives hinges and slides without a name one after their body, the same in every run; these names."""
+    """Gives joints without a name one after their body, the same in every run; those of hinges and slides."""
     taken, given = {joint.name for joint in spec.joints}, []
     for joint in spec.joints:
-        if not joint.name and int(joint.type) in (SLIDE, HINGE):
+        if not joint.name:
             stem = f"{joint.parent.name or 'body'}_joint"
             joint.name = next(n for n in (stem, *(f"{stem}{k}" for k in range(2, 10**6))) if n not in taken)
             taken.add(joint.name)
-            given.append(joint.name)
+            given += [joint.name] if int(joint.type) in (SLIDE, HINGE) else []
     return given
