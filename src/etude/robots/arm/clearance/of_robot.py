@@ -10,7 +10,7 @@ from etude.contracts import Array, Margins, Proof
 from etude.robots.arm.clearance.gaps import Gaps
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.settled import ALWAYS, POSES, SEED, STILL, Settled, settled
+from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL, Settled, settled
 from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
 from etude.robots.arm.clearance.surroundings import Floor, Surroundings
@@ -71,12 +71,12 @@ def completed(
     around, confirm = spec.around, []
     if not around.collision.look:
         return around, ()
-    bare = gaps_of(loaded, spec.lower, spec.upper, Surroundings()).skeleton
-    if not bare.shapes:
+    bare = gaps_of(loaded, spec.lower, spec.upper, Surroundings(floor=Floor(0.0)))
+    if not bare.skeleton.shapes:
         return around, ()
     if assume_floor and around.floor is None:
-        around, sentence = _on_a_floor(bare, around)
-        if around.floor is not None and (sunk := _sunk(spec, loaded)):
+        around, sentence = _on_a_floor(bare.skeleton, around)
+        if around.floor is not None and (sunk := _sunk(bare)):
             around, sentence = spec.around, NO_FLOOR.format(f"{', '.join(sunk)} would always be in it")
         confirm.append(sentence)
     found = settled(loaded, spec.lower, spec.upper, around, leave)
@@ -115,16 +115,19 @@ def _on_a_floor(skeleton: Skeleton, around: Surroundings) -> tuple[Surroundings,
     return replace(around, floor=Floor(0.0)), sentence
 
 
-def _sunk(spec: ArmSpec, loaded: Loaded) -> list[str]:
+def _sunk(bare: Gaps) -> list[str]:
     """Links that a floor at height 0 would hold in nearly every pose: the arm hangs, or stands on something.
 
     A foot that turns on the floor, and so keeps its distance, is none of them.
+
+    Args:
+        bare: the robot's, with that floor as its only wall.
     """
-    gaps = gaps_of(loaded, spec.lower, spec.upper, Surroundings(floor=Floor(0.0)))
-    floor = Gaps(gaps.skeleton, (), gaps.walled, gaps.planes)
-    distances = floor.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), POSES))
+    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), FEW))
     held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
-    return list(dict.fromkeys(gap.names[0] for gap, is_held in zip(floor.list, held, strict=True) if is_held))
+    return list(
+        dict.fromkeys(gap.names[0] for gap, is_held in zip(bare.walled, held, strict=True) if is_held)
+    )
 
 
 def _lowest(skeleton: Skeleton) -> float:

@@ -55,7 +55,8 @@ def chosen_in(
             f"{'' if ball else 'the base is not fixed: '}joint '{floating[0]}' {what}",
             where=where,
             next_step="Only hinge and slide joints on a fixed base have an inverse dynamics here. "
-            f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints.",
+            f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints, "
+            f"of {', '.join(joint.name for joint in moving(model)) or 'none'}.",
         )
     choice = choose(moving(model), wanted, given, where)
     check_loops(model, choice, where)

@@ -73,7 +73,7 @@ def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, 
             f"the base is not fixed: joint '{floating[0]}' is floating or planar",
             where=tree.where,
             next_step="Only a robot on a fixed base has an inverse dynamics here. If the base stands still, "
-            "choose the arm with --joints.",
+            f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}.",
         )
     return choose(tree.moving(), wanted, given, tree.where)
 
