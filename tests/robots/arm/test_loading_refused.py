@@ -41,6 +41,8 @@ def changed(folder: Path, old: str, new: str) -> Path:
         ('<sphere radius="0.07"/>', "<sphere/>", "a sphere cannot have radius=None.*'fore'"),
         ('<sphere radius="0.07"/>', '<cone radius="1"/>', "a shape <cone> is not known.*'fore'"),
         (BOX, BOX, ""),
+        ('value="3.0"', 'value="${heavy}"', "this is no number.*Expand the file with xacro"),
+        (MESH, MESH.replace("1 1 2", "1 1 2 1"), "a mesh cannot be scaled by '1 1 2 1'"),
         (MESH, MESH.replace("1 1 2", "1 0 2"), "a mesh cannot be scaled by '1 0 2'.*'upper'"),
         (MESH, MESH.replace("1 1 2", "1 2"), "a mesh cannot be scaled by '1 2'.*'upper'"),
     ],

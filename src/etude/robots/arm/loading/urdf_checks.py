@@ -73,9 +73,8 @@ def number(text: str, place: str) -> float:
     try:
         value = float(text)
     except ValueError as problem:
-        raise UsageError(
-            f"this is no number: {problem}", where=place, next_step="Write it like -1.5."
-        ) from None
+        how = "Expand the file with xacro first." if "$" in text else "Write it like -1.5."
+        raise UsageError(f"this is no number: {problem}", where=place, next_step=how) from None
     if np.isnan(value):
         raise UsageError("NaN is no number", where=place, next_step="Correct the model file.")
     return value
