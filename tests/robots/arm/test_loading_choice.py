@@ -154,3 +154,10 @@ def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
         (note,) = choice.notes
         assert "'rod' follows 'a2' (<mimic>), here it stands still: clearances and torques" in note
     assert chosen(found, ["a1"]).notes == ()  # what it follows stands still as well
+
+
+def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
+    close = Moving("r_close", "r3", 0.0, 0.04, slides=True)
+    found = [*chain("r1", "r2", "r3"), close, *chain("puck_x", "puck_y")]
+    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Robots"):
+        chosen(found)

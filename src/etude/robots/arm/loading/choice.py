@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.limbs import Moving, described, length, no_arm, option
+from etude.robots.arm.loading.limbs import Moving, described, length, no_arm, option, without_tip
 
 FINGER = re.compile("grip|finger|jaw|knuckle|thumb", re.IGNORECASE)
-SHORTEST_STROKE = 0.1
-"""m: a sliding joint at the very end with less way than this is a finger, not an axis."""
 
 
 @dataclass(frozen=True)
@@ -124,12 +122,7 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
     path = limbs
     while following := _next(path[-1], after, found, where):
         path.append(following)
-    tip, stroke = path[-1], path[-1].upper - path[-1].lower
-    if len(path) > 2 and (
-        (tip.slides and stroke <= SHORTEST_STROKE) or any(j.leader == tip.name for j in found)
-    ):
-        path.pop()  # a finger: it has a short way, or others do as it does
-    return tuple(joint.name for joint in path)
+    return tuple(joint.name for joint in without_tip(path, found))
 
 
 def _carries_all(one: Moving, found: Sequence[Moving]) -> bool:

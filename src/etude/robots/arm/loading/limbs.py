@@ -10,6 +10,9 @@ from os.path import commonprefix
 
 from etude.errors import UsageError
 
+SHORTEST_STROKE = 0.1
+"""m: a sliding joint at the very end with less way than this is a finger, not an axis."""
+
 
 @dataclass(frozen=True)
 class Moving:
@@ -40,12 +43,20 @@ def length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
     return 1 + max((length(one, after) for one in after[joint.name]), default=0)
 
 
+def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
+    """The limb, without a finger at its end: one that has a short way, or that others do as."""
+    tip = path[-1]
+    short = tip.slides and tip.upper - tip.lower <= SHORTEST_STROKE
+    is_finger = short or any(joint.leader == tip.name for joint in found)
+    return path[:-1] if len(path) > 2 and is_finger else path
+
+
 def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
     """What chooses the longest limb: a pattern, if it means these joints and no others, else their names."""
     path = [max(limbs, key=lambda limb: length(limb, after))]
     while following := after[path[-1].name]:
         path.append(max(following, key=lambda one: length(one, after)))
-    names = [joint.name for joint in path]
+    names = [joint.name for joint in without_tip(path, found)]
     pattern = f"{commonprefix(names)}*"  # noqa: RUF071 characters are meant
     alone = [joint.name for joint in found if fnmatchcase(joint.name, pattern)] == names
     return f"--joints {repr(pattern) if alone and len(pattern) > 1 else ' '.join(names)}"
