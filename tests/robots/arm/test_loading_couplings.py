@@ -66,6 +66,13 @@ def test_what_is_no_loop_of_the_arm_loads(tmp_path: Path, equality: str, joints:
     assert loaded.unseen[0] == "the base is taken to be fixed"
 
 
+def test_the_joints_before_a_loop_are_proposed_and_load(tmp_path: Path) -> None:
+    path = arm(tmp_path, more='<equality><connect body1="c" body2="b" anchor="0 0 .1"/></equality>')
+    with pytest.raises(UsageError, match=r"--joints one two, or take the equality out"):
+        load(path)
+    assert load(path, ["one", "two"]).joints == ("one", "two")
+
+
 def test_a_free_robot_is_no_object_beside_one(tmp_path: Path) -> None:
     path = arm(tmp_path)
     path.write_text(path.read_text().replace('<body name="base">', '<body name="base"><freejoint name="f"/>'))

@@ -6,6 +6,7 @@ said: gravity that the file switches off, springs and stops of tendons.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -41,8 +42,8 @@ def check_loops(model: mujoco.MjModel, choice: Choice, where: str) -> None:
                     "together, and joints that should move lie between them",
                     where=where,
                     next_step="Only open chains have an inverse dynamics here: choose joints outside the "
-                    "loop with --joints, or take the equality out of a copy of the file if the robot has "
-                    "none.",
+                    f"loop{_outside(model, choice, (one, other))}, or take the equality out of a copy of the "
+                    "file if the robot has none.",
                 )
         elif model.eq_type[k] == JOINT and second < 0 and model.joint(first).name in choice.joints:
             name, at = model.joint(first).name, float(model.eq_data[k, 0]) + _zero(model, first)
@@ -52,6 +53,22 @@ def check_loops(model: mujoco.MjModel, choice: Choice, where: str) -> None:
                 next_step=f"Choose the others with --joints, and --hold {name}={at:g}; or take the equality "
                 "out of a copy of the file.",
             )
+
+
+def _outside(model: mujoco.MjModel, choice: Choice, bodies: tuple[int, int]) -> str:
+    """The option that keeps the chosen joints before a loop, which carry both of its ends."""
+    carrying = [_carriers(model, b) for b in bodies]
+    before = [name for name in choice.joints if all(name in names for names in carrying)]
+    return f" with --joints, for example --joints {shlex.join(before)}" if before else " with --joints"
+
+
+def _carriers(model: mujoco.MjModel, b: int) -> set[str]:
+    """Names of the joints between the world and a body."""
+    found: set[str] = set()
+    while b:
+        found |= {model.joint(j).name for j in joints_of(model, b)}
+        b = int(model.body_parentid[b])
+    return found
 
 
 def _zero(model: mujoco.MjModel, joint: int) -> float:
