@@ -7,7 +7,8 @@ import math
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Choice, Moving, choose
+from etude.robots.arm.loading.choice import Choice, choose
+from etude.robots.arm.loading.limbs import Moving
 
 
 def chain(*names: str, before: str = "", **values: float) -> list[Moving]:
@@ -89,12 +90,23 @@ def test_several_limbs_are_refused_with_their_names() -> None:
     assert chosen(torso, ["torso", "r?"]).joints == ("torso", "r1", "r2")
 
 
-@pytest.mark.parametrize(
-    "found", [[], chain("rotor", lower=-math.inf, upper=math.inf), chain("x") + chain("y")]
-)
+@pytest.mark.parametrize("found", [chain("rotor", lower=-math.inf, upper=math.inf), chain("x") + chain("y")])
 def test_no_arm_is_said(found: list[Moving]) -> None:
     with pytest.raises(UsageError, match="no arm: no chain of two or more joints"):
         chosen(found)
+
+
+def test_a_file_in_which_nothing_moves_is_no_arm() -> None:
+    with pytest.raises(UsageError, match=r"nothing in the file moves.*an object"):
+        chosen([])
+
+
+def test_a_hand_is_no_arm_but_its_longest_finger_can_be_chosen_as_the_message_says() -> None:
+    follower = Moving("index_q2", "index_q1", 0.0, 1.0, leader="index_q1")
+    hand = [*chain("index_q1"), follower, *chain("thumb_q1", "thumb_q2")]
+    with pytest.raises(UsageError, match=r"without fingers \(by name\).*--joints 'thumb_q\*'"):
+        chosen(hand)
+    assert chosen(hand, ["thumb_q*"]).joints == ("thumb_q1", "thumb_q2")
 
 
 def test_names_keep_their_order_and_patterns_go_outwards() -> None:
@@ -133,3 +145,19 @@ def test_followers_go_with_their_leader_and_one_of_an_axis_is_not_looked_at() ->
     found = chosen([*ARM, parallel])
     assert found.held == {"bar": 0.3}
     assert any("'bar' follows 'a2'" in sentence for sentence in found.unseen)
+
+
+def test_a_follower_of_the_arm_is_to_be_confirmed_for_it_stands_still() -> None:
+    found = [*chain("a1", "a2"), Moving("rod", "a2", -1.0, 1.0, leader="a2", factor=-1.0)]
+    for choice in (chosen(found), chosen(found, ["a1", "a2"])):
+        assert choice.joints == ("a1", "a2")
+        (note,) = choice.notes
+        assert "'rod' follows 'a2' (<mimic>), here it stands still: clearances and torques" in note
+    assert chosen(found, ["a1"]).notes == ()  # what it follows stands still as well
+
+
+def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
+    close = Moving("r_close", "r3", 0.0, 0.04, slides=True)
+    found = [*chain("r1", "r2", "r3"), close, *chain("puck_x", "puck_y")]
+    with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Robots"):
+        chosen(found)

@@ -11,6 +11,7 @@ import pytest
 from loading_examples import ARM, BOX, CUBE, INERTIAL, LIMIT, MESH, joint, link, robot, write
 
 from etude.errors import UsageError
+from etude.robots.arm.kind import KIND
 from etude.robots.arm.loading.crowded import crowded_links
 from etude.robots.arm.loading.inertia import SMALLEST, possible
 from etude.robots.arm.loading.load import load
@@ -131,12 +132,18 @@ def test_a_floating_base_is_fixed_only_if_joints_are_named(urdf: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["arm.urdf", "arm.urdf.xacro"])
-def test_xacro_is_refused_with_how_to_expand_it(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.urdf.xacro", "arm.xacro"])
+def test_xacro_is_refused_with_how_to_expand_it_into_a_new_file(tmp_path: Path, name: str) -> None:
+    """What it says to type must not empty the very file, nor one that lies beside it."""
     path = tmp_path / name
     path.write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>')
-    with pytest.raises(UsageError, match=r"xacro file.*Expand it first: xacro .* > arm.urdf"):
+    new = "arm_expanded.urdf" if name == "arm.urdf" else "arm.urdf"
+    with pytest.raises(UsageError, match=rf"xacro file.*Expand it first: xacro {name} > {new} "):
         load(path)
+    (tmp_path / new).write_text("mine")
+    with pytest.raises(UsageError, match=rf"xacro {name} > (?!{new})"):
+        load(path)
+    assert KIND.recognises(path)
 
 
 def test_without_any_mass_there_is_no_model_and_what_lacks_one_is_asked(urdf: Path) -> None:

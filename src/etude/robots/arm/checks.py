@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import dataclass
 
 from etude.errors import UsageError
 from etude.robots.arm.spec import ArmSpec, Axis
@@ -11,6 +12,8 @@ from etude.robots.arm.spec import ArmSpec, Axis
 COMMAND_UNITS = ("N m", "N", "A", "V", "pwm")
 LARGEST_POSITION = 4 * math.pi  # two turns either way: no arm joint, but 13 degrees and more
 LARGEST_VELOCITY = 100.0  # rad/s: no arm joint, but an ordinary figure in degrees per second
+LARGEST_SLIDE = 20.0  # m, and m/s: no robot's axis, but an ordinary figure in mm
+METRES = "Limits of slides are in metres."
 RADIANS = "Limits are in radians: multiply degrees by pi/180 (0.01745)."
 
 
@@ -51,10 +54,13 @@ def check_spec(spec: ArmSpec, *, where: str = "", units_checked: bool = False) -
                 next_step=f"Its joints are {', '.join(spec.names)}.",
             )
     _check_gains(spec, where)
-    suspicion = unit_suspicion(spec)
-    if suspicion and not units_checked:
+    found = suspected(spec)
+    if found and not units_checked:
+        units = RADIANS if found.turns else METRES
         raise UsageError(
-            suspicion, where=where, next_step=f"{RADIANS} If the figure is right, set units_checked = true."
+            found.sentence,
+            where=where,
+            next_step=f"{units} If the figure is right, set units_checked = true.",
         )
     return spec
 
@@ -93,14 +99,39 @@ def _check_axis(axis: Axis, where: str) -> None:
         )
 
 
-def unit_suspicion(spec: ArmSpec) -> str:
-    """A sentence if a limit of a turning joint looks like degrees, else an empty string."""
+@dataclass(frozen=True)
+class Suspected:
+    """A limit that looks like another unit's.
+
+    Attributes:
+        joint: whose it is. turns: whether it turns, or slides.
+        sentence: what is suspected.
+        option: of `etude init` that gives another: "range" or "velocity".
+    """
+
+    joint: str
+    turns: bool
+    sentence: str
+    option: str
+
+
+def suspected(spec: ArmSpec) -> Suspected | None:
+    """The first limit of a joint that looks like degrees, or like mm."""
     for axis in spec.axes:
-        if axis.unit != "rad":
-            continue
-        largest = max(abs(axis.lower), abs(axis.upper))
-        if largest > LARGEST_POSITION:
-            return f"position limit {largest:g} of joint '{axis.name}' looks like degrees, not radians"
-        if axis.velocity > LARGEST_VELOCITY:
-            return f"velocity limit {axis.velocity:g} of joint '{axis.name}' looks like degrees/s, not rad/s"
-    return ""
+        turns, largest = axis.unit == "rad", max(abs(axis.lower), abs(axis.upper))
+        most, fastest = (LARGEST_POSITION, LARGEST_VELOCITY) if turns else (LARGEST_SLIDE, LARGEST_SLIDE)
+        if largest > most:
+            units = "degrees, not radians" if turns else "mm, not m"
+            words = f"position limit {largest:g} of joint '{axis.name}' looks like {units}"
+            return Suspected(axis.name, turns, words, "range")
+        if axis.velocity > fastest:
+            units = "degrees/s, not rad/s" if turns else "mm/s, not m/s"
+            words = f"velocity limit {axis.velocity:g} of joint '{axis.name}' looks like {units}"
+            return Suspected(axis.name, turns, words, "velocity")
+    return None
+
+
+def unit_suspicion(spec: ArmSpec) -> str:
+    """A sentence if a limit looks like one in another unit, else an empty string."""
+    found = suspected(spec)
+    return "" if found is None else found.sentence

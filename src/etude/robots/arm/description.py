@@ -63,16 +63,18 @@ def describe(
         from etude.robots.arm.clearance.of_robot import completed
         from etude.robots.arm.clearance.srdf import disabled
         from etude.robots.arm.loading.crowded import crowded_links
+        from etude.robots.arm.loading.lengths import check_lengths
         from etude.robots.arm.loading.load import load_arm
         from etude.robots.arm.loading.pack import packed
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
         loaded = load_arm(spec, mesh_roots=mesh_roots)
+        if floor := path.suffix.lower() != ".toml":
+            check_lengths(loaded)
         crowded = crowded_links(loaded, spec.lower, spec.upper)
         files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
         files |= meshes
         spec = replace(spec, model_file=Path(name))
-        floor = path.suffix.lower() != ".toml"
         around, of_around = completed(spec, _loaded_from(spec, files), leave, assume_floor=floor)
         confirm = (*confirm, *loaded.notes, *of_around)
         spec = replace(spec, around=around)

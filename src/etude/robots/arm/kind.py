@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from etude.robots.arm.spec import ArmSpec
 
 HERE = Path(__file__).parent
-MODEL_FILES = (".urdf", ".xml", ".mjcf")
+MODEL_FILES = (".urdf", ".xml", ".mjcf", ".xacro")
+"""A xacro is recognised so that it can be refused with how to expand it."""
 
 
 class ArmKind:
@@ -73,7 +74,7 @@ class ArmKind:
         return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
 
     def recognises(self, path: Path) -> bool:
-        """A URDF or MJCF, or a robot file that names this kind or none."""
+        """A URDF, xacro or MJCF, or a robot file that names this kind or none."""
         if path.suffix.lower() in MODEL_FILES:
             return True
         from etude.errors import UsageError

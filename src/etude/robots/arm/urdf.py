@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,14 +11,16 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from etude.errors import UsageError
-from etude.robots.arm.checks import check_spec
-from etude.robots.arm.loading.choice import Choice, Moving
+from etude.robots.arm.checks import METRES, RADIANS, check_spec, suspected
+from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.file_limits import Limits, mjcf_limits, urdf_limits
+from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.spec import ArmSpec, Axis
 from etude.robots.toml import toml_value
 
 STOPPING_TIME = 0.5  # s: the rule for accelerations that a file does not give, velocity limit / 0.5 s
+LARGEST_COMMAND = 1e6  # N m, and N: beyond any drive; files state 1e30 for "no limit"
 WANTED = ("lower", "upper", "velocity", "acceleration", "command")
 
 
@@ -66,6 +69,7 @@ def spec_from_model(
     limits = {joint: {**stated[joint], **own_limits.get(joint, {})} for joint in choice.joints}
     assumed = (*_assume_ranges(limits, moving), *_assume_accelerations(limits))
     _require_all(limits, path)
+    _require_positive(limits, path)
     axes = tuple(
         Axis(
             joint,
@@ -76,6 +80,7 @@ def spec_from_model(
     )
     own = {joint: at for joint, at in choice.held.items() if not moving[joint].leader}
     spec = ArmSpec(name or _name_in(root) or path.stem, axes, command_unit, rate, path.resolve(), held=own)
+    _require_believable(spec, path)
     return ModelDescription(check_spec(spec, where=path.name), (*choice.notes, *assumed))
 
 
@@ -95,10 +100,11 @@ def _read(
         tree = read_tree(root, str(path))
         found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
     else:
-        from etude.robots.arm.loading.mjcf import chosen_in, compiled
+        from etude.robots.arm.loading.mjcf import chosen_in
+        from etude.robots.arm.loading.mjcf_compiled import compiled
         from etude.robots.arm.loading.mjcf_joints import moving
 
-        model, _ = compiled(path)
+        model = compiled(path).model
         found, limits, choice = moving(model), mjcf_limits(model), chosen_in(model, joints, held, str(path))
     return choice, {joint.name: joint for joint in found}, limits
 
@@ -169,20 +175,65 @@ def _assume_accelerations(limits: Limits) -> tuple[str, ...]:
     )
 
 
+def _require_positive(limits: Limits, path: Path) -> None:
+    """UsageError for a velocity or command that the file states and that is none."""
+    for joint, values in limits.items():
+        for limit, most in (("velocity", math.inf), ("command", LARGEST_COMMAND)):
+            if not (0.0 < values[limit] <= most and math.isfinite(values[limit])):
+                raise UsageError(
+                    f"limit '{limit}' of joint '{joint}' must be a finite number above zero"
+                    f"{'' if math.isinf(most) else f', {most:g} at most'}, not {values[limit]:g}",
+                    where=str(path),
+                    next_step=f"Give the one of the data sheet with --{limit} {_option(joint, '...')}.",
+                )
+
+
+def _require_believable(spec: ArmSpec, path: Path) -> None:
+    """UsageError, with the option that mends it, for a limit that looks like another unit's."""
+    if found := suspected(spec):
+        example = "lower:upper" if found.option == "range" else "limit"
+        units = RADIANS if found.turns else METRES
+        raise UsageError(
+            found.sentence,
+            where=str(path),
+            next_step=f"{units} Give the right one with --{found.option} {_option(found.joint, example)}, or "
+            "correct the file. A robot file written by hand may say units_checked = true.",
+        )
+
+
+def _option(joint: str, value: str) -> str:
+    """joint=value as a shell takes it."""
+    return shlex.quote(f"{joint}={value}")
+
+
 def _require_all(limits: Limits, path: Path) -> None:
     """UsageError for what is neither stated nor given; accelerations follow from velocities."""
     joints = {limit: [j for j, values in limits.items() if limit not in values] for limit in WANTED}
-    lacking = {limit: own for limit, own in joints.items() if own}
-    if "velocity" in lacking:
-        del lacking["acceleration"]
+    lacking = {limit: own for limit, own in joints.items() if own and limit != "acceleration"}
     if lacking:
         words = [f"{limit} of {', '.join(map(_shown, own))}" for limit, own in lacking.items()]
-        ends = ["range" if limit in ("lower", "upper") else limit for limit in lacking]
-        example = {"range": "'*=-3:3'", "velocity": "'*=2.0'", "command": "'*=50'"}
-        options = [f"--{own} {example[own]}" for own in dict.fromkeys(ends) if own in example]
+        options = {option: _examples(option, lacking, limits) for option in EXAMPLES}
+        shown = [f"--{option} {values}" for option, values in options.items() if values]
         raise UsageError(
             f"limits are missing: {'; '.join(words)}",
             where=str(path),
             next_step="No limit is guessed: take them from the data sheet, for each joint (wrist=...) or for "
-            f"all, in the manner of {' '.join(options)}, or write the robot file by hand.",
+            f"all ('*=...'), in the manner of {' '.join(shown)}, or write the robot file by hand.",
         )
+
+
+EXAMPLES = {
+    "range": (("lower", "upper"), "-3:3"),
+    "velocity": (("velocity",), "2.0"),
+    "command": (("command",), "50"),
+}
+"""Option -> the limits that it gives, and an example."""
+
+
+def _examples(option: str, lacking: Mapping[str, Sequence[str]], limits: Limits) -> str:
+    """What the option has to say: of all joints if all lack it, else of those that do."""
+    given, example = EXAMPLES[option]
+    joints = list(dict.fromkeys(joint for limit in given for joint in lacking.get(limit, ())))
+    if joints and len(joints) == len(limits):
+        return _option("*", example)
+    return " ".join(_option(joint, example) for joint in joints)

@@ -91,6 +91,19 @@ class Gaps:
             found[first : first + BATCH] = self._of_some(poses[first : first + BATCH])
         return found
 
+    def to_walls(self, poses: Array) -> Array:
+        """(T, number of walled gaps) m of poses (T, k), without looking at any other gap."""
+        import mujoco
+
+        data = mujoco.MjData(self.skeleton.model)
+        places, turns = [], []
+        for pose in poses:
+            data.qpos[self.skeleton.addresses] = pose
+            mujoco.mj_kinematics(self.skeleton.model, data)
+            places.append(data.geom_xpos.copy())
+            turns.append(data.geom_xmat.copy())
+        return self._to_walls(np.array(places), np.array(turns))
+
     def _of_some(self, poses: Array) -> Array:
         import mujoco
 

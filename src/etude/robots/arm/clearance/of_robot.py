@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from etude.contracts import Array, Margins, Proof
+from etude.robots.arm.clearance.gaps import Gaps
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.settled import Settled, settled
+from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL, Settled, settled
 from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
 from etude.robots.arm.clearance.surroundings import Floor, Surroundings
@@ -18,6 +19,7 @@ from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.of_file import of_file
 from etude.robots.arm.spec import ArmSpec
 
+NO_FLOOR = "No floor is assumed at height 0 m, since {}: add [floor] with its height."
 BELOW = 0.005
 """m: a base that reaches deeper below its own zero does not stand on a floor there."""
 _known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
@@ -69,11 +71,13 @@ def completed(
     around, confirm = spec.around, []
     if not around.collision.look:
         return around, ()
-    bare = gaps_of(loaded, spec.lower, spec.upper, Surroundings()).skeleton
-    if not bare.shapes:
+    bare = gaps_of(loaded, spec.lower, spec.upper, Surroundings(floor=Floor(0.0)))
+    if not bare.skeleton.shapes:
         return around, ()
     if assume_floor and around.floor is None:
-        around, sentence = _on_a_floor(bare, around)
+        around, sentence = _on_a_floor(bare.skeleton, around)
+        if around.floor is not None and (sunk := _sunk(bare)):
+            around, sentence = spec.around, NO_FLOOR.format(f"{', '.join(sunk)} would always be in it")
         confirm.append(sentence)
     found = settled(loaded, spec.lower, spec.upper, around, leave)
     return found.around, (*confirm, *found.confirm)
@@ -106,12 +110,24 @@ def _on_a_floor(skeleton: Skeleton, around: Surroundings) -> tuple[Surroundings,
     """The surroundings with a floor, if the base can stand on one, and a sentence that says so."""
     lowest = _lowest(skeleton)
     if lowest < -BELOW:
-        return around, (
-            f"No floor is assumed, since the base reaches {-lowest:.3g} m below height 0: "
-            "add [floor] with its height."
-        )
+        return around, NO_FLOOR.format(f"the base reaches {-lowest:.3g} m below it")
     sentence = "A floor is assumed at height 0 m, where the base stands: correct [floor], or take it out."
     return replace(around, floor=Floor(0.0)), sentence
+
+
+def _sunk(bare: Gaps) -> list[str]:
+    """Links that a floor at height 0 would hold in nearly every pose: the arm hangs, or stands on something.
+
+    A foot that turns on the floor, and so keeps its distance, is none of them.
+
+    Args:
+        bare: the robot's, with that floor as its only wall.
+    """
+    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), FEW))
+    held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
+    return list(
+        dict.fromkeys(gap.names[0] for gap, is_held in zip(bare.walled, held, strict=True) if is_held)
+    )
 
 
 def _lowest(skeleton: Skeleton) -> float:

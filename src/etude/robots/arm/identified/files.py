@@ -75,7 +75,10 @@ def _inertial(phi: Array) -> ET.Element:
 def _mjcf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> bytes:
     import mujoco
 
+    from etude.robots.arm.loading.mjcf_compiled import name_joints
+
     spec = mujoco.MjSpec.from_file(str(path))
+    name_joints(spec)
     for body in spec.bodies:
         if body.name in bodies:
             body.mass, body.ipos, inertia = central(bodies[body.name])

@@ -11,8 +11,8 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Moving
 from etude.robots.arm.loading.inertia import ENTRIES, possible
+from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.rotations import turn_of
 
 Three = tuple[float, float, float]

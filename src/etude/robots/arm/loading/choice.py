@@ -11,38 +11,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from os.path import commonprefix
 
 from etude.errors import UsageError
+from etude.robots.arm.loading.limbs import Moving, described, length, no_arm, option, without_tip
 
 FINGER = re.compile("grip|finger|jaw|knuckle|thumb", re.IGNORECASE)
-SHORTEST_STROKE = 0.1
-"""m: a sliding joint at the very end with less way than this is a finger, not an axis."""
-
-
-@dataclass(frozen=True)
-class Moving:
-    """A moving joint of a file: hinge or slide.
-
-    Attributes:
-        name: its name.
-        before: the moving joint that carries it, "" at the base.
-        lower, upper: its range, rad or m; infinite if there is none.
-        slides: True for a sliding joint.
-        endless: True for a hinge that turns without end.
-        leader, factor, offset: of a joint that follows another one (`<mimic>`): position = factor * leader's
-            + offset.
-    """
-
-    name: str
-    before: str
-    lower: float = -math.inf
-    upper: float = math.inf
-    slides: bool = False
-    endless: bool = False
-    leader: str = ""
-    factor: float = 1.0
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,9 +44,12 @@ def choose(
     """
     joints = _only_arm(found, where) if wanted is None else _named(found, wanted, where)
     held, unseen = _held(found, joints, given, where)
-    notes = []
+    notes = [
+        f"{sentence[0].upper()}{sentence[1:]}: clearances and torques of what it carries are wrong."
+        for sentence in unseen
+    ]
     if wanted is None:
-        notes = [
+        notes += [
             f"{_position(found, name, at)}: name it in --joints if it should move."
             for name, at in held.items()
             if not _leader(found, name)
@@ -131,32 +107,31 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
     free = _without_fingers(found)
     after = {joint.name: [j for j in free if j.before == joint.name] for joint in free}
     starts = [joint for joint in free if joint.before == ""]
-    limbs = [joint for joint in starts if _length(joint, after) >= 2]
+    limbs = [joint for joint in starts if length(joint, after) >= 2]
     if len(limbs) > 1:
         raise UsageError(
-            f"several limbs begin at the base: {_described(limbs, after)}",
+            f"several limbs begin at the base: {described(limbs, after)}",
             where=where,
             next_step="Is the base bolted down? Then choose an arm, for example "
-            f"{_option(limbs, after, found)}. Robots that walk or fly are none of this kind.",
+            f"{option(limbs, after, found)}. Robots that walk or fly are none of this kind.",
         )
     if not limbs:
-        if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower):
+        if len(free) == 1 and math.isfinite(free[0].upper - free[0].lower) and _carries_all(free[0], found):
             return (free[0].name,)
-        raise UsageError(
-            f"no arm: no chain of two or more joints begins at the base (moving joints: "
-            f"{', '.join(joint.name for joint in found) or 'none'})",
-            where=where,
-            next_step="Choose the joints with --joints if there is an arm all the same.",
-        )
+        raise no_arm(found, where)
     path = limbs
     while following := _next(path[-1], after, found, where):
         path.append(following)
-    tip, stroke = path[-1], path[-1].upper - path[-1].lower
-    if len(path) > 2 and (
-        (tip.slides and stroke <= SHORTEST_STROKE) or any(j.leader == tip.name for j in found)
-    ):
-        path.pop()  # a finger: it has a short way, or others do as it does
-    return tuple(joint.name for joint in path)
+    return tuple(joint.name for joint in without_tip(path, found))
+
+
+def _carries_all(one: Moving, found: Sequence[Moving]) -> bool:
+    """Whether all other joints that move by themselves hang on this one: else it is a finger of a hand."""
+    carried = {one.name}
+    for joint in found:  # each after the one that carries it
+        if joint.before in carried:
+            carried.add(joint.name)
+    return all(joint.leader or joint.name in carried for joint in found)
 
 
 def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
@@ -171,10 +146,6 @@ def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
     return left or [joint for joint in found if not joint.leader]
 
 
-def _length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
-    return 1 + max((_length(one, after) for one in after[joint.name]), default=0)
-
-
 def _next(
     joint: Moving, after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
 ) -> Moving | None:
@@ -182,29 +153,14 @@ def _next(
     branches = after[joint.name]
     if len(branches) == 1:
         return branches[0]
-    long = [one for one in branches if _length(one, after) >= 2]
+    long = [one for one in branches if length(one, after) >= 2]
     if len(long) > 1:
         raise UsageError(
-            f"several limbs begin after joint '{joint.name}': {_described(long, after)}",
+            f"several limbs begin after joint '{joint.name}': {described(long, after)}",
             where=where,
-            next_step=f"Choose one, for example {_option(long, after, found)}; the others are held.",
+            next_step=f"Choose one, for example {option(long, after, found)}; the others are held.",
         )
     return long[0] if long else None
-
-
-def _option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
-    """What chooses the longest limb: a pattern, if it means these joints and no others, else their names."""
-    path = [max(limbs, key=lambda limb: _length(limb, after))]
-    while following := after[path[-1].name]:
-        path.append(max(following, key=lambda one: _length(one, after)))
-    names = [joint.name for joint in path]
-    pattern = f"{commonprefix(names)}*"  # noqa: RUF071 characters are meant
-    alone = [joint.name for joint in found if fnmatchcase(joint.name, pattern)] == names
-    return f"--joints {repr(pattern) if alone and len(pattern) > 1 else ' '.join(names)}"
-
-
-def _described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str:
-    return ", ".join(f"{joint.name} and {_length(joint, after) - 1} more" for joint in limbs)
 
 
 def _held(

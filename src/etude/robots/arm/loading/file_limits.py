@@ -7,7 +7,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, number
+from etude.contracts import Array
+from etude.errors import UsageError
+from etude.robots.arm.loading.urdf_checks import number
+from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range
 
 if TYPE_CHECKING:
     import mujoco
@@ -47,6 +50,12 @@ def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tup
     lower, upper = (number(text or "0", place) for text in soft)
     if None in soft or not lower < upper:
         return hard
+    if not max(hard[0], lower) < min(hard[1], upper) and hard[0] < hard[1]:
+        raise UsageError(
+            f"the soft limits {lower:g}..{upper:g} leave nothing of the range {hard[0]:g}..{hard[1]:g}",
+            where=place,
+            next_step="Correct <safety_controller>, or take it out.",
+        )
     return max(hard[0], lower), min(hard[1], upper)
 
 
@@ -72,15 +81,21 @@ def _mjcf_command(model: mujoco.MjModel, joint: int) -> float:
     import mujoco
 
     if model.jnt_actfrclimited[joint]:
-        return float(abs(model.jnt_actfrcrange[joint]).max())
+        return _smaller(model.jnt_actfrcrange[joint])
     for actuator in range(model.nu):
         direct = model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_JOINT)
         if direct and model.actuator_trnid[actuator, 0] == joint:
             gear = abs(float(model.actuator_gear[actuator, 0]))
             if model.actuator_forcelimited[actuator]:
-                return gear * float(abs(model.actuator_forcerange[actuator]).max())
+                return gear * _smaller(model.actuator_forcerange[actuator])
             motor = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_NONE)
             if model.actuator_ctrllimited[actuator] and motor:
                 gain = abs(float(model.actuator_gainprm[actuator, 0]))
-                return gear * gain * float(abs(model.actuator_ctrlrange[actuator]).max())
+                return gear * gain * _smaller(model.actuator_ctrlrange[actuator])
     return math.inf
+
+
+def _smaller(ends: Array) -> float:
+    """What a drive gives to both sides, of a range (2,); of a range to one side alone, its end."""
+    low, high = float(ends[0]), float(ends[1])
+    return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))

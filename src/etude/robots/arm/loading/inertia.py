@@ -14,7 +14,8 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.urdf_tree import UrdfTree, number
+from etude.robots.arm.loading.urdf_checks import number, vector
+from etude.robots.arm.loading.urdf_tree import UrdfTree
 
 SMALLEST = 1e-9
 """kg m^2: a principal moment below is lifted to it."""
@@ -71,8 +72,8 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
         raise UsageError(
             "no moving link has a mass",
             where=tree.where,
-            next_step="Without <inertial> there is no inverse dynamics in the file: leave model_file out, or "
-            "take the maker's description.",
+            next_step="Without <inertial> there is no inverse dynamics in the file: take the maker's "
+            "description, or write a robot file (TOML) of its joints and limits without model_file.",
         )
     notes = []
     if empty:
@@ -86,15 +87,20 @@ def _sound(inertial: ET.Element, place: str) -> tuple[ET.Element, float, str]:
     """A new <inertial>, its mass, and the old moments if they had to be repaired."""
     element = inertial.find("mass")
     mass = 0.0 if element is None else number(element.get("value", "0"), place)
-    if not mass >= 0:
+    if not 0.0 <= mass < np.inf:
         raise UsageError(f"a mass cannot be {mass:g} kg", where=place, next_step="Correct the model file.")
     given, inertia = inertial.find("inertia"), np.zeros((3, 3))
     for key, i, j in ENTRIES:
         value = 0.0 if given is None else number(given.get(key, "0"), place)
         inertia[i, j] = inertia[j, i] = value
+    if not np.all(np.isfinite(inertia)):
+        raise UsageError("an inertia is infinite", where=place, next_step="Correct the model file.")
     sound = possible(inertia)
     new = ET.Element("inertial")
-    new.extend(inertial.findall("origin"))
+    for origin in inertial.findall("origin"):
+        for key in ("xyz", "rpy"):
+            vector(origin.get(key), "0 0 0", place)
+        new.append(origin)
     ET.SubElement(new, "mass", value=repr(mass))
     ET.SubElement(new, "inertia", {key: repr(float(sound[i, j])) for key, i, j in ENTRIES})
     old = ", ".join(f"{key} {inertia[i, j]:.3g}" for key, i, j in ENTRIES[:3])

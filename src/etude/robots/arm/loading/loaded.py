@@ -71,8 +71,12 @@ class Loaded:
 
 def refused(problem: ValueError, where: str = "") -> UsageError:
     """What MuJoCo says of a model that it cannot load."""
+    said = "; ".join(line.strip() for line in str(problem).splitlines() if line.strip())
+    of_masses = "mass" in said or "inertia" in said
     return UsageError(
-        f"MuJoCo cannot load the model: {str(problem).strip()}",
+        f"MuJoCo cannot load the model: {said}",
         where=where,
-        next_step="Every moving link needs a mass and an inertia of its own.",
+        next_step="Every moving link needs a mass and an inertia of its own."
+        if of_masses
+        else "Correct that place of the model file.",
     )

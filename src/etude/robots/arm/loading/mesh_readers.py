@@ -1,4 +1,4 @@
-"""Triangles of STL and OBJ files; COLLADA has a file of its own."""
+"""Triangles of STL and OBJ files; COLLADA and PLY have files of their own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.loading.collada import collada_triangles, fans
+from etude.robots.arm.loading.ply import ply_triangles
 
+ANEW = "Export it anew, or take its shape out of the model file."
 STL_HEAD, STL_FACET = 84, 50  # bytes
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -26,14 +28,15 @@ def read_triangles(path: Path) -> Array:
         raise UsageError(
             f"meshes of the form '{path.suffix}' are not read",
             where=str(path),
-            next_step=f"Convert it to one of {', '.join(READERS)}.",
+            next_step=f"Convert it to one of {', '.join(READERS)}, beside it and under the same name.",
         )
     try:
         triangles = read(path.read_bytes())
     except (OSError, ValueError, LookupError, SyntaxError) as problem:
-        raise UsageError(f"the mesh cannot be read: {problem}", where=str(path)) from None
+        raise UsageError(f"the mesh cannot be read: {problem}", where=str(path), next_step=ANEW) from None
     if not len(triangles) or not np.all(np.isfinite(triangles)):
-        raise UsageError("the mesh has no triangles, or corners that are no numbers", where=str(path))
+        fact = "the mesh has no triangles, or corners that are no numbers"
+        raise UsageError(fact, where=str(path), next_step=ANEW)
     return triangles
 
 
@@ -66,4 +69,5 @@ READERS: Mapping[str, Callable[[bytes], Array]] = {
     ".stl": stl_triangles,
     ".obj": obj_triangles,
     ".dae": collada_triangles,
+    ".ply": ply_triangles,
 }

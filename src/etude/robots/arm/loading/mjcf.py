@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.choice import Choice, choose
-from etude.robots.arm.loading.loaded import Loaded, refused
-from etude.robots.arm.loading.mjcf_joints import HINGE, SLIDE, moving
+from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.loading.mjcf_compiled import compiled
+from etude.robots.arm.loading.mjcf_couplings import check_loops, notes_of, unseen_of
+from etude.robots.arm.loading.mjcf_joints import BALL, FREE, HINGE, SLIDE, moving
+from etude.robots.arm.loading.mjcf_parts import name_of
 from etude.robots.arm.loading.mjcf_writer import written
 
 if TYPE_CHECKING:
@@ -21,64 +24,57 @@ def load_mjcf(
     path: Path, wanted: Sequence[str] | None, given: Mapping[str, float], drives: bool, added: Additions
 ) -> Loaded:
     """`load.load` of an MJCF."""
-    model, missing = compiled(path)
+    found = compiled(path)
+    model = found.model
     choice = chosen_in(model, wanted, given, str(path))
     new = written(model, choice, drives, added)
     loose = "".join(f" although '{name}' leaves it free" for name in _floating(model))
-    lost = [f"the shape of {what}: its mesh is missing" for what in missing]
-    unseen = (f"the base is taken to be fixed{loose}", *choice.unseen, *lost, *new.unseen, *added.unseen())
-    notes = (*choice.notes, *new.notes)
+    lost = [f"the shape of {what}: its mesh is missing" for what in found.shapeless]
+    bodies = [body for _, body in _lying(model)]
+    stays = [f"'{body}' lies free and is taken to stay where the file puts it" for body in bodies]
+    base = f"the base is taken to be fixed{loose}"
+    unseen = (base, *stays, *choice.unseen, *lost, *unseen_of(model, choice), *new.unseen, *added.unseen())
+    lying = [f"Bodies that lie free are taken to stay where the file puts them: {', '.join(bodies)}."]
+    notes = (*choice.notes, *(lying if bodies else ()), *found.notes, *notes_of(model, choice), *new.notes)
     return Loaded(new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded, str(path))
 
 
 def chosen_in(
     model: mujoco.MjModel, wanted: Sequence[str] | None, given: Mapping[str, float], where: str
 ) -> Choice:
-    """The choice of joints in an MJCF; a base that the file leaves free is fixed only if joints are named."""
+    """The choice of joints in an MJCF; a base that the file leaves free is fixed only if joints are named.
+
+    Raises:
+        UsageError: as `choice.choose`; a base that is free, or a loop that is closed.
+    """
     floating = _floating(model)
     if floating and wanted is None:
+        ball = model.jnt_type[model.joint(floating[0]).id] == BALL
+        what = "is a ball joint" if ball else "is free"
         raise UsageError(
-            f"the base is not fixed: joint '{floating[0]}' is free or a ball joint",
+            f"{'' if ball else 'the base is not fixed: '}joint '{floating[0]}' {what}",
             where=where,
-            next_step="Only hinge and slide joints on a fixed base have an inverse dynamics here. If the "
-            "base stands still, choose the arm with --joints.",
+            next_step="Only hinge and slide joints on a fixed base have an inverse dynamics here. "
+            f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints, "
+            f"of {', '.join(joint.name for joint in moving(model)) or 'none'}.",
         )
-    return choose(moving(model), wanted, given, where)
+    choice = choose(moving(model), wanted, given, where)
+    check_loops(model, choice, where)
+    return choice
 
 
 def _floating(model: mujoco.MjModel) -> list[str]:
-    return [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] not in (HINGE, SLIDE)]
+    """Names of ball joints, and of those that leave free what carries a hinge or a slide."""
+    lying = {joint for joint, _ in _lying(model)}
+    loose = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] not in (HINGE, SLIDE)]
+    return [name for name in loose if name not in lying]
 
 
-def compiled(path: Path) -> tuple[mujoco.MjModel, list[str]]:
-    """The model of an MJCF file as MuJoCo has it, and the bodies that lack a mesh.
-
-    Raises:
-        UsageError: MuJoCo cannot load it.
-    """
-    import mujoco
-
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        missing = _without_pictures(spec, path)
-        return spec.compile(), missing
-    except ValueError as problem:
-        raise refused(problem, str(path)) from None
-
-
-def _without_pictures(spec: Any, path: Path) -> list[str]:
-    """Deletes what would have to be loaded from files but has no mass or shape; names what lacks its mesh."""
-    for material in list(spec.materials):
-        material.textures = [""] * len(material.textures)
-    for texture in list(spec.textures):
-        spec.delete(texture)
-    gone = {m.name or Path(m.file).stem: m for m in spec.meshes if m.file and not _there(spec, path, m.file)}
-    lost = [geom for geom in spec.geoms if geom.meshname in gone or geom.hfieldname]
-    bodies = list(dict.fromkeys(f"body '{geom.parent.name}'" for geom in lost))
-    for item in [*lost, *gone.values(), *spec.hfields]:
-        spec.delete(item)
-    return bodies
-
-
-def _there(spec: Any, path: Path, name: str) -> bool:
-    return (path.parent / str(spec.meshdir) / name).is_file()
+def _lying(model: mujoco.MjModel) -> list[tuple[str, str]]:
+    """Free joints and bodies of what a scene holds beside the robot: objects without joints of their own."""
+    carried = [int(model.body_rootid[body]) for body in model.jnt_bodyid]
+    return [
+        (model.joint(j).name, name_of(model, int(model.jnt_bodyid[j])))
+        for j in range(model.njnt)
+        if model.jnt_type[j] == FREE and carried.count(int(model.jnt_bodyid[j])) == 1
+    ]

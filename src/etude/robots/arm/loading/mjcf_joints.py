@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from etude.robots.arm.loading.choice import Moving
+from etude.robots.arm.loading.limbs import Moving
 
 if TYPE_CHECKING:
     import mujoco
 
-HINGE, SLIDE = 3, 2  # mjtJoint
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 JOINT_EQUALITY = 2  # mjtEq
 
 

@@ -19,7 +19,7 @@ def shapes_of_bodies(
     """Geoms to keep by body: those that collide; of a part without any, all."""
     parts: dict[int, list[int]] = {}
     for b in range(model.nbody):
-        parts.setdefault(_part(model, choice, b), []).append(b)
+        parts.setdefault(part_of(model, choice, b), []).append(b)
     kept: dict[int, list[int]] = {}
     drawn, notes = [], []
     for part, bodies in parts.items():
@@ -38,7 +38,7 @@ def shapes_of_bodies(
     return kept, tuple(notes)
 
 
-def _part(model: mujoco.MjModel, choice: Choice, b: int) -> int:
+def part_of(model: mujoco.MjModel, choice: Choice, b: int) -> int:
     """The first body of what moves as one with body b."""
     while b and not any(model.joint(j).name in choice.joints for j in joints_of(model, b)):
         b = int(model.body_parentid[b])

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.hulls import hull, obj_text
+from etude.robots.arm.loading.loaded import refused
 from etude.robots.arm.loading.mesh_paths import mesh_path
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.loading.slabs import slabs
-from etude.robots.arm.loading.urdf_tree import numbers
+from etude.robots.arm.loading.urdf_checks import scale_of
 
 MESHES = "robot_meshes"
 DEEPEST = 20
@@ -39,7 +40,9 @@ def packed(
         meshes = _packed_urdf(root, path, mesh_roots, crowded)
         changed = bool(meshes)
     else:
-        includes = root.find(".//include") is not None
+        if attached := root.find(".//asset/model") is not None:
+            root = _with_attached(path)
+        includes = attached or root.find(".//include") is not None
         if includes:
             _expand(root, path.parent, 0)
         meshes = _packed_mjcf(root, path)
@@ -79,7 +82,8 @@ def _pack_shape(
     found = mesh_path(mesh.get("filename", ""), path, mesh_roots)
     if found is None:
         return False
-    scale = numbers(mesh.attrib.pop("scale", None), "1 1 1", str(path))
+    scale = scale_of(mesh, str(path))
+    mesh.attrib.pop("scale", None)
     triangles = read_triangles(found) * scale
     names = []
     for part in slabs(triangles) if cut else [triangles.reshape(-1, 3)]:
@@ -100,19 +104,31 @@ def _name_mesh(shape: ET.Element, name: str) -> None:
         mesh.set("filename", name)
 
 
+def _with_attached(path: Path) -> ET.Element:
+    """The file as MuJoCo writes it: with other models that it attaches, which would stay behind."""
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compile()
+        return ET.fromstring(spec.to_xml())
+    except ValueError as problem:
+        raise refused(problem, str(path)) from None
+
+
 def _packed_mjcf(root: ET.Element, path: Path) -> dict[str, bytes]:
     """Meshes under names of their own, beside the file."""
     meshes: dict[str, bytes] = {}
     compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
     folder = path.parent / compiler.get("meshdir", compiler.get("assetdir", ""))
     elements = [mesh for mesh in root.findall("asset/mesh") if mesh.get("file")]
-    if not all((folder / mesh.attrib["file"]).is_file() for mesh in elements):
-        return {}
     for mesh in elements:
         file = folder / mesh.attrib["file"]
+        mesh.set("name", mesh.get("name", file.stem))
+        if not file.is_file():
+            continue
         name = f"{MESHES}/{len(meshes)}_{file.name}"
         meshes[name] = file.read_bytes()
-        mesh.set("name", mesh.get("name", file.stem))
         mesh.set("file", name)
     for one in root.findall("compiler") if meshes else ():
         for key in ("meshdir", "assetdir"):

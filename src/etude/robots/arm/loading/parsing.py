@@ -8,6 +8,11 @@ from pathlib import Path
 
 from etude.errors import UsageError
 
+NEXT = {
+    "mujocoinclude": "Name the file that includes this one.",
+    "sdf": "SDF is not read: take the URDF or the MJCF of the robot.",
+}
+
 
 def parsed(path: Path) -> ET.Element:
     """The root element of a URDF (<robot>) or an MJCF (<mujoco>).
@@ -20,23 +25,34 @@ def parsed(path: Path) -> ET.Element:
     except FileNotFoundError:
         raise UsageError(f"there is no model file {path}", next_step="Check the path.") from None
     except (ET.ParseError, OSError, UnicodeDecodeError) as problem:
-        raise UsageError(f"not a readable URDF or MJCF file: {problem}", where=str(path)) from None
+        raise UsageError(
+            f"not a readable URDF or MJCF file: {problem}",
+            where=str(path),
+            next_step="Take the file anew, or correct that place of it.",
+        ) from None
     if any("xacro" in element.tag for element in root.iter()) or path.suffix == ".xacro":
         raise UsageError(
             "this is a xacro file",
             where=str(path),
-            next_step=f"Expand it first: xacro {path.name} > {path.name.split('.')[0]}.urdf "
+            next_step=f"Expand it first: xacro {path.name} > {_expanded(path)} "
             "(ROS has the command; so has pip install xacro).",
         )
     if root.tag not in ("robot", "mujoco"):
         raise UsageError(
             f"the root element is <{root.tag}>; URDF has <robot>, MJCF has <mujoco>",
             where=str(path),
-            next_step="Name the file that includes this one." if root.tag == "mujocoinclude" else "",
+            next_step=NEXT.get(root.tag, "Name the robot's URDF or MJCF."),
         )
     if root.tag == "robot":
         _refuse_repeated(root, path)
     return root
+
+
+def _expanded(path: Path) -> str:
+    """A name for the expanded file that no file has yet: what the user is told must overwrite nothing."""
+    stem = path.name.split(".")[0]
+    names = (f"{stem}.urdf", f"{stem}_expanded.urdf", f"{stem}_expanded_anew.urdf")
+    return next((name for name in names if not (path.parent / name).exists()), names[-1])
 
 
 def _refuse_repeated(root: ET.Element, path: Path) -> None:

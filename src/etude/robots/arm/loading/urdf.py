@@ -20,8 +20,9 @@ from etude.robots.arm.loading.inertia import masses_of
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.rotations import angles_of
 from etude.robots.arm.loading.urdf_additions import add_to_urdf
+from etude.robots.arm.loading.urdf_checks import axis_of
 from etude.robots.arm.loading.urdf_shapes import NO_SHAPES, shapes_of
-from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, numbers, pose_of, read_tree
+from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, pose_of, read_tree
 
 COMPILER = {
     "fusestatic": "true",
@@ -72,7 +73,7 @@ def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, 
             f"the base is not fixed: joint '{floating[0]}' is floating or planar",
             where=tree.where,
             next_step="Only a robot on a fixed base has an inverse dynamics here. If the base stands still, "
-            "choose the arm with --joints.",
+            f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}.",
         )
     return choose(tree.moving(), wanted, given, tree.where)
 
@@ -90,8 +91,7 @@ def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
     fixed = ET.Element("joint", name=name, type="fixed")
     fixed.extend(part for part in joint if part.tag in ("parent", "child"))
     turn, at = pose_of(joint)
-    element = joint.find("axis")
-    axis = numbers(None if element is None else element.get("xyz"), "1 0 0")
+    axis = axis_of(joint)
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     value = choice.held.get(name, 0.0)
     if joint.get("type") == "prismatic":

@@ -18,7 +18,9 @@ from etude.contracts import Array
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mesh_paths import mesh_path
 from etude.robots.arm.loading.mesh_readers import read_triangles
-from etude.robots.arm.loading.urdf_tree import UrdfTree, numbers, parent
+from etude.robots.arm.loading.urdf_checks import scale_of, vector
+from etude.robots.arm.loading.urdf_primitives import check_primitive
+from etude.robots.arm.loading.urdf_tree import UrdfTree, parent
 
 SLENDER = 0.25
 """Radius of a guessed shape by the distance to the next joint."""
@@ -56,7 +58,7 @@ class _Meshes:
             return ""
         if path not in self._read:
             self._read[path] = read_triangles(path).reshape(-1, 3)
-        scale = numbers(mesh.get("scale"), "1 1 1", f"{self.model}, link '{link}'")
+        scale = scale_of(mesh, f"{self.model}, link '{link}'")
         asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
         self.assets[asset] = obj_text(*hull(self._read[path] * scale))
         return asset
@@ -103,11 +105,15 @@ def _of_link(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list
 def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]:
     """The new element of a shape; none if its mesh is missing."""
     mesh, geometry = shape.find("geometry/mesh"), shape.find("geometry")
-    new = ET.Element("collision")
+    new, place = ET.Element("collision"), f"{meshes.model}, link '{link}'"
+    for origin in shape.findall("origin"):
+        for key in ("xyz", "rpy"):
+            vector(origin.get(key), "0 0 0", place)
     new.extend(shape.findall("origin"))
     if mesh is None:
         if geometry is None or not len(geometry):
             return []
+        check_primitive(geometry[0], place)
         new.append(geometry)
         return [new]
     asset = meshes.add(mesh, link)
@@ -127,13 +133,16 @@ def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: lis
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
+    if not end.any():  # the last link: nothing says how far it reaches
+        unseen.append(f"the shape of link '{link}': its mesh is missing, and nothing was taken in its place")
+        return []
     unseen.append(f"the shape of link '{link}': its mesh is missing, a capsule was guessed")
-    return [_capsule(end)] if end.any() else []
+    return [_capsule(end)]
 
 
 def _offset(joint: ET.Element) -> Array:
     origin = joint.find("origin")
-    return numbers(None if origin is None else origin.get("xyz"), "0 0 0")
+    return vector(None if origin is None else origin.get("xyz"), "0 0 0")
 
 
 def _capsule(end: Array) -> ET.Element:

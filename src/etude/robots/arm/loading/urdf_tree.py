@@ -7,15 +7,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Moving
+from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.rotations import turn_of
-
-MOVING = ("revolute", "prismatic", "continuous")
-FLOATING = ("floating", "planar")
+from etude.robots.arm.loading.urdf_checks import FLOATING, MOVING, check_joints, number, vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +64,8 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
     """The tree of a <robot>.
 
     Raises:
-        UsageError: a link that is not there, a link with two parents, several bases, or joints in a circle.
+        UsageError: a link that is not there, a link with two parents, several bases, joints in a circle, or
+            a joint that is none (`urdf_checks`).
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     carried: dict[str, ET.Element] = {}
@@ -76,7 +73,9 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
         for name in (parent(joint), child(joint)):
             if name not in links:
                 raise UsageError(
-                    f"joint '{joint.get('name')}' names a link '{name}' that is not there", where=where
+                    f"joint '{joint.get('name')}' names a link '{name}' that is not there",
+                    where=where,
+                    next_step="Name the whole robot's file if this is a part of it; else correct the joint.",
                 )
         if child(joint) in carried:
             raise UsageError(
@@ -97,7 +96,10 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
         )
     ordered = list(_outwards(bases[0], root.findall("joint")))
     if len(ordered) < len(carried):
-        raise UsageError("the joints go in a circle", where=where)
+        raise UsageError(
+            "the joints go in a circle", where=where, next_step="URDF knows trees only: cut the loop."
+        )
+    check_joints(ordered, where)
     return UrdfTree(bases[0], links, ordered, where)
 
 
@@ -141,27 +143,16 @@ def hard_range(joint: ET.Element, place: str) -> tuple[float, float]:
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
-    # the format's own default is 0 for both; a file that states neither has no range
+    # the format's own default is 0 for both; a file that states neither, or 0 and 0, has no range
     if limit.get("lower") is None and limit.get("upper") is None:
         return -math.inf, math.inf
-    return number(limit.get("lower", "0"), place), number(limit.get("upper", "0"), place)
-
-
-def number(text: str, place: str) -> float:
-    try:
-        return float(text)
-    except ValueError as problem:
-        raise UsageError(f"a limit is no number: {problem}", where=place) from None
-
-
-def numbers(text: str | None, default: str, place: str = "") -> Array:
-    """The numbers of an attribute such as xyz."""
-    return np.array([number(word, place) for word in (text or default).split()])
+    lower, upper = number(limit.get("lower", "0"), place), number(limit.get("upper", "0"), place)
+    return (-math.inf, math.inf) if lower == upper == 0.0 else (lower, upper)
 
 
 def pose_of(element: ET.Element) -> tuple[Array, Array]:
     """(rotation (3, 3), position (3,)) of an element's <origin>; rpy turns about the fixed x, y, z."""
     origin = element.find("origin")
     attributes = {} if origin is None else origin.attrib
-    roll, pitch, yaw = numbers(attributes.get("rpy"), "0 0 0")
-    return turn_of(roll, pitch, yaw), numbers(attributes.get("xyz"), "0 0 0")
+    roll, pitch, yaw = vector(attributes.get("rpy"), "0 0 0")
+    return turn_of(roll, pitch, yaw), vector(attributes.get("xyz"), "0 0 0")

@@ -15,6 +15,8 @@ from etude.robots.arm.spec import ArmSpec
 
 HARD = 0.95
 """Part of the torque limit beyond which a motion is hardly possible."""
+LARGE = 1000.0
+"""Torque limits of so many times what a motion asks for are placeholders."""
 DEFAULTS = "What is not in [simulate] and [[motor]] of robot.toml is a default."
 
 
@@ -52,7 +54,7 @@ def sentences(
     ]
     if unused:
         found.append(f"The file's own damping and friction are not used: {', '.join(unused)}.")
-    return tuple(found + _hard(spec, motors, scales))
+    return tuple(found + _hard(spec, motors, scales) + _large(spec, motors, scales))
 
 
 def _loop(spec: ArmSpec, loop: Simulate) -> str:
@@ -86,4 +88,19 @@ def _hard(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
     return [
         f"At the limits of acceleration and speed these joints need more torque than they have: "
         f"{', '.join(hard)}. Motions near them will not be followed."
+    ]
+
+
+def _large(spec: ArmSpec, motors: Motors, scales: Scales) -> list[str]:
+    """Joints whose torque limits no motion comes near, while friction and rotors are made from them."""
+    needed = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + scales.median * spec.acceleration
+    parts = motors.torque / np.maximum(needed, 1e-12)
+    large = [
+        f"{name} ({p:.0f} times)" for name, p in zip(spec.names, parts.tolist(), strict=True) if p > LARGE
+    ]
+    if not large:
+        return []
+    return [
+        f"The torque limits of {', '.join(large)} are far beyond what their fastest motions ask for. "
+        "Friction and rotors here follow them: correct command in robot.toml if they are placeholders."
     ]
