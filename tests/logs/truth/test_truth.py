@@ -251,3 +251,23 @@ def test_noise_is_no_motion() -> None:
     still = log.put(Q, log["q"][0] + 1e-5 * rng.standard_normal(log["q"].shape)).put(QD, 0.0 * log["qd"])
     (found,) = judge_motion(still, "q", CHANNELS, LIMITS, RATE)
     assert (found.check, found.light) == ("rest", "red")
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_noise_in_a_position_is_no_wrong_velocity(joint: int) -> None:
+    """Velocities regressed on a noisy slope come out too small, as regression on noisy regressors does."""
+    log, q = moved(), moved()["q"]
+    # a slower topic, joined by time: its noise passes the filter
+    q[:, joint] += np.interp(log.t, log.t[::20], 0.03 * np.random.default_rng(1).normal(size=len(log) // 20))
+    noisy = commanded(log.put(Q, q))
+    assert noisy is not None
+    slopes = rates.Slopes.of(noisy)
+    assert slopes is not None
+    assert 0.5 < slopes.r[joint] < 0.95
+    assert slopes.beta[joint] < 0.9, "the noise is large enough to matter"
+    assert rates.rate_finding(noisy, RATE).light == "cannot tell"
+    velocity = log["qd"].copy()
+    velocity[:, joint] *= 0.5  # a factor stays one, noisy position or not
+    wrong = commanded(log.put(Q, q).put(QD, velocity))
+    assert wrong is not None
+    assert rates.rate_finding(wrong, RATE).light == "red"

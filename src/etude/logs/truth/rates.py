@@ -31,6 +31,16 @@ class Slopes:
     beta: Array
     r: Array
 
+    @property
+    def agrees(self) -> Mask:
+        """(k,) whether the velocity may be the slope of the position.
+
+        Noise in the position makes the slope of logged velocities on it too small, beta = f r^2: the factor f
+        itself lies between beta, if all noise is the velocity's, and beta / r^2, if all is the position's.
+        """
+        most = self.beta / np.maximum(self.r**2, 1e-300)
+        return np.asarray((self.beta < 1.0 + NEAR) & (most > 1.0 - NEAR))
+
     @staticmethod
     def of(seen: Seen) -> Slopes | None:
         """None where no velocity is logged."""
@@ -142,7 +152,7 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     """What single joints show, the worst first."""
     foreign = known & (np.nan_to_num(np.abs(found.r)) < OTHER)
     turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
-    wrong = known & (np.abs(found.beta - 1.0) >= NEAR) & (found.r > OTHER) & ~turned
+    wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
     if foreign.any():
         others = [said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))]
