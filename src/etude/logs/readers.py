@@ -22,6 +22,7 @@ from etude.logs.holes import without_holes
 from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
+from etude.logs.silence import silences
 
 GROUP = "etude.readers"
 READERS: Mapping[str, str] = {
@@ -124,8 +125,8 @@ def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Map
 
 
 def _joined(topics: Mapping[str, Log]) -> Log:
-    """One log of all topics, at the times of the one with the most rows; the others are interpolated. A
-    column that several topics have keeps its topic's name before it.
+    """One log of all topics, at the times of the one with the most rows; the others are interpolated where
+    they are not silent. A column that several topics have keeps its topic's name before it.
     """
     if len(topics) == 1:
         return next(iter(topics.values()))
@@ -133,13 +134,15 @@ def _joined(topics: Mapping[str, Log]) -> Log:
     base = topics[leader]
     columns = {topic: _columns(part) for topic, part in topics.items()}
     counts = Counter(name for own in columns.values() for name in own)
-    found = {}
+    found, said = {}, [f"Topics {', '.join(topics)} were joined at the times of {leader}."]
     for topic, own in columns.items():
+        t = topics[topic].t
+        silent, sentences = silences(f"Topic {topic}", base.t, t) if topic != leader else (None, ())
+        said += sentences
         for name, signal in own.items():
-            at_base = signal if topic == leader else _interpolated(base.t, topics[topic].t, signal)
+            at_base = signal if silent is None else np.where(silent, np.nan, _interpolated(base.t, t, signal))
             found[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
-    log = replace(raw_log(found, base.source, base.repairs), t=base.t)
-    return log.repaired(f"Topics {', '.join(topics)} were joined at the times of {leader}.")
+    return replace(raw_log(found, base.source, base.repairs), t=base.t).repaired(*said)
 
 
 def _columns(log: Log) -> dict[str, Array]:
