@@ -163,6 +163,7 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
     ("name", "content", "words"),
     [
         ("run.csv", b"", "empty (0 bytes)"),
+        ("log07", b"", "empty (0 bytes)"),
         ("run.csv", b"  \n\n", "blank"),
         ("run.csv", CSV.encode(), "0 rows"),
         ("run.csv", CSV[:20].encode(), "has no complete line"),

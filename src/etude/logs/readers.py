@@ -47,9 +47,9 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     path = Path(path)
     name = _of_folder(path) if path.is_dir() else ""
     head = b"" if name else file_head(path)
-    name = name or _reader_of(path, head)
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
+    name = name or _reader_of(path, head)
     log = without_holes(_joined(_topics(plugins.load(GROUP, name), name, path, topics)))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
