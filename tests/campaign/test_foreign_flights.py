@@ -81,7 +81,7 @@ def test_a_damaged_flight_is_refused_and_nothing_is_stored(told, tmp_path, capsy
     assert sorted((told.path / "runs").iterdir()) == before
 
 
-def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path) -> None:
+def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, capsys) -> None:
     """Altitude and velocity, which only the first flight tells, are inputs of the first model alone."""
     folder = made(tmp_path / "cf")
     campaign = open_campaign(folder)
@@ -92,6 +92,9 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path) -> 
     widths = []
     for path in (tmp_path / "rich.parquet", EXAMPLE / "log16_yaw_second.csv"):
         assert main(["tell", str(folder), str(path), "--foreign"]) == 0
+        capsys.readouterr()
+        assert main(["status", str(folder)]) == 0
+        assert f"(in use: {campaign.state().trained[-1].trained['chosen']})" in capsys.readouterr().out
         widths.append(len(load_model(folder).inputs.columns))
     assert widths == [13, 9]
     first, second = (round_.trained for round_ in campaign.state().trained)
