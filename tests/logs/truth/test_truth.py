@@ -271,3 +271,23 @@ def test_noise_in_a_position_is_no_wrong_velocity(joint: int) -> None:
     wrong = commanded(log.put(Q, q).put(QD, velocity))
     assert wrong is not None
     assert rates.rate_finding(wrong, RATE).light == "red"
+
+
+def test_a_joint_that_holds_weight_with_little_friction_is_told_by_the_model_file() -> None:
+    """Its power is near zero in sum; a torque of one sign, opposite to the file's, is not."""
+    log = moved()
+    seen = commanded(log)
+    assert seen is not None
+    assert seen.command is not None
+    torque = seen.command.copy()
+    torque[:, 2] = 8.0 + 2.0 * np.sin(seen.q[:, 2])  # holds an arm that hardly turns, without friction
+    heavy = replace(seen, command=-torque)
+    alone, beside = sign.sign_finding(heavy), sign.sign_finding(heavy, torque)
+    assert "Of toe it cannot be told" in alone.sentence
+    assert getattr(alone, "by", None) == (-1.0, -1.0, 1.0)
+    assert "toe are opposite to the model file's torque" in beside.sentence
+    assert getattr(beside, "by", None) == (-1.0, -1.0, -1.0)
+    right = sign.sign_finding(replace(seen, command=torque), torque)
+    assert right.light == "green"
+    one = replace(seen, command=torque * [1.0, 1.0, -1.0])
+    assert getattr(sign.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
