@@ -92,6 +92,9 @@ def _reader_of(path: Path, head: bytes) -> str:
     for name in brought:
         if _recognises(name, path, head):
             return name
+    if path.name == "metadata.yaml":
+        step = "Tell the folder that it lies in."
+        raise DataError("this belongs to a bag", where=str(path), next_step=step)
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),

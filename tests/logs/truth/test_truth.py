@@ -291,3 +291,12 @@ def test_a_joint_that_holds_weight_with_little_friction_is_told_by_the_model_fil
     assert right.light == "green"
     one = replace(seen, command=torque * [1.0, 1.0, -1.0])
     assert getattr(sign.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
+
+
+def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
+    """0.25 in each of three joints: the log has 4 rows a second, says its time column."""
+    log = moved()
+    found = judge_motion(replace(log, t=4.0 * log.t), "q", CHANNELS, LIMITS, RATE)[0]
+    assert found.light == "red"
+    assert "4 times the slopes of the positions, in every joint alike" in found.sentence
+    assert "a row number" in found.sentence

@@ -160,6 +160,12 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
         fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
         fact = f"The velocity of {named(seen.parts, turned)} has the opposite sign of its position's slope."
+    elif wrong.sum() > 1 and np.ptp(found.beta[known]) < NEAR * abs(float(np.median(found.beta[known]))):
+        factor = float(np.median(found.beta[known]))
+        fact = (
+            f"Velocities are {factor:.3g} times the slopes of the positions, in every joint alike: another "
+            "unit, or a time column that is none (a row number, a clock that stands)."
+        )
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in found.beta[wrong])
         fact = f"The velocity of {named(seen.parts, wrong)} is {factors} times the slope of its position."
