@@ -65,7 +65,7 @@ class FlightFeedforward:
         """
         if self.voltages is None:
             raise DataError(
-                "no learned command goes on learning here: of a vehicle whose motors nobody described, only "
+                "this feedforward has no command of the motors: of a vehicle that nobody described, only "
                 "accelerations are planned",
                 next_step="Describe it under [vehicle] in robot.toml, or export the model itself: --to c.",
             )
