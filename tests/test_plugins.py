@@ -90,6 +90,18 @@ def test_full_names_need_no_table(installed) -> None:  # type: ignore[no-untyped
     assert plugins.load("etude.kernels", "rov_module:Box.lid") == 7
 
 
+def test_a_module_that_is_not_found_is_told_apart_from_what_it_lacks(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """A file beside the campaign is found by PYTHONPATH; one that lacks an import is found, and fails."""
+    with pytest.raises(UsageError, match="PYTHONPATH=FOLDER") as problem:
+        plugins.load("etude.kernels", "kernels_of_mine:posture")
+    assert "kernels_of_mine.py" in problem.value.next_step
+    (tmp_path / "kernels_of_mine.py").write_text("import what_nobody_has\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(UsageError, match="what_nobody_has") as problem:
+        plugins.load("etude.kernels", "kernels_of_mine:posture")
+    assert "PYTHONPATH" not in problem.value.next_step
+
+
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(UsageError, match="Did you mean quadrotor"):
         plugins.load("etude.robots", "quadroter")

@@ -216,10 +216,17 @@ def _imported(plugin: Plugin) -> Any:
         raise UsageError(
             f"{plugin.name!r} of {plugin.group} cannot be loaded: {reason}",
             where=f"{plugin.target} ({plugin.source})",
-            next_step="Install what it needs, or repair it; etude plugins lists all of them.",
+            next_step=_mending(module, error),
         ) from error
     _failures.pop(plugin.target, None)
     return found
+
+
+def _mending(module: str, error: Exception) -> str:
+    """A file beside the campaign is not found by itself: Python looks where `etude` is installed."""
+    if isinstance(error, ModuleNotFoundError) and module.split(".")[0] == error.name:
+        return f"Install it, or name the folder of {error.name}.py: PYTHONPATH=FOLDER etude ..."
+    return "Install what it needs, or repair it; etude plugins lists all of them."
 
 
 def _sources(found: Sequence[Plugin]) -> str:

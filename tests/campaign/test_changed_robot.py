@@ -99,8 +99,11 @@ def test_same_learns_it_with_the_others(fresh: Campaign, waiting: Path) -> None:
     assert fresh.events() == before
 
 
-def test_forget_sets_it_aside(fresh: Campaign, waiting: Path) -> None:
-    assert tell(fresh, waiting, changed="forget").learned == ()
+def test_forget_sets_it_aside(fresh: Campaign, waiting: Path, capsys: Any) -> None:
+    told = tell(fresh, waiting, changed="forget")
+    assert (told.learned, told.aside, told.held) == ((), True, False)
+    assert main(["tell", str(fresh.path), str(waiting)]) == 0
+    assert f"Log {told.number} is set aside: nothing learns from it." in capsys.readouterr().out
     assert learned(fresh) == [1, 2, 3]
     assert status(fresh)["trajectories"][3]["standing"] == "set aside"
     assert tell(fresh, waiting).repeated

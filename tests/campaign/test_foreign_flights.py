@@ -81,7 +81,7 @@ def test_a_damaged_flight_is_refused_and_nothing_is_stored(told, tmp_path, capsy
     assert sorted((told.path / "runs").iterdir()) == before
 
 
-def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path) -> None:
+def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, capsys) -> None:
     """Altitude and velocity, which only the first flight tells, are inputs of the first model alone."""
     folder = made(tmp_path / "cf")
     campaign = open_campaign(folder)
@@ -92,6 +92,9 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path) -> 
     widths = []
     for path in (tmp_path / "rich.parquet", EXAMPLE / "log16_yaw_second.csv"):
         assert main(["tell", str(folder), str(path), "--foreign"]) == 0
+        capsys.readouterr()
+        assert main(["status", str(folder)]) == 0
+        assert f"(in use: {campaign.state().trained[-1].trained['chosen']})" in capsys.readouterr().out
         widths.append(len(load_model(folder).inputs.columns))
     assert widths == [13, 9]
     first, second = (round_.trained for round_ in campaign.state().trained)
@@ -99,3 +102,27 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path) -> 
     assert sum("does without" in said for said in second["warnings"]) == 1
     assert set(second["models"]) == {"linear"}  # no earlier model can say anything of it
     assert len(told_samples(campaign, [1, 2])) > 0
+
+
+def test_a_plan_given_as_its_table_is_the_motion_beside_it(told, tmp_path, capsys) -> None:
+    """A table of positions and attitudes does not say what an accelerometer would measure."""
+    assert main(["ask", str(told.path), "--continue"]) == 0
+    (asked,) = told.state().proposals
+    plan, commands = told.proposal(asked.number) / "trajectory.csv", tmp_path / "commands.csv"
+    assert main(["predict", str(told.path), str(plan), "--output", str(commands)]) == 0
+    of_table = commands.read_bytes()
+    motion = plan.with_suffix(".json")
+    assert main(["predict", str(told.path), str(motion), "--output", str(commands)]) == 0
+    assert of_table == commands.read_bytes()
+    alone = tmp_path / "trajectory.csv"
+    alone.write_text(plan.read_text().replace(",thrust", ",lift", 1).replace("ax,ay,az", "bx,by,bz", 1))
+    capsys.readouterr()
+    assert main(["predict", str(told.path), str(alone), "--output", str(commands)]) == 3
+    assert "specific_force" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_vehicle_whose_motors_nobody_described_learns_nothing_on_line_and_says_why(told, capsys) -> None:
+    assert main(["export", str(told.path), "--to", "online"]) == 3
+    said = " ".join(capsys.readouterr().err.split())
+    assert "[vehicle]" in said
+    assert "--to c" in said

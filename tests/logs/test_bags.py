@@ -94,6 +94,29 @@ def test_effort_in_another_topic_is_joined_by_time(tmp_path: Path) -> None:
     assert any("Topics /joint_states, /controller/state were joined" in s for s in log.repairs)
 
 
+def test_joint_states_without_effort_are_refused_as_such(tmp_path: Path) -> None:
+    messages = [
+        (
+            "/joint_states",
+            "sensor_msgs/msg/JointState",
+            bags.nanoseconds(t),
+            bags.joint_state(k, t=t, effort=False),
+        )
+        for k, t in enumerate(LOG.t.tolist())
+    ]
+    folder = bags.write_bag(tmp_path / "run", messages)
+    with pytest.raises(
+        DataError, match=r"no column for channel 'command'.*/joint_states was read.*No effort"
+    ):
+        read(folder)
+
+
+def test_the_metadata_of_a_bag_is_not_the_log(tmp_path: Path) -> None:
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    with pytest.raises(DataError, match=r"belongs to a bag.*the folder"):
+        read(folder / "metadata.yaml")
+
+
 def test_two_robots_are_asked_about(tmp_path: Path) -> None:
     other = tuple(f"left_{joint}" for joint in JOINTS)
     messages = [

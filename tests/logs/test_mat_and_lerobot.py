@@ -45,6 +45,16 @@ def test_structs_of_a_mat_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "run.mat")["q"], LOG["q"])
 
 
+@pytest.mark.parametrize("beside", [{}, {"dt": 0.01, "gains": np.ones(7)}])
+def test_a_struct_that_holds_all_is_no_part_of_the_names(beside: dict[str, object], tmp_path: Path) -> None:
+    """As `save('run.mat', 'log')` leaves it."""
+    own = {"time": LOG.t, "q": LOG["q"], "tau": LOG["command"]}
+    savemat(tmp_path / "run.mat", {"out": {"log": own}, **beside})
+    log = read(tmp_path / "run.mat")
+    np.testing.assert_array_equal(log["q"], LOG["q"])
+    np.testing.assert_array_equal(log["command"], LOG["command"])
+
+
 def test_variables_are_those_of_scipy(tmp_path: Path) -> None:
     """Types of numbers, small ones, structs in structs, and what is no number, against SciPy's reader."""
     rng = np.random.default_rng(0)

@@ -129,11 +129,20 @@ def test_positions_outside_the_limits(tmp_path: Path) -> None:
         read(path, limits_of_pan("q", -0.05, 0.05))
 
 
+def test_the_command_named_is_the_one_outside_not_the_largest(tmp_path: Path) -> None:
+    """Of a motor that is off at -0.1 of full scale, and otherwise below 1."""
+    command = LOG["command"].copy()
+    command[:, 0] = np.where(np.arange(len(LOG)) < 20, -0.1, 0.2 + 0.7 * np.abs(np.sin(LOG.t)))
+    path = write_csv(tmp_path / "run.csv", columns_of(with_values(LOG, command=command)))
+    found = read(path, limits_of_pan("command", 0.0, 1.0))
+    assert any("pan_joint reached -0.1 N m, outside its limit 0 to 1 N m" in s for s in found.repairs)
+
+
 def test_commands_beyond_the_limit(tmp_path: Path) -> None:
     largest = float(np.abs(LOG["command"][:, 0]).max())
     path = write_csv(tmp_path / "run.csv", columns_of(LOG))
     low = read(path, limits_of_pan("command", -largest / 1.2, largest / 1.2))
-    assert any("above its limit" in s for s in low.repairs)
+    assert any("outside its limit" in s for s in low.repairs)
     with pytest.raises(DataError, match=r"the command of pan_joint reaches .*correct the limit"):
         read(path, limits_of_pan("command", -largest / 5, largest / 5))
     milli = with_values(LOG, command=LOG["command"] * 1e3)
@@ -154,6 +163,7 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
     ("name", "content", "words"),
     [
         ("run.csv", b"", "empty (0 bytes)"),
+        ("log07", b"", "empty (0 bytes)"),
         ("run.csv", b"  \n\n", "blank"),
         ("run.csv", CSV.encode(), "0 rows"),
         ("run.csv", CSV[:20].encode(), "has no complete line"),

@@ -165,6 +165,41 @@ def test_encodings_and_line_ends(encoding: str, end: str, tmp_path: Path) -> Non
     assert_right(read(path))
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "# of my controller\nsep=;"])
+def test_the_line_by_which_excel_knows_the_separator_is_no_header(first: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f"\ufeff{first}\n" + text({"t": LOG.t, **plain()}, ";", ","), encoding="utf-8")
+    assert_right(read(path))
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00", " UTC"])
+@pytest.mark.parametrize("between", ["T", " "])
+def test_dates_are_times(zone: str, between: str, tmp_path: Path) -> None:
+    """As pandas writes its index: whole seconds have no fraction."""
+    stamps = (np.datetime64("2024-02-28T23:59:55", "us") + np.round(1e6 * LOG.t).astype("m8[us]")).astype(str)
+    cells = [stamp.removesuffix(".000000").replace("T", between) + zone for stamp in stamps.tolist()]
+    path = tmp_path / "run.csv"
+    path.write_text(text({"time": np.array(cells, dtype=object), **plain()}))
+    log = read(path)
+    np.testing.assert_allclose(log.t, LOG.t, atol=1e-6)
+    np.testing.assert_array_equal(log["q"], LOG["q"])
+
+
+def test_a_date_that_there_is_not_is_an_empty_cell(tmp_path: Path) -> None:
+    cells = ["2024-02-28T12:00:00", "2024-02-31T12:00:01", "noon", "", "2024-02-28T12:00:02.5"]
+    (tmp_path / "run.csv").write_text("time,q\n" + "".join(f"{cell},1.0\n" for cell in cells))
+    t = read_raw(tmp_path / "run.csv")["time"][:, 0]
+    assert np.flatnonzero(np.isnan(t)).tolist() == [1, 2, 3]
+    assert t[4] - t[0] == 2.5e9
+
+
+def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None:
+    lists = {"q": LOG["q"].tolist(), "tau": LOG["command"].tolist()}
+    pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
+    with pytest.raises(DataError, match=r"no column.*What was read: Columns q, tau hold lists without names"):
+        read(tmp_path / "run.parquet")
+
+
 def test_stamps_in_two_columns(tmp_path: Path) -> None:
     whole = LOG.t.astype(int)
     stamps = {"header.stamp.sec": EPOCH + whole, "header.stamp.nanosec": np.round(1e9 * (LOG.t - whole))}

@@ -113,8 +113,42 @@ def test_a_log_without_what_is_needed(tmp_path: Path) -> None:
     path = ulogs.write_ulog(
         tmp_path / "flight.ulg", {"cpuload": {"timestamp": ulogs.STAMPS, "load": ulogs.T}}
     )
-    with pytest.raises(DataError, match=r"none of the topics needed.*SDLOG_PROFILE"):
+    with pytest.raises(DataError, match=r"no topic vehicle_angular_velocity or .*SDLOG_PROFILE"):
         read_raw(path)
+
+
+@pytest.mark.parametrize("topic", ["vehicle_angular_velocity", "sensor_combined", "actuator_motors"])
+def test_what_is_missing_is_named_by_its_topic(topic: str, tmp_path: Path) -> None:
+    own = ulogs.topics()
+    del own[topic]
+    path = ulogs.write_ulog(tmp_path / "flight.ulg", own)
+    if topic == "vehicle_angular_velocity":  # rates are in sensor_combined too
+        assert "gyro_x [rad/s]" in read_raw(path).values
+        return
+    with pytest.raises(DataError, match=rf"no topic {topic} or .*it has .*battery_status.*SDLOG_PROFILE"):
+        read_raw(path)
+
+
+def test_motors_of_a_disarmed_vehicle_are_off(tmp_path: Path) -> None:
+    """However long it stands there, the flight behind it is read."""
+    own = ulogs.topics()
+    disarmed = ulogs.T < 2.5
+    own["actuator_motors"]["control"][disarmed] = np.nan
+    log = read_log(ulogs.write_ulog(tmp_path / "flight.ulg", own), CHANNELS, rate=200.0)
+    assert len(log) == len(ulogs.T)
+    assert (log["command"][disarmed] == 0.0).all()
+    assert (log["command"][~disarmed] > 0.3).all()
+    assert any("62.5 % of actuator_motors the vehicle is disarmed" in sentence for sentence in log.repairs)
+
+
+def test_a_topic_that_falls_silent_is_not_drawn_through(tmp_path: Path) -> None:
+    own = ulogs.topics()
+    heard = (ulogs.T < 1.0) | (ulogs.T > 1.3)
+    own["actuator_motors"] = {name: values[heard] for name, values in own["actuator_motors"].items()}
+    log = read_log(ulogs.write_ulog(tmp_path / "flight.ulg", own), CHANNELS, rate=200.0)
+    assert not ((log.t > 1.001) & (log.t < 1.299)).any()
+    assert len(log) == pytest.approx(heard.sum(), abs=2)
+    assert any("Topic actuator_motors is silent for 0.3" in sentence for sentence in log.repairs)
 
 
 def test_a_log_cut_in_a_record_is_read_up_to_there(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from etude.campaign.folder import Campaign, Say, open_campaign
 from etude.campaign.in_use import model_in_use
 from etude.contracts import Array, Channel, Log, Mask, Trajectory
+from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
 from etude.models.given import followed
@@ -56,11 +57,40 @@ def predict(
         place = Path(motion)
         if not place.exists():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
+        if _is_plan(campaign, place):
+            say(f"{place.name} is the table of {place.stem}.json: the motion itself was taken.")
+            place = place.with_suffix(".json")
         if place.suffix == ".json":
             states = model.planned(_planned(campaign, place), rate=float(campaign.spec.rate))
             return _in_units(model, states, campaign)
         motion = _read(campaign, place, degrees)
+        try:
+            return _in_units(model, along(campaign, model, motion), campaign)
+        except DataError as error:  # its advice is for learning, and a table lacks something else
+            raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
     return _in_units(model, along(campaign, model, motion), campaign)
+
+
+def _is_plan(campaign: Campaign, place: Path) -> bool:
+    """Whether a table is that of the motion beside it: of a flight it holds what is planned, which are no
+    states, and its accelerations are not what an accelerometer measures.
+    """
+    planned = place.with_suffix(".json")
+    if place.suffix != ".csv" or not planned.is_file():
+        return False
+    try:
+        motion = from_json(planned.read_bytes())
+    except UsageError:
+        return False
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config)
+    return csv_bytes(motion, inputs, table_rate(campaign.spec)) == place.read_bytes()
+
+
+def _lacking(place: Path) -> str:
+    """What to give in place of a table that does not tell a state that the model looks at."""
+    planned = place.with_suffix(".json")
+    instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
+    return f"Add its columns, named as in logs, or name {instead}."
 
 
 def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:

@@ -33,7 +33,8 @@ class ToldFile:
             return f"run {self.told.run} the feedforward of {self.told.number}, not learned"
         first = "told before" if self.told.repeated else "foreign" if self.told.foreign else "answered"
         number = f"{first} {self.told.number}" if first == "answered" else f"{first}, as {self.told.number}"
-        return number + ("; waits for an answer" if self.told.held else "")
+        aside = "; set aside" if self.told.aside else ""
+        return number + ("; waits for an answer" if self.told.held else aside)
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,11 @@ def finished(
     done = tuple(learn_pending(campaign, learner, say))
     state = campaign.state()
     held, warnings = {r.number for r in state.held}, newest_warnings(state)
-    return [replace(one, learned=done, warnings=warnings, held=one.number in held) for one in told]
+    aside = {number for number, r in state.rounds.items() if r.aside}
+    return [
+        replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
+        for one in told
+    ]
 
 
 def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:

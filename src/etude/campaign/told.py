@@ -47,6 +47,7 @@ class Told:
         warnings: what the newest training has to say: inputs that logs lack, for example.
         findings: what is wrong with the log, or with the robot; they stand in the journal beside it.
         held: it is stored and waits for an answer before it is learned.
+        aside: it is kept and nothing learns from it: the robot had changed.
         run: of a motion that confirms, "without" or "with" the feedforward; nothing learns from it.
     """
 
@@ -58,6 +59,7 @@ class Told:
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     held: bool = False
+    aside: bool = False
     run: str = ""
 
 

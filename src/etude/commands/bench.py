@@ -32,7 +32,8 @@ class Bench(Common):
     one; can be given several times. They are timed in a process of their own."""
 
     logs: Path | None = None
-    """Folder with recordings that are not part of the project, for `models`: docs/real_logs.md."""
+    """Folder with recordings that are not part of the project, for `models`, `truth`, `changed`
+    and `watch`: docs/real_logs.md."""
 
     def run(self, _: Say) -> Outcome:
         options = {"json": self.json, "seed": self.seed}

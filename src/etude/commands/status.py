@@ -86,8 +86,10 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
     if held_out is None:
         return []
     blocks = ", ".join(map(str, held_out["blocks"]))
+    newest = held_out["number"] == found["scored_log"]  # later logs have chosen since
+    used = f" (in use: {_in_use(found)})" if newest and not found["prequential"] else ""
     return [
-        f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}:",
+        f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}{used}:",
         _by_output(found, held_out["nmse"]),
         *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
     ]

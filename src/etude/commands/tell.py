@@ -94,6 +94,7 @@ def _lines(found: Told) -> list[str]:
     if found.repairs:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
     lines += _held(found)
+    lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.aside else []
     return [*lines, *_learned(found.learned), *(f"Warning: {sentence}" for sentence in found.warnings)]
 
 
@@ -132,6 +133,7 @@ def _data(found: Told) -> dict[str, Any]:
         "learned": found.learned,
         "warnings": found.warnings,
         "held": found.held,
+        "aside": found.aside,
         "run": found.run,
         "findings": [asdict(finding) for finding in found.findings],
     }

@@ -235,7 +235,10 @@ def _chosen(
     names = {topic.name for topic in kept}
     unread = {name: msgtype for name, msgtype in listed.items() if name not in names}
     said = f"Topic {', '.join(sorted(names))} was read"
-    return kept, (f"{said}; the bag also has {_list(unread)}." if unread else f"{said}.",)
+    sentences: tuple[str, ...] = (f"{said}; the bag also has {_list(unread)}." if unread else f"{said}.",)
+    if leader.joints and not any(column.startswith("effort") for topic in kept for column in topic.columns):
+        sentences += ("No effort is in it: the driver did not fill that field.",)
+    return kept, sentences
 
 
 def _joints(topic: Topic) -> str:

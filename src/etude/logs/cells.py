@@ -15,9 +15,13 @@ if TYPE_CHECKING:
 LONGEST = 1000  # entries of a list: longer ones are images and scans
 LIST = re.compile(r"\s*(?:array\(\s*'?\w'?,\s*)?[\[(](.*?)[\])]+\s*")  # (0.1, 0.2), array('d', [0.1, 0.2])
 
+DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:\.\d{1,9})?) ?(?:Z|UTC|[+-]\d\d:?\d\d)?")
+
 
 def numbers_of(series: pl.Series) -> Array:
-    """(T,) the cells as numbers: stamps in nanoseconds, text where it is a number; NaN for all else."""
+    """(T,) the cells as numbers: stamps and dates in nanoseconds, text where it is a number; NaN for all
+    else.
+    """
     import polars as pl
 
     dtype = series.dtype
@@ -33,7 +37,29 @@ def numbers_of(series: pl.Series) -> Array:
     elif not (dtype.is_numeric() or dtype in (pl.Boolean, pl.Time)):
         return np.full(len(series), np.nan)
     values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
+    if dtype == pl.String and _is_date(series):
+        return _nanoseconds(series)
     return np.array(values, dtype=np.float64)
+
+
+def _is_date(series: pl.Series) -> bool:
+    first = next((cell for cell in series.head(100).to_list() if cell), "")
+    return DATE.fullmatch(first) is not None
+
+
+def _nanoseconds(series: pl.Series) -> Array:
+    """(T,) ns since 1970 of dates, a time zone left out; NaN of what is none."""
+
+    def of(cell: str | None) -> float:
+        found = DATE.fullmatch(cell or "")
+        if found is None:
+            return float("nan")
+        try:
+            return float(np.datetime64(f"{found[1]}T{found[2]}", "ns").astype(np.int64))
+        except ValueError:  # the 31st of June
+            return float("nan")
+
+    return np.array([of(cell) for cell in series.to_list()])
 
 
 def _text(series: pl.Series) -> pl.Series:

@@ -31,6 +31,8 @@ AGAIN = "Export the log again."
 SEPARATORS = ",;\t"
 JUDGED = 1000
 """Rows by which a column's type is judged."""
+EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)
+"""A first line by which Excel is told the separator; the tab is lost when blanks are."""
 DECIMAL_COMMA = re.compile(r"(?:^|[;\t])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)", re.MULTILINE)
 
 
@@ -45,7 +47,8 @@ class _Form:
 
 
 def csv_log(path: Path) -> Log:
-    """The raw columns of comma, semicolon or tab separated text; lines that start with # are skipped.
+    """The raw columns of comma, semicolon or tab separated text; lines that start with # are skipped,
+    and Excel's `sep=;`.
 
     Raises:
         DataError: not text, blank, without a header or with a broken one.
@@ -72,7 +75,8 @@ def _nothing(path: Path) -> str:
 def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
     """How the table is written, by its first block; that block without the header; what was done."""
     text = first.decode()
-    header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "")
+    lines = (line for line in text.split("\n") if line.strip() and not line.startswith("#"))
+    header = next((line for line in lines if not EXCEL.fullmatch(line.strip())), "")
     separator = max(SEPARATORS, key=header.count)
     cells = _cells(header, separator, str(path))
     echoed = echo_names(cells, str(path))

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.contracts import Array, Log, Mask
+from etude.logs.silence import silences
 from etude.logs.words import is_time
 
 WHOLE = 0.95
@@ -36,15 +37,17 @@ def without_holes(raw: Log) -> Log:
     leader = max(partial, key=lambda finite: int(finite.sum()))
     if every.sum() > SHARED * leader.sum():
         return raw
-    joined = {name: _at(t, own[:, 0], leader)[:, None] for name, own in raw.values.items()}
-    found = replace(raw, t=raw.t[leader], values=joined)
-    return found.repaired("Columns that are told at different rows were joined by time.")
+    said = ["Columns that are told at different rows were joined by time."]
+    joined = {name: _at(name, t, own[:, 0], leader, said)[:, None] for name, own in raw.values.items()}
+    return replace(raw, t=raw.t[leader], values=joined).repaired(*said)
 
 
-def _at(t: Array, signal: Array, rows: Mask) -> Array:
+def _at(name: str, t: Array, signal: Array, rows: Mask, said: list[str]) -> Array:
     told = np.isfinite(signal)
     if told[rows].all() or told.sum() < 2:
         return np.asarray(signal[rows])
     order = np.argsort(t[told], kind="stable")
     own, values = t[told][order], signal[told][order]
-    return np.asarray(np.interp(t[rows], own, values, left=np.nan, right=np.nan))
+    silent, sentences = silences(f"Column {name}", t[rows], own)
+    said += sentences
+    return np.where(silent, np.nan, np.interp(t[rows], own, values, left=np.nan, right=np.nan))

@@ -43,8 +43,17 @@ def mat_log(path: Path) -> Log:
     rows = max(lengths, key=lambda n: (lengths[n], n))
     left = sorted(name for name, values in found.items() if len(values) != rows)
     own = {name: values for name, values in found.items() if len(values) == rows}
+    own = _without_struct(own)
     said = f"Variables of another length than {rows} were left out: {', '.join(left[:12])}."
     return raw_log(own, path.name, (said,) if left else ())
+
+
+def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
+    """The same names without the struct that holds them all: `log.q_1` is q_1."""
+    heads = {name.partition(".")[0] for name in own}
+    if len(heads) != 1 or not all("." in name for name in own):
+        return dict(own)
+    return _without_struct({name.partition(".")[2]: values for name, values in own.items()})
 
 
 def _loaded(path: Path) -> Mapping[str, Variable]:

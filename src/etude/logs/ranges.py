@@ -168,9 +168,10 @@ def _without_wild(log: Log, name: str, lower: Array, upper: Array) -> Log:
 
 def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: float) -> Log:
     values, unit = log[channel.name][:, j], channel.units[j]
-    largest = float(values[np.argmax(np.abs(values))])
-    excess = float(_beyond(values, np.array(lower), np.array(upper)).max())
-    limit = f"{upper:.4g} {unit}" if lower == -upper else f"{lower:.4g} to {upper:.4g} {unit}"
+    share = _beyond(values, np.array(lower), np.array(upper))
+    largest, excess = float(values[np.argmax(share)]), float(share.max())
+    unit, behind = ("parts of full scale", "") if unit == "1" else (unit, f" {unit}")
+    limit = f"{upper:.4g}{behind}" if lower == -upper else f"{lower:.4g} to {upper:.4g}{behind}"
     where = f"{log.source}, {channel.name} {channel.parts[j]}"
     if excess > COMMAND_EXCESS:
         milli = excess * 1e-3 <= 1.0 and excess > 30.0
@@ -188,7 +189,6 @@ def _checked_command(log: Log, channel: Channel, j: int, lower: float, upper: fl
             next_step="Run it with less payload, a fuller battery, or gentler limits.",
         )
     if excess > 1.0:
-        log = log.repaired(
-            f"The command of {channel.parts[j]} reached {largest:.4g} {unit}, above its limit {limit}; kept."
-        )
+        reached = f"The command of {channel.parts[j]} reached {largest:.4g}{behind}"
+        log = log.repaired(f"{reached}, outside its limit {limit}; kept.")
     return log

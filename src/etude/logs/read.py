@@ -13,7 +13,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
-from etude.logs.columns import match_columns
+from etude.logs.columns import Matching, match_columns
 from etude.logs.doctor import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
 from etude.logs.headers import Column
 from etude.logs.log_file import is_log_file, read_log_file
@@ -162,7 +162,7 @@ def _recorded(
 ) -> tuple[Log, set[str]]:
     """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
     raw = mapped(read_raw(path, topics or config.topics), config)
-    matching = match_columns([name for name in raw.values if not is_time(name)], channels, path.name)
+    matching = _matched(raw, channels, path.name)
     t, time_repairs = read_time(raw, rate, path.name)
     repairs = [*raw.repairs, *time_repairs, *matching.repairs]
     values = {}
@@ -181,6 +181,15 @@ def _recorded(
     )
     stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
     return log, stated
+
+
+def _matched(raw: Log, channels: Sequence[Channel], where: str) -> Matching:
+    """Whose columns are whose. DataError: some are missing; with what the reader said, which may tell why."""
+    try:
+        return match_columns([name for name in raw.values if not is_time(name)], channels, where)
+    except DataError as error:
+        read = f"What was read: {' '.join(raw.repairs)} " if raw.repairs else ""
+        raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
 
 
 def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:

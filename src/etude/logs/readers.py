@@ -22,6 +22,7 @@ from etude.logs.holes import without_holes
 from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
+from etude.logs.silence import silences
 
 GROUP = "etude.readers"
 READERS: Mapping[str, str] = {
@@ -46,9 +47,9 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     path = Path(path)
     name = _of_folder(path) if path.is_dir() else ""
     head = b"" if name else file_head(path)
-    name = name or _reader_of(path, head)
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
+    name = name or _reader_of(path, head)
     log = without_holes(_joined(_topics(plugins.load(GROUP, name), name, path, topics)))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
@@ -91,6 +92,9 @@ def _reader_of(path: Path, head: bytes) -> str:
     for name in brought:
         if _recognises(name, path, head):
             return name
+    if path.name == "metadata.yaml":
+        step = "Tell the folder that it lies in."
+        raise DataError("this belongs to a bag", where=str(path), next_step=step)
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),
@@ -124,8 +128,8 @@ def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Map
 
 
 def _joined(topics: Mapping[str, Log]) -> Log:
-    """One log of all topics, at the times of the one with the most rows; the others are interpolated. A
-    column that several topics have keeps its topic's name before it.
+    """One log of all topics, at the times of the one with the most rows; the others are interpolated where
+    they are not silent. A column that several topics have keeps its topic's name before it.
     """
     if len(topics) == 1:
         return next(iter(topics.values()))
@@ -133,13 +137,15 @@ def _joined(topics: Mapping[str, Log]) -> Log:
     base = topics[leader]
     columns = {topic: _columns(part) for topic, part in topics.items()}
     counts = Counter(name for own in columns.values() for name in own)
-    found = {}
+    found, said = {}, [f"Topics {', '.join(topics)} were joined at the times of {leader}."]
     for topic, own in columns.items():
+        t = topics[topic].t
+        silent, sentences = silences(f"Topic {topic}", base.t, t) if topic != leader else (None, ())
+        said += sentences
         for name, signal in own.items():
-            at_base = signal if topic == leader else _interpolated(base.t, topics[topic].t, signal)
+            at_base = signal if silent is None else np.where(silent, np.nan, _interpolated(base.t, t, signal))
             found[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
-    log = replace(raw_log(found, base.source, base.repairs), t=base.t)
-    return log.repaired(f"Topics {', '.join(topics)} were joined at the times of {leader}.")
+    return replace(raw_log(found, base.source, base.repairs), t=base.t).repaired(*said)
 
 
 def _columns(log: Log) -> dict[str, Array]:

@@ -19,26 +19,17 @@ from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.extras import needed
 from etude.logs.frames import raw_log
+from etude.logs.ulog_motors import MOTORS, Dataset, motors_of, moves
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 AXES = ("x", "y", "z")
 GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
 BATTERY = "battery_status"
-MOTORS = ("actuator_motors", "actuator_outputs")
 """Where a signal stands, in the order in which it is looked for."""
-PULSE = (800.0, 2200.0)
-"""us: what a pulse to a motor may be."""
-ROTORS = 4
-"""Where PX4's parameter CA_ROTOR_COUNT does not say."""
-SLOW = 50.0
-"""Hz below which set-points of motors miss much of what they do."""
 HALF = np.sqrt(0.5)
 ENU_NED = np.array([0.0, HALF, HALF, 0.0])
 FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
-
-Dataset = Mapping[str, Array]
-"""Field -> (T,); `timestamp` in us."""
 
 
 class UlogReader:
@@ -48,7 +39,7 @@ class UlogReader:
         """A log for each of PX4's topics that an inverse model needs, or, as recorded, of those asked for.
 
         Raises:
-            DataError: no ULog, or no such topic.
+            DataError: no ULog, no such topic, or none of those that tell what the body and the motors did.
             UsageError: pyulog is not installed.
         """
         ulog = _parsed(path, topics or _needed())
@@ -57,8 +48,8 @@ class UlogReader:
             if len(one.data.get("timestamp", ())):
                 found.setdefault(one.name, []).append(one.data)
         missing = [topic for topic in topics if topic not in found]
-        if missing or not found:
-            raise _lacks(path, missing)
+        if missing:
+            raise _unknown(path, missing[0])
         said = ("The log is damaged in places, which were left out.",) if ulog.file_corruption else ()
         if topics:
             return {name: _log(found[name][0], dict(found[name][0]), path, said) for name in topics}
@@ -114,21 +105,36 @@ def _parsed(path: Path, topics: Sequence[str]) -> Any:
             ) from None
 
 
-def _lacks(path: Path, missing: Sequence[str]) -> DataError:
-    every = {one.name for one in _parsed(path, ()).data_list} if missing else set()
+def _lacks(path: Path, missing: Sequence[str], found: Iterable[str] = ()) -> DataError:
+    """No flight can be learned from without one of the topics `missing`."""
     return DataError(
-        f"the log has no topic {missing[0]}" if missing else "the log holds none of the topics needed",
+        f"the log has no topic {' or '.join(missing)}",
         where=str(path),
-        next_step=f"It has {', '.join(sorted(every)) or 'none'}."
-        if missing
-        else f"Log {', '.join((*GYRO, 'actuator_motors'))}: set SDLOG_PROFILE on the vehicle.",
+        next_step=f"Of what is needed it has {', '.join(sorted(found)) or 'nothing'}. Set SDLOG_PROFILE on "
+        "the vehicle, or name the topics in etc/logging/logger_topics.txt on its card; --topic NAME reads "
+        "one as recorded.",
+    )
+
+
+def _unknown(path: Path, topic: str) -> DataError:
+    every = {one.name for one in _parsed(path, ()).data_list}
+    return DataError(
+        f"the log has no topic {topic}",
+        where=str(path),
+        next_step=f"It has {', '.join(sorted(every)) or 'none'}.",
     )
 
 
 def _flight(
     found: Mapping[str, list[Dataset]], parameters: Mapping[str, Any], path: Path, said: tuple[str, ...]
 ) -> dict[str, Log]:
-    """A log for each topic that says something of the flight."""
+    """A log for each topic that says something of the flight.
+
+    Raises:
+        DataError: nothing tells what the body or the motors did.
+    """
+    if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in found for name in names)]:
+        raise _lacks(path, lacking[0], found)
     sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]
     parts: list[tuple[str, Dataset, dict[str, Array]]] = []
     for names, columns_of in SIGNALS:
@@ -137,17 +143,14 @@ def _flight(
             parts.append((name, found[name][0], columns_of(found[name][0])))
     motors = next((name for name in MOTORS if name in found), None)
     if motors is not None:
-        parts.append((motors, *_motors(found[motors], motors, parameters, sentences)))
+        parts.append((motors, *motors_of(found[motors], motors, parameters, sentences)))
     columns: dict[str, dict[str, Array]] = {}
     for name, _, own in parts:  # one topic may hold two signals
         columns.setdefault(name, {}).update(own)
     data = {name: own for name, own, _ in parts}
     if BATTERY in data:
         data[BATTERY] = _held(data[BATTERY], columns[BATTERY], data.values())
-    logs = {name: _log(data[name], own, path, (*said, *sentences)) for name, own in columns.items() if own}
-    if not logs:
-        raise _lacks(path, ())
-    return logs
+    return {name: _log(data[name], own, path, (*said, *sentences)) for name, own in columns.items() if own}
 
 
 def _log(data: Dataset, columns: Mapping[str, Array], path: Path, said: tuple[str, ...]) -> Log:
@@ -213,46 +216,6 @@ def _place(data: Dataset) -> dict[str, Array]:
     return columns
 
 
-def _motors(
-    instances: Sequence[Dataset], topic: str, parameters: Mapping[str, Any], said: list[str]
-) -> tuple[Dataset, dict[str, Array]]:
-    """Set-points of the motors, parts of full scale, numbered as PX4 does, and their topic's instance."""
-    stem = "control" if topic == "actuator_motors" else "output"
-    data = max(instances, key=lambda one: sum(_moves(one, f"{stem}[{i}]") for i in range(ROTORS)))
-    rate = (len(data["timestamp"]) - 1) / max(1e-6 * float(np.ptp(data["timestamp"].astype(float))), 1e-6)
-    if rate < SLOW:
-        said.append(
-            f"Topic {topic} was recorded {rate:.3g} times a second, so little of what the motors did is in "
-            "the log: set SDLOG_PROFILE on the vehicle to record it faster."
-        )
-    if topic == "actuator_motors":
-        told = [i for i in range(12) if f"control[{i}]" in data and np.isfinite(data[f"control[{i}]"]).any()]
-        return data, {f"motor_{i + 1}": data[f"control[{i}]"] for i in told}
-    count = int(parameters.get("CA_ROTOR_COUNT", 0)) or ROTORS
-    told = [i for i in range(count) if f"output[{i}]" in data]
-    said.append(f"Outputs 1 to {len(told)} of {topic} were taken for the motors.")
-    return data, {f"motor_{i + 1}": _of_full(data[f"output[{i}]"], i, parameters, said) for i in told}
-
-
-def _moves(data: Dataset, name: str) -> bool:
-    values = np.asarray(data.get(name, (0.0,)), dtype=np.float64)
-    return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
-
-
-def _of_full(pulses: Array, i: int, parameters: Mapping[str, Any], said: list[str]) -> Array:
-    """Part of full scale of pulse widths in us, between the least and the largest that PX4 was set to."""
-    median = float(np.nanmedian(pulses))
-    if not PULSE[0] <= median <= PULSE[1]:
-        said.append(f"Output {i + 1} is no pulse width (median {median:.4g}) and was taken as it is.")
-        return pulses
-    ends = []
-    for end, usual in (("MIN", 1000.0), ("MAX", 2000.0)):
-        names = (f"PWM_MAIN_{end}{i + 1}", f"PWM_MAIN_{end}", f"PWM_{end}")
-        ends.append(next((float(parameters[n]) for n in names if parameters.get(n, -1) > 0), usual))
-    low, high = ends
-    return (pulses - low) / max(high - low, 1.0)
-
-
 def _battery(data: Dataset) -> dict[str, Array]:
     own = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
     return {header: data[name] for name, header in own.items() if name in data}
@@ -273,7 +236,7 @@ def _speed_controllers(data: Dataset) -> dict[str, Array]:
         header.format(i + 1): data[f"esc[{i}].{name}"]
         for name, header in own.items()
         for i in range(8)
-        if _moves(data, f"esc[{i}].{name}")
+        if moves(data, f"esc[{i}].{name}")
     }
 
 

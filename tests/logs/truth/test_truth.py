@@ -251,3 +251,52 @@ def test_noise_is_no_motion() -> None:
     still = log.put(Q, log["q"][0] + 1e-5 * rng.standard_normal(log["q"].shape)).put(QD, 0.0 * log["qd"])
     (found,) = judge_motion(still, "q", CHANNELS, LIMITS, RATE)
     assert (found.check, found.light) == ("rest", "red")
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_noise_in_a_position_is_no_wrong_velocity(joint: int) -> None:
+    """Velocities regressed on a noisy slope come out too small, as regression on noisy regressors does."""
+    log, q = moved(), moved()["q"]
+    # a slower topic, joined by time: its noise passes the filter
+    q[:, joint] += np.interp(log.t, log.t[::20], 0.03 * np.random.default_rng(1).normal(size=len(log) // 20))
+    noisy = commanded(log.put(Q, q))
+    assert noisy is not None
+    slopes = rates.Slopes.of(noisy)
+    assert slopes is not None
+    assert 0.5 < slopes.r[joint] < 0.95
+    assert slopes.beta[joint] < 0.9, "the noise is large enough to matter"
+    assert rates.rate_finding(noisy, RATE).light == "cannot tell"
+    velocity = log["qd"].copy()
+    velocity[:, joint] *= 0.5  # a factor stays one, noisy position or not
+    wrong = commanded(log.put(Q, q).put(QD, velocity))
+    assert wrong is not None
+    assert rates.rate_finding(wrong, RATE).light == "red"
+
+
+def test_a_joint_that_holds_weight_with_little_friction_is_told_by_the_model_file() -> None:
+    """Its power is near zero in sum; a torque of one sign, opposite to the file's, is not."""
+    log = moved()
+    seen = commanded(log)
+    assert seen is not None
+    assert seen.command is not None
+    torque = seen.command.copy()
+    torque[:, 2] = 8.0 + 2.0 * np.sin(seen.q[:, 2])  # holds an arm that hardly turns, without friction
+    heavy = replace(seen, command=-torque)
+    alone, beside = sign.sign_finding(heavy), sign.sign_finding(heavy, torque)
+    assert "Of toe it cannot be told" in alone.sentence
+    assert getattr(alone, "by", None) == (-1.0, -1.0, 1.0)
+    assert "toe are opposite to the model file's torque" in beside.sentence
+    assert getattr(beside, "by", None) == (-1.0, -1.0, -1.0)
+    right = sign.sign_finding(replace(seen, command=torque), torque)
+    assert right.light == "green"
+    one = replace(seen, command=torque * [1.0, 1.0, -1.0])
+    assert getattr(sign.sign_finding(one, torque), "by", None) == (1.0, 1.0, -1.0)
+
+
+def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
+    """0.25 in each of three joints: the log has 4 rows a second, says its time column."""
+    log = moved()
+    found = judge_motion(replace(log, t=4.0 * log.t), "q", CHANNELS, LIMITS, RATE)[0]
+    assert found.light == "red"
+    assert "4 times the slopes of the positions, in every joint alike" in found.sentence
+    assert "a row number" in found.sentence

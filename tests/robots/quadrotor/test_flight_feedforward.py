@@ -140,7 +140,7 @@ def test_a_learned_feedforward_has_what_the_vehicle_takes() -> None:
     row = {name: values[3] for name, values in log.values.items()}
     command, _ = drawn.command(0.0, row)
     np.testing.assert_allclose(command, drawn.voltages.predict(log)[3], rtol=1e-12)
-    with pytest.raises(DataError, match="not voltages"):
+    with pytest.raises(DataError, match="only accelerations are planned"):
         PID_ALONE.command(0.0, row)
 
 

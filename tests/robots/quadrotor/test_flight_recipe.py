@@ -10,7 +10,7 @@ from inverse_flights import SPEC, flown, log_with
 
 from etude.contracts import Array, Log, Samples
 from etude.errors import DataError, UsageError
-from etude.logs.truth.ground import without_ends
+from etude.logs.truth.ground import without_ground
 from etude.robots.quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
 from etude.robots.quadrotor.checks import findings
 from etude.robots.quadrotor.recipe import FlightData, common_lag, flight_samples
@@ -90,7 +90,7 @@ def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     found = findings(SPEC, landed)[0]
     assert found.light == "yellow"
     np.testing.assert_allclose(found.spans, [(0.0, 2.0)])
-    kept = without_ends(landed, found)
+    kept = without_ground(landed, found)
     assert kept.t[0] == pytest.approx(2.5)
     assert kept.repairs[-1].endswith("2.5 s at the ends were cut.")
     strong = log.put(log.channels["command"], log["command"] / 100.0)

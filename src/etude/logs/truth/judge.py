@@ -98,12 +98,12 @@ def _states(motion: Seen, path: Channel) -> Log:
 def _sign(motion: Seen, order: Finding, torque: Array | None) -> Finding:
     """Signs of the commands in the order that fits; exchanged ones say nothing."""
     if order.light != "yellow":
-        return sign.sign_finding(motion)
+        return sign.sign_finding(motion, torque)
     found = swapped.order_of(motion, torque)
     if found is None or motion.command is None or not found.named:
         fact = "Which command is whose is not known, so neither is a sign."
         return Finding(sign.CHECK, "cannot tell", fact)
-    own = sign.sign_finding(replace(motion, command=motion.command[:, found.best]))
+    own = sign.sign_finding(replace(motion, command=motion.command[:, found.best]), torque)
     if not isinstance(own, Mendable):
         return own
     # of the columns as they stand in the log

@@ -31,6 +31,16 @@ class Slopes:
     beta: Array
     r: Array
 
+    @property
+    def agrees(self) -> Mask:
+        """(k,) whether the velocity may be the slope of the position.
+
+        Noise in the position makes the slope of logged velocities on it too small, beta = f r^2: the factor f
+        itself lies between beta, if all noise is the velocity's, and beta / r^2, if all is the position's.
+        """
+        most = self.beta / np.maximum(self.r**2, 1e-300)
+        return np.asarray((self.beta < 1.0 + NEAR) & (most > 1.0 - NEAR))
+
     @staticmethod
     def of(seen: Seen) -> Slopes | None:
         """None where no velocity is logged."""
@@ -142,7 +152,7 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     """What single joints show, the worst first."""
     foreign = known & (np.nan_to_num(np.abs(found.r)) < OTHER)
     turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
-    wrong = known & (np.abs(found.beta - 1.0) >= NEAR) & (found.r > OTHER) & ~turned
+    wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
     if foreign.any():
         others = [said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))]
@@ -150,6 +160,12 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
         fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
         fact = f"The velocity of {named(seen.parts, turned)} has the opposite sign of its position's slope."
+    elif wrong.sum() > 1 and np.ptp(found.beta[known]) < NEAR * abs(float(np.median(found.beta[known]))):
+        factor = float(np.median(found.beta[known]))
+        fact = (
+            f"Velocities are {factor:.3g} times the slopes of the positions, in every joint alike: another "
+            "unit, or a time column that is none (a row number, a clock that stands)."
+        )
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in found.beta[wrong])
         fact = f"The velocity of {named(seen.parts, wrong)} is {factors} times the slope of its position."

@@ -13,6 +13,7 @@ from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable, both, named
 
 CHECK = "sign"
+ALIKE = 0.9  # |cosine| of command and the model file's torque: gravity tells their sign
 SURE = 0.3  # |rho|: right logs of real arms begin at 0.39, inverted ones end at -0.39
 LEAST_S = 5.0  # s of motion: a shorter one is not closed
 
@@ -32,12 +33,33 @@ def inverted(seen: Seen) -> Mask:
     return np.asarray(np.nan_to_num(agreement(seen)) < -SURE)
 
 
-def sign_finding(seen: Seen) -> Finding:
-    """Which commands have the wrong sign, very probably: a question, since a brake takes power out too."""
-    rho = agreement(seen)
-    wrong, known = inverted(seen), np.abs(np.nan_to_num(rho)) > SURE
+def by_file(seen: Seen, torque: Array | None) -> Array:
+    """(k,) for joints whose power says nothing: 1 where the command is like the model file's torque, its mean
+    included, -1 where it is the opposite, 0 where neither can be told.
+
+    A joint that holds much weight and has little friction has no power to speak of, and a torque of one sign.
+    """
+    if seen.command is None or torque is None:
+        return np.zeros(len(seen.parts))
+    size = np.linalg.norm(seen.command, axis=0) * np.linalg.norm(torque, axis=0)
+    like = (seen.command * torque).sum(axis=0) / np.maximum(size, np.finfo(float).tiny)
+    untold = np.abs(np.nan_to_num(agreement(seen))) <= SURE
+    return np.where(untold & (np.abs(like) > ALIKE), np.sign(like), 0.0)
+
+
+def sign_finding(seen: Seen, torque: Array | None = None) -> Finding:
+    """Which commands have the wrong sign, very probably: a question, since a brake takes power out too.
+
+    Args:
+        torque: (n, k) what a model file says of the commands; None without one.
+    """
+    rho, like = agreement(seen), by_file(seen, torque)
+    opposed = np.asarray(like < 0.0)
+    wrong, known = inverted(seen) | opposed, (np.abs(np.nan_to_num(rho)) > SURE) | (like != 0.0)
+    unsure = named(seen.parts, ~known)
+    rest = f" Of {unsure} it cannot be told." if unsure else ""
     if wrong.any():
-        return _question(seen, rho, wrong)
+        return _question(seen, rho, opposed, rest if (wrong == known).all() else "")
     if not known.any():
         return Finding(
             CHECK,
@@ -46,26 +68,38 @@ def sign_finding(seen: Seen) -> Finding:
             "friction, or the motion is short.",
             "A longer motion that ends where it began tells more.",
         )
-    unsure = named(seen.parts, ~known)
-    rest = f" Of {unsure} it cannot be told." if unsure else ""
     return Finding(
         CHECK, "green", f"Commands drive the motion: the sign of {named(seen.parts, known)} is right.{rest}"
     )
 
 
-def _question(seen: Seen, rho: Array, wrong: Mask) -> Finding:
-    share = ", ".join(f"{value:.2f}" for value in rho[wrong])
+def _question(seen: Seen, rho: Array, opposed: Mask, rest: str) -> Finding:
+    """rest: what is said of the others, if all that tell their sign have the wrong one."""
+    by_power = inverted(seen)
+    wrong = by_power | opposed
     told = np.isfinite(rho) & (np.abs(rho) > SURE)
-    everywhere = wrong.sum() > max(1, told.sum() / 2) and seen.logged is None
+    everywhere = by_power.sum() > max(1, told.sum() / 2) and seen.logged is None and not opposed.any()
     cause = "the sign of these commands is inverted, or the rows run backwards in time"
     turned = " If the rows run backwards, turn the file round instead." if everywhere else ""
     guess = cause if everywhere else "their sign is inverted"
     return Mendable(
         CHECK,
         "yellow",
-        f"The commands of {named(seen.parts, wrong)} take power out of the motion (power over its absolute "
-        f"value: {share}; friction makes it positive): very probably {guess}.",
+        f"{_facts(seen, rho, by_power, opposed)}: very probably {guess}.{rest}",
         both(CHECK, f"turn the sign of {named(seen.parts, wrong)}") + turned,
         flag=CHECK,
         by=tuple(np.where(wrong, -1.0, 1.0).tolist()),
     )
+
+
+def _facts(seen: Seen, rho: Array, by_power: Mask, opposed: Mask) -> str:
+    facts = []
+    if by_power.any():
+        share = ", ".join(f"{value:.2f}" for value in rho[by_power])
+        facts.append(
+            f"commands of {named(seen.parts, by_power)} take power out of the motion (power over its "
+            f"absolute value: {share}; friction makes it positive)"
+        )
+    if opposed.any():
+        facts.append(f"commands of {named(seen.parts, opposed)} are opposite to the model file's torque")
+    return "The " + ", and the ".join(facts)

@@ -64,7 +64,11 @@ class FlightFeedforward:
             DataError: nothing plans voltages here.
         """
         if self.voltages is None:
-            raise DataError("this feedforward plans accelerations, not voltages")
+            raise DataError(
+                "this feedforward has no command of the motors: of a vehicle that nobody described, only "
+                "accelerations are planned",
+                next_step="Describe it under [vehicle] in robot.toml, or export the model itself: --to c.",
+            )
         channels = {c.name: c for c in (*STATES, BATTERY) if c.name in row}
         log = Log(np.array([t]), channels, {name: np.atleast_2d(row[name]) for name in channels})
         return self.voltages.predict(log)[0], np.full(COMMANDS, np.nan)
