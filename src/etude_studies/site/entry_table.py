@@ -55,7 +55,7 @@ def _row(study: Study, entry: Entry, row: Row) -> Html:
         _cell(own, told.get(column), column_name(column), of_joints=column == "mean", most=most)
         for column, own in zip(entry.columns, found, strict=True)
     ]
-    return element("tr", _name(row.label, row.run), *cells, _seeds(found))
+    return element("tr", _name(row.label, row.run), *cells, _seeds(found, most))
 
 
 def _line(study: Study, entry: Entry, source: str) -> Html:
@@ -94,13 +94,14 @@ def _cell(
     parts.append(element("span", number(found.mean) if found else "–", class_="ours"))
     if found and found.n > 1:
         parts.append(element("span", f"[{number(found.low)}, {number(found.high)}]", class_="interval"))
-    if found and found.n < most:
-        parts.append(element("span", f"{found.n} of {most} seeds", class_="interval"))
+    if most and (found is None or found.n < most):
+        some = str(found.n) if found else "none"
+        parts.append(element("span", f"{some} of {most} seeds", class_="interval"))
     return element("td", *parts, **{"data-column": name})
 
 
-def _seeds(found: Sequence[Summary | None]) -> Html:
-    n = max((own.n for own in found if own), default=0)
+def _seeds(found: Sequence[Summary | None], most: int = 0) -> Html:
+    n = max((own.n for own in found if own), default=most)
     words = str(n) if n else "not run"
     return element(
         "td", element("span", words, class_="n", title=plural(n, "seed")), **{"data-column": "seeds"}

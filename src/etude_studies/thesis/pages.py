@@ -95,15 +95,15 @@ def _entry(entry: Entry, results: Results) -> str:
 
 
 def _table_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[str]:
-    yield f"| after {entry.at[-1]} | {' | '.join(entry.columns)} | seeds |"
+    yield f"| {f'after {entry.at[-1]}' if entry.at[-1] else ''} | {' | '.join(entry.columns)} | seeds |"
     yield "|---" * (len(entry.columns) + 2) + "|"
     for row in rows:
         k = (row.at or entry.at)[-1]
         found = [cell(results, entry, row.run, column, k) for column in entry.columns]
-        if any(own.seeds for own in found):
+        if any(own.asked for own in found):
             printed = [f" [{value:g}]" for value in row.printed] + [""] * len(found)
             texts = [own.text + text for own, text in zip(found, printed, strict=False)]
-            yield f"| {row.label} | {' | '.join(texts)} | {max(own.seeds for own in found)} |"
+            yield f"| {row.label} | {' | '.join(texts)} | {max(own.asked for own in found)} |"
 
 
 def _curve_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[str]:
@@ -112,8 +112,8 @@ def _curve_lines(entry: Entry, rows: list[Row], results: Results) -> Iterator[st
     yield "|---" * (len(entry.at) + 2) + "|"
     for row in rows:
         found = [cell(results, entry, row.run, entry.columns[-1], k) for k in entry.at]
-        if any(own.seeds for own in found):
-            yield f"| {row.label} | {' | '.join(own.text for own in found)} | {max(o.seeds for o in found)} |"
+        if any(own.asked for own in found):
+            yield f"| {row.label} | {' | '.join(own.text for own in found)} | {max(o.asked for o in found)} |"
 
 
 def _line(source: str) -> str:

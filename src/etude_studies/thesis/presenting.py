@@ -31,29 +31,32 @@ class Cell:
 
     Attributes:
         mean: over seeds. low, high: its 95 % t interval; NaN of one seed. seeds: how many.
+        asked: how many have the figure, those that never reached what it counts among them.
     """
 
     mean: float
     low: float
     high: float
     seeds: int
+    asked: int
 
     @classmethod
     def of(cls, values: Mapping[int, float]) -> Cell:
-        """Of values by seed; those that are not finite are left out."""
+        """Of values by seed; those that are not finite are counted, and else left out."""
         own = [value for value in values.values() if math.isfinite(value)]
         if not own:
-            return cls(math.nan, math.nan, math.nan, 0)
+            return cls(math.nan, math.nan, math.nan, 0, len(values))
         low, high = interval(own) if len(own) > 1 else (math.nan, math.nan)
-        return cls(sum(own) / len(own), low, high, len(own))
+        return cls(sum(own) / len(own), low, high, len(own), len(values))
 
     @property
     def text(self) -> str:
-        """The mean and the half width of its interval."""
+        """The mean and the half width of its interval; of how many seeds, where not all have one."""
         if not self.seeds:
-            return "-"
+            return f"none of {self.asked}" if self.asked else "-"
         half = 0.5 * (self.high - self.low)
-        return f"{self.mean:.4g}" + ("" if math.isnan(half) else f" ± {half:.2g}")
+        some = f" ({self.seeds} of {self.asked})" if self.seeds < self.asked else ""
+        return f"{self.mean:.4g}" + ("" if math.isnan(half) else f" ± {half:.2g}") + some
 
 
 def cell(results: Values, entry: Entry, source: str, column: str, k: int) -> Cell:
@@ -86,14 +89,14 @@ def entry_table(entry: Entry, results: Values, more: Sequence[Row] = (), narrow:
 
 def _add(shown: Table, entry: Entry, row: Row, results: Values, k: int, narrow: bool) -> None:
     found = [cell(results, entry, row.run, column, k) for column in entry.columns]
-    if not any(own.seeds for own in found):
+    if not any(own.asked for own in found):
         return
     printed = [rf" \[{value:g}]" for value in row.printed] if entry.kind == "table" else []
     printed += [""] * (len(found) - len(printed))
     texts = [own.text + text for own, text in zip(found, printed, strict=True)]
     if narrow:
         texts = [text.replace(" ± ", "\n± ").replace(r" \[", "\n" + r"\[") for text in texts]
-    shown.add_row(row.label, str(k), *texts, str(max(own.seeds for own in found)))
+    shown.add_row(row.label, str(k), *texts, str(max(own.asked for own in found)))
 
 
 HEADLINES = (("error", "fourier", "deg"), ("mae", "uniform", "command unit"))

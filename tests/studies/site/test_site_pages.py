@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 import html.parser
 import json
+import math
 import re
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from urllib.parse import unquote
 
 import msgspec
@@ -23,6 +26,7 @@ from etude_studies.site import facets
 from etude_studies.site.build import build_site, pages
 from etude_studies.site.context import Reading, Study
 from etude_studies.site.dot_plot import Dot, Rule, dot_plot
+from etude_studies.site.entry_table import table_of
 from etude_studies.site.marks import style_of
 from etude_studies.site.numbers import Numbers, Summary, summary
 from etude_studies.site.readings import READINGS, readings
@@ -336,3 +340,20 @@ def test_a_cell_with_fewer_seeds_than_its_row_says_so() -> None:
     numbers = Numbers(Results(broken, results.descriptions))
     own = dict(pages(Study(ledger, verdicts, numbers, (), {})))["table-6.9.html"]
     assert own.count(f'<span class="interval">{SEEDS - 3} of {SEEDS} seeds</span>') == 1
+
+
+def test_what_no_seed_reached_is_not_called_not_run() -> None:
+    """Seconds until an error that is never reached are a result."""
+    entry = load_ledger().entry("beyond-seconds")
+    asked = msgspec.structs.replace(entry, columns=("0.5", "0.3"), rows=entry.rows[:1])
+    never = {"0.5": {0: math.nan, 1: 120.0}, "0.3": {0: math.nan, 1: math.nan}}
+
+    class Told:
+        def cell(self, entry, source, column, k, test=None):
+            return never[column]
+
+    study: Any = SimpleNamespace(numbers=Told(), what={})
+    text = Page(str(table_of(study, asked))).text
+    assert "1 of 2 seeds" in text
+    assert "none of 2 seeds" in text
+    assert "not run" not in text

@@ -35,7 +35,9 @@ def test_a_cell_is_the_mean_with_its_t_interval() -> None:
     half = t.ppf(0.975, 2) * x.std(ddof=1) / math.sqrt(3)
     assert (own.mean, own.seeds) == (pytest.approx(x.mean()), 3)
     assert (own.low, own.high) == (pytest.approx(x.mean() - half), pytest.approx(x.mean() + half))
+    assert own.text.endswith(" (3 of 4)")
     assert Cell.of({0: 2.0}).text == "2"
+    assert Cell.of({0: math.nan, 1: math.nan}).text == "none of 2"
     assert Cell.of({}).text == "-"
 
 
