@@ -33,7 +33,7 @@ class Dot:
 
     Attributes:
         name: above it. found, printed: our number and the thesis's, as far as there are any.
-        single: the interval of a single run.
+        single: the interval of a single run. asked: seeds that have the figure, finite or not.
     """
 
     name: str
@@ -41,6 +41,15 @@ class Dot:
     printed: float | None
     style: Style
     single: tuple[float, float] | None = None
+    asked: int = 0
+
+    @property
+    def words(self) -> str:
+        """The number with its interval, and of how many seeds where not all have one."""
+        if self.found is None:
+            return f"none of {self.asked} seeds" if self.asked else ""
+        some = f", {self.found.n} of {self.asked}" if self.found.n < self.asked else ""
+        return interval_text(self.found) + some
 
 
 @dataclass(frozen=True)
@@ -166,7 +175,7 @@ def _far(rules: Sequence[Rule], rows: int, scale: Scale) -> list[str]:
 
 def _row(dot: Dot, top: float, scale: Scale) -> str:
     """Name and numbers above the mark."""
-    words = interval_text(dot.found) if dot.found else ""
+    words = dot.words
     room = int((RIGHT - LEFT) / CHARACTER) - len(words) - 1
     name = dot.name if len(dot.name) <= room else f"{dot.name[: room - 1]}…"
     number_ = label(RIGHT, top + 15, words, "value halo", "end") if words else ""

@@ -78,14 +78,16 @@ def _all_dots(study: Study, entry: Entry) -> Html:
 
 
 def _rows(study: Study, entry: Entry, column: str) -> list[Dot]:
+    found = [study.numbers.cell(entry, row.run, column, counts(entry, row)[-1]) for row in entry.rows]
     return [
         Dot(
             row.label,
-            summary(study.numbers.cell(entry, row.run, column, counts(entry, row)[-1])),
+            summary(own),
             printed(entry, row).get(column) if entry.unit not in INCOMPARABLE else None,
             style_of(place),
+            asked=len(own),
         )
-        for place, row in enumerate(entry.rows)
+        for place, (row, own) in enumerate(zip(entry.rows, found, strict=True))
     ]
 
 

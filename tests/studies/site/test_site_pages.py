@@ -357,3 +357,5 @@ def test_what_no_seed_reached_is_not_called_not_run() -> None:
     assert "1 of 2 seeds" in text
     assert "none of 2 seeds" in text
     assert "not run" not in text
+    assert Dot("slow", None, None, style_of(0), asked=2).words == "none of 2 seeds"
+    assert Dot("slow", summary(never["0.5"]), None, style_of(0), asked=2).words.endswith(", 1 of 2")
