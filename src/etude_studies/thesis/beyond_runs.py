@@ -13,7 +13,10 @@ ROUGH = "arm4_rough"
 FACTORS: Mapping[str, tuple[str, Settings]] = {
     "inputs": ("desired inputs", {"data": {"inputs": "desired"}}),
     "filter": ("no filter", {"data": {"cutoff_hz": "none"}}),
-    "friction": ("no friction inputs", {"data": {"friction_fraction": 0.0}}),
+    "friction": (
+        "the ARD-SE kernel and no friction inputs, which the structured kernel is made of",
+        {"data": {"friction_fraction": 0.0}, "model": {"kernel": "ard_se"}},
+    ),
     "mask": ("no stick mask", {"data": {"stick_fraction": 0.0}}),
     "kernel": ("ARD-SE kernel", {"model": {"kernel": "ard_se"}}),
     "prior": ("no prior", {"model": {"prior": "none"}}),
