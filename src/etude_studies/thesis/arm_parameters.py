@@ -80,7 +80,8 @@ def _length_rows(
     model: LearnedModel, k: int, line: str, name: str, lengths: Array, known: Mapping[str, Array]
 ) -> Iterator[Measured]:
     for column, length in zip(model.inputs.columns, lengths, strict=False):
-        yield Measured(k, "", line, name, f"length_{column[0]}_{column[1]}", float(length))
+        if not column[3]:  # friction columns of one channel have no name of their own
+            yield Measured(k, "", line, name, f"length_{column[0]}_{column[1]}", float(length))
     if len(lengths) and len(known.get(name, ())) == len(lengths):
         yield Measured(k, "", line, name, "length_change", log_distance(lengths, known[name]))
 
