@@ -22,6 +22,7 @@ from etude_studies.thesis.arm_motions import draws, recorded, training_motions
 from etude_studies.thesis.arm_motions import tests_of as motions_of
 from etude_studies.thesis.arm_runs import ARM_RUNS, CONTROLLERS, DOWNSAMPLED, arm_spec, baseline_spec
 from etude_studies.thesis.arm_settings import ArmSettings
+from etude_studies.thesis.beyond_runs import BEYOND_RUNS
 from etude_studies.thesis.own_omega0 import JointByJoint
 
 QUICK = {"points": 30, "fit_points": 30, "steps": 2}
@@ -120,6 +121,17 @@ def test_every_run_is_possible(name: str) -> None:
     spec = arm_spec(ARM_RUNS[name][1], 3)
     assert spec.needs[0].settings["motions"] in ("scaled", "amplitude")
     ArmSettings(**spec.settings)
+
+
+@pytest.mark.parametrize(
+    "name", [own if own == "DA_kernel" else pytest.param(own, marks=pytest.mark.slow) for own in BEYOND_RUNS]
+)
+def test_every_run_beyond_the_thesis_can_be_computed(name: str) -> None:
+    """With its kernel and inputs: those that do not go together fail after a round."""
+    own = dict(BEYOND_RUNS[name][1])
+    cheap = {"rounds": 1, "model": {**own["model"], **QUICK}}
+    spec = arm_spec({**own, **cheap}, 3)
+    assert run_one(spec, needed(spec)).height > 0
 
 
 def test_runs_differ() -> None:
