@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Channel, Kind, Log
-from etude.errors import DataError, UsageError
+from etude.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -154,13 +154,3 @@ def _law(error: Array, slope: Array, u: Array, name: str) -> tuple[float, float,
         )
     spread = 1.4826 * float(np.median(np.abs(left)))
     return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)
-
-
-def require_rows(feedback: Feedback, row: Mapping[str, Array]) -> None:
-    """UsageError: the first measured row lacks what the guard judges by."""
-    missing = [name for name in (*feedback.channels, COMMAND) if name not in row]
-    if missing:
-        raise UsageError(
-            f"the measured row lacks {', '.join(missing)}",
-            next_step="The guard of learning on line judges by it: put it into every row.",
-        )
