@@ -62,4 +62,4 @@ def _explained(columns: list[Array], u: Array) -> tuple[float, Array]:
     A = np.column_stack(columns)
     gains, *_ = np.linalg.lstsq(A, u, rcond=None)
     left = u - A @ gains
-    return 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny), gains
+    return 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny), np.asarray(gains, dtype=float)
