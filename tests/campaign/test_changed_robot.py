@@ -136,14 +136,22 @@ def test_an_answer_to_nothing_and_a_word_that_is_none(fresh: Campaign) -> None:
         tell(fresh, [], changed="maybe")
 
 
-def test_the_command_asks(fresh: Campaign, waiting: Path, capsys: Any) -> None:
-    assert main(["tell", str(fresh.path), str(waiting)]) == 0
+def test_the_command_asks_and_a_script_is_told(
+    fresh: Campaign, waiting: Path, tmp_path: Path, capsys: Any
+) -> None:
+    """By the exit code alone: `etude tell && etude ask` must not go on with a log that was not learned."""
+    assert main(["tell", str(fresh.path), str(waiting)]) == 6
     text = capsys.readouterr().out
+    (tmp_path / "bad.csv").write_text("no log\n")
+    assert main(["tell", str(fresh.path), str(waiting), str(tmp_path / "bad.csv")]) == 6
+    assert main(["tell", str(fresh.path), str(tmp_path / "bad.csv")]) == 3
+    capsys.readouterr()
     assert "Log 4 is not learned yet." in text
     assert "--changed forget" in text
     assert main(["tell", str(fresh.path), "--changed", "forget", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["learned"] == []
     assert fresh.state().held == []
+    assert main(["tell", str(fresh.path), str(waiting)]) == 0  # answered: it waits no more
 
 
 @pytest.mark.usefixtures("waiting")

@@ -81,6 +81,23 @@ def test_a_broken_kind_harms_no_other(tmp_path: Path, monkeypatch: pytest.Monkey
         load_robot(tmp_path / "b.toml")
 
 
+def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    create_campaign(tmp_path / "lab", "arm4")
+    before = {path: path.read_bytes() for path in (tmp_path / "lab").rglob("*") if path.is_file()}
+
+    def read(*_: Any) -> Any:
+        raise AssertionError("the robot was read")
+
+    monkeypatch.setattr("etude.campaign.create.find_robot", read)
+    with pytest.raises(UsageError, match="a campaign here already"):
+        create_campaign(tmp_path / "lab", "arm4")
+    assert before == {path: path.read_bytes() for path in (tmp_path / "lab").rglob("*") if path.is_file()}
+    with pytest.raises(AssertionError, match="was read"):
+        create_campaign(tmp_path / "other", "arm4")
+
+
 def test_the_folder_says_what_it_is(tmp_path: Path) -> None:
     campaign, _ = create_campaign(tmp_path / "lab", "quadrotor", seed=2)
     facts = campaign.events()[0].facts

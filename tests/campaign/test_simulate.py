@@ -156,7 +156,7 @@ def test_the_changed_robot_is_run_and_one_that_is_not_noticed_is_learned(
 @pytest.mark.usefixtures("noticed")
 def test_the_command_ends_in_what_may_be_done_next(arm: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(arm.path)
-    assert main(["simulate", folder, "--rounds", "1", "--change", "payload=0.5"]) == 0
+    assert main(["simulate", folder, "--rounds", "1", "--change", "payload=0.5"]) == 6
     assert f"Next: etude tell {folder} --changed new (or forget, or same)." in capsys.readouterr().out
     tell(arm, [], changed="same")
     assert main(["simulate", folder, "--rounds", "0"]) == 0

@@ -171,6 +171,45 @@ def test_what_cannot_be_judged_is_not_exported(files, tmp_path) -> None:
         robot.planned_row([np.zeros(3)] * 3)
 
 
+WRONG = [np.zeros(3), np.zeros(5), np.zeros(1), 0.1, np.zeros((1, 4)), ["a"] * 4]
+
+
+def test_a_row_that_is_not_the_robots_is_refused_by_channel_and_parts(files, tmp_path) -> None:
+    """Of q in a planned row, a wrong length held the last command for ever, and said so in a report alone."""
+    robot = open_online(put(tmp_path, files))
+    parts = r"4 numbers in .*\(waist, shoulder, elbow, wrist\)"
+    row = robot.planned_row(plan(0.1))
+    for name in ("q", "qd", "qdd"):
+        with pytest.raises(UsageError, match=rf"planned row lacks {name}\. .*{name}: {parts}"):
+            robot.command(0.1, {n: v for n, v in row.items() if n != name})
+    for values in WRONG:
+        for name in row:
+            with pytest.raises(UsageError, match=rf"^{name} of the planned row .*{parts}"):
+                robot.command(0.1, {**row, name: values})
+    with pytest.raises(UsageError, match="different shapes"):
+        robot.planned_row([np.zeros(4), np.zeros(3), np.zeros(4)])
+    told, _ = robot.command(0.1, {n: v.tolist() for n, v in row.items()})
+    np.testing.assert_array_equal(told, robot.command(0.1, row)[0])
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_measured_row_that_is_not_the_robots_is_refused_at_any_time(files, tmp_path, first) -> None:
+    robot = open_online(put(tmp_path, files))
+    row = {"q": plan(0.0)[0], "q_des": plan(0.0)[0], "command": np.zeros(4)}
+    if first:
+        with pytest.raises(UsageError, match=r"measured row lacks q_des\. .*waist, shoulder, elbow, wrist"):
+            robot.observe(0.0, {n: v for n, v in row.items() if n != "q_des"})
+    else:
+        driven(robot, range(30))
+    for values in WRONG:
+        for name in row:
+            with pytest.raises(UsageError, match=rf"^{name} of the measured row .*4 numbers"):
+                robot.observe(0.3, {**row, name: values})
+    assert robot.reports() == []  # nothing of a refused row was taken in
+    driven(robot, range(30, 300))
+    assert robot.counts.learned.min() > 0
+
+
 def test_a_wrong_sign_is_told_in_one_sentence(files, tmp_path) -> None:
     robot = open_online(put(tmp_path, files))
     driven(robot, range(50))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from etude import plugins
 from etude.campaign.config import preset_config
 from etude.campaign.config_file import CONFIG, config_text, load_config
 from etude.campaign.folder import ROBOT, Campaign, open_campaign
-from etude.campaign.journal import commit, read_events
+from etude.campaign.journal import JOURNAL, commit, read_events
 from etude.contracts import Described, Kind
 from etude.errors import UsageError
 from etude.storage import write_atomic, writer_lock
@@ -52,15 +53,14 @@ def create_campaign(
             impossible.
     """
     path = Path(path)
+    if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
+        _require_empty(path)
     kind, description = find_robot(robot)
     described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
     config = replace(preset_config(kind, preset_name), seed=seed)
     _make_folder(path)
     with writer_lock(path):
-        if read_events(path):
-            raise UsageError(
-                "there is a campaign here already", where=str(path), next_step="Name another folder."
-            )
+        _require_empty(path)
         files = _written(path, described)
         spec = kind.spec(path / ROBOT)
         axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
@@ -69,6 +69,14 @@ def create_campaign(
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
     return open_campaign(path), described.confirm
+
+
+def _require_empty(path: Path) -> None:
+    """UsageError: there is a campaign already."""
+    if read_events(path):
+        raise UsageError(
+            "there is a campaign here already", where=str(path), next_step="Name another folder."
+        )
 
 
 def _chosen(kind: Kind, description: Path, part: Part) -> Described:

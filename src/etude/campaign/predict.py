@@ -39,6 +39,9 @@ def predict(
     """Commands along a motion: channels "command" and "deviation", each (T, J), and "outside" (T, 1): 1 where
     a state is outside the data that the model was trained on, so that it extrapolates; `repairs` counts them.
 
+    The deviation is that of one sample as the model learns it, noise included: of commands that were filtered
+    or averaged to the model's rate. Single rows of a faster log scatter more.
+
     Args:
         campaign: the folder, or it opened.
         motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.

@@ -20,13 +20,21 @@ from etude.logs.truth.brake import without_spans
 from etude.logs.truth.ground import CHECK as GROUND
 from etude.logs.truth.ground import without_ground
 from etude.logs.truth.judge import judge_commands, judge_motion
+from etude.logs.truth.jump import CHECK as JUMP
 from etude.logs.truth.repairs import REPAIRS, repaired
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable
 
-CHECKS = ("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity", GROUND, BRAKE)
+CHECKS = (
+    *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
+    *(GROUND, BRAKE, JUMP),
+)
 """What may be accepted."""
-CUT: Mapping[str, Callable[[Log, Finding], Log]] = {GROUND: without_ground, BRAKE: without_spans}
+CUT: Mapping[str, Callable[[Log, Finding], Log]] = {
+    GROUND: without_ground,
+    BRAKE: without_spans,
+    JUMP: without_spans,
+}
 """What teaches nothing, and how it is cut."""
 Given = tuple[str, str, tuple[float, ...]]
 """An answer: "accept" or "repair", the check, and what was found of it (`Mendable.by`)."""

@@ -11,6 +11,8 @@ from typing import Any, Protocol
 from etude.commands.terminal import width
 
 Say = Callable[[str], None]
+CHANGED = 6
+"""Exit code: the robot has changed, so that somebody has to say what it is now."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ from etude.commands.outcome import Outcome, Say
 @dataclass(frozen=True, kw_only=True)
 class Predict(Common):
     """Write the commands that the model expects along a motion, each with its deviation, and which rows lie
-    outside what it learned."""
+    outside what it learned. The deviation is that of one sample as the model learns it, its noise included:
+    logs are filtered or averaged to the model's rate. Single rows of a faster log scatter more.
+    """
 
     folder: Folder
     motion: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, table
+from etude.commands.outcome import CHANGED, Outcome, Say, table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +24,9 @@ BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(Common):
-    """Close the loop with a simulated robot, and test what was learned after every trajectory."""
+    """Close the loop with a simulated robot, and test what was learned after every trajectory. Exit code 6: a
+    log waits for an answer, since the robot has changed.
+    """
 
     folder: Folder
     rounds: int = 4
@@ -71,7 +73,8 @@ class Simulate(Common):
             "confirmed": confirmed,
         }
         told = [] if confirmed is None else [_confirmed(confirmed)]
-        return Outcome("\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)]), data)
+        text = "\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)])
+        return Outcome(text, data, CHANGED if state.held else 0)
 
 
 def _next(folder: Path, state: State) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say
+from etude.commands.outcome import CHANGED, Outcome, Say
 
 if TYPE_CHECKING:
     from etude.campaign.several import ToldFile, ToldMany
@@ -24,7 +24,7 @@ class Tell(Common):
     """Take in logs and learn them in one training. Any order, any delay; the same log twice changes nothing.
 
     Of several files, one that cannot be used does not stop the others: the table says what became of each,
-    and the exit code is then 3.
+    and the exit code is then 3. Exit code 6: a log waits for an answer, since the robot has changed.
     """
 
     folder: Folder
@@ -72,7 +72,7 @@ class Tell(Common):
         following = f"Next: etude status {self.folder}, etude ask {self.folder}"
         if len(self.logs) == 1:
             told = tell(campaign, self.logs[0], number=self.number, **options)
-            return Outcome("\n".join([*_lines(told), following]), _data(told))
+            return Outcome("\n".join([*_lines(told), following]), _data(told), CHANGED if told.held else 0)
         if self.number is not None:
             raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
         many = tell_many(campaign, self.logs, **options)
@@ -81,7 +81,14 @@ class Tell(Common):
             "learned": many.learned,
             "warnings": many.warnings,
         }
-        return Outcome("\n".join([*_table(many), following]), data, UNUSABLE if many.refused else 0)
+        return Outcome("\n".join([*_table(many), following]), data, _code(many))
+
+
+def _code(many: ToldMany) -> int:
+    """As `watch`: a robot that has changed counts before a file that was refused."""
+    if any(file.told is not None and file.told.held for file in many.files):
+        return CHANGED
+    return UNUSABLE if many.refused else 0
 
 
 def _lines(found: Told) -> list[str]:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say
+from etude.commands.outcome import CHANGED, Outcome, Say
 
 if TYPE_CHECKING:
     from etude.campaign.watch import Watched, WatchedLog
 
-CHANGED, UNUSABLE = 6, 3
+UNUSABLE = 3
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,6 +47,12 @@ class Deployed:
             UsageError: fewer derivatives than the model looks at, or another number of coordinates.
         """
         inputs = self._online.model.inputs
+        shapes = {np.shape(order) for order in orders}
+        if len(shapes) > 1:
+            raise UsageError(
+                f"the orders of a plan have different shapes: {', '.join(str(np.shape(o)) for o in orders)}",
+                next_step=f"Give the path and each derivative as {len(self._home)} numbers.",
+            )
         known = np.array([np.asarray(order, dtype=float) for order in orders])
         if known.shape[1:] != self._home.shape or len(known) < inputs.orders:
             raise UsageError(
@@ -61,11 +67,18 @@ class Deployed:
         return self._online.planned(motion)
 
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
-        """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,)."""
+        """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,).
+
+        UsageError: the row lacks a channel that the model looks at, or one has another number of parts.
+        """
         return self._online.command(t, row)
 
     def observe(self, t: float, row: Row) -> None:
-        """What was measured in this tick, the applied command in it. UsageError: a channel is missing."""
+        """What was measured in this tick, the applied command in it.
+
+        UsageError: a channel has another number of parts, or is missing in the first row. One that is missing
+        later is a measurement that was lost: it is not learned, and `reports` says so.
+        """
         self._online.observe(t, row)
 
     def reports(self) -> list[tuple[float, str]]:

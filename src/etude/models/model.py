@@ -192,7 +192,8 @@ class LearnedModel:
     def feedforward(self, trajectory: Trajectory, rate: float = 100.0) -> Log:
         """Commands with deviations along a perfect run of a trajectory, `rate` times a second, its end too.
 
-        Channels "command" and "deviation", (T, J). Take a rate at which the inputs' memory sees where the
+        Channels "command" and "deviation", (T, J); the deviation is that of one sample as it is learned, at
+        the model's own rate, whatever `rate` is. Take a rate at which the inputs' memory sees where the
         motion turns (`inputs.rate`).
         """
         return self.commanded(self.planned(trajectory, rate))

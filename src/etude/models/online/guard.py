@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Row
-from etude.models.online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks, require_rows
+from etude.models.online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks
 from etude.models.online.guard_gate import Gate
 from etude.models.online.guard_hedge import TRIP as FAR_TRIP
 from etude.models.online.guard_hedge import Hedge
@@ -91,15 +91,15 @@ class Guard:
             self._middle = self._pending
         return np.asarray(sent)
 
-    def begin(self, row: Row) -> None:
-        """UsageError: the first measured row lacks what the guard judges by."""
-        require_rows(self.feedback, row)
+    @property
+    def judges_by(self) -> tuple[str, ...]:
+        """Channels that measured rows have to hold."""
+        return (*self.feedback.channels, COMMAND)
 
     def collect(self, row: Row | None) -> None:
         """One tick's measurement; None where it is not believed. Call `decide` after it where `due`."""
         if row is not None and self._pending:
-            names = (*self.feedback.channels, COMMAND)
-            self._rows.append([*(np.array(row[n], dtype=float) for n in names), self._pending[3]])
+            self._rows.append([*(np.array(row[n], dtype=float) for n in self.judges_by), self._pending[3]])
         self._pending = []
         self._tick += 1
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Channel, Kind, Log
-from etude.errors import DataError, UsageError
+from etude.errors import DataError
+from etude.models.online.guard_why import why
 
 Array = NDArray[np.float64]
 
@@ -109,22 +110,26 @@ def feedback_of(
     least = FLOOR * np.maximum(*np.abs(limits))
     if command.acts_on != path:
         return ToldFeedback(least)
-    parts = [part for log in logs for part in _decisions(log, path, limits, rate)]
+    each = [_decisions(log, path, limits, rate) for log in logs]
+    parts = [part for found in each for part in found]
     if not parts:
         raise DataError(
             f"no log holds {path}{PLANNED}, so the robot's feedback is not known",
             next_step="Log the desired positions; without them nothing judges what is learned.",
         )
-    error, slope, u = (np.stack(rows) for rows in zip(*parts, strict=True))
-    laws = [_law(error[:, j], slope[:, j], u[:, j], name) for j, name in enumerate(command.parts)]
+    told = np.stack([np.stack(part) for part in parts], axis=1)  # (4, n, J)
+    group = np.repeat(np.arange(len(each)), [len(found) for found in each])
+    laws = [_law(told[:, :, j], group, name) for j, name in enumerate(command.parts)]
     kp, kd, sigma = np.array(laws).T
     return FeedbackLaw(kp, kd, np.maximum(sigma, least), path)
 
 
 def _decisions(
     log: Log, path: str, limits: tuple[Array, Array], rate: float
-) -> list[tuple[Array, Array, Array]]:
-    """Mean error, its slope and mean of what was fed back, of stretches as long as a decision."""
+) -> list[tuple[Array, Array, Array, Array]]:
+    """Mean error, its slope, mean of what was fed back and of the error's integral since the log's start, of
+    stretches as long as a decision.
+    """
     wanted, n = log.get(path + PLANNED), decision_ticks(rate)
     if wanted is None:
         return []
@@ -132,35 +137,26 @@ def _decisions(
     u = log[COMMAND] - (0.0 if sent is None else sent)
     beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
     good = np.asarray(~beyond.any(axis=1) & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1))
+    total = np.cumsum(np.nan_to_num(error, posinf=0.0, neginf=0.0), axis=0) / rate
     spans = [slice(k, k + n) for k in range(0, len(log) - n + 1, n) if good[k : k + n].all()]
-    return [
-        (error[s].mean(axis=0), (error[s][-1] - error[s][0]) * rate / (n - 1), u[s].mean(axis=0))
-        for s in spans
-    ]
+    slopes = [(error[s][-1] - error[s][0]) * rate / (n - 1) for s in spans]
+    means = [tuple(values[s].mean(axis=0) for values in (error, u, total)) for s in spans]
+    return [(e, slope, sent, sums) for slope, (e, sent, sums) in zip(slopes, means, strict=True)]
 
 
-def _law(error: Array, slope: Array, u: Array, name: str) -> tuple[float, float, float]:
-    """kp, kd, sigma of one command."""
+def _law(told: Array, group: NDArray[np.int64], name: str) -> tuple[float, float, float]:
+    """kp, kd, sigma of one command, from its decisions (4, n); group: (n,) which log each is of."""
+    error, slope, u, total = told
     A = np.column_stack([error, slope])
     (kp, kd), *_ = np.linalg.lstsq(A, u, rcond=None)
     left = u - A @ (kp, kd)
-    told = 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny)
-    if not (told >= EXPLAINED and kp > 0.0):
+    part = 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny)
+    if not (part >= EXPLAINED and kp > 0.0):
         raise DataError(
             f"the command of {name} does not follow from its tracking error "
-            f"({100 * max(told, 0.0):.0f} % of it explained, gain {kp:.3g})",
+            f"({100 * max(part, 0.0):.0f} % of it explained, gain {kp:.3g})",
             where=name,
-            next_step="Look at the sign and scale of the logged command; nothing is learned on line without.",
+            next_step=why(error, slope, total, u, group),
         )
     spread = 1.4826 * float(np.median(np.abs(left)))
     return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)
-
-
-def require_rows(feedback: Feedback, row: Mapping[str, Array]) -> None:
-    """UsageError: the first measured row lacks what the guard judges by."""
-    missing = [name for name in (*feedback.channels, COMMAND) if name not in row]
-    if missing:
-        raise UsageError(
-            f"the measured row lacks {', '.join(missing)}",
-            next_step="The guard of learning on line judges by it: put it into every row.",
-        )

@@ -22,10 +22,13 @@ from etude.models.online.learner import OnlineConfig
 from etude.models.online.measured import COMMAND, Measured
 from etude.models.online.once import asking_once
 from etude.models.online.planned import Planned
+from etude.models.online.rows import Rows
 from etude.models.online.state import put_back, taken
 
 REPORTS = 200
 """Sentences that are kept."""
+JUDGED = "The guard of learning on line judges by it."
+PLANNED = "The model looks at it; `planned_row` of a deployed folder makes whole rows."
 CLEAN_S, YOUNG_S = 0.1, 0.2
 """After a suspicion: what the window has to hold beyond its length, and how much older a sample must be."""
 
@@ -105,6 +108,7 @@ class OnlineModel:
         self.counts = Counts(*np.zeros((4, count), dtype=np.int64))
         self.reports: deque[tuple[float, str]] = deque(maxlen=REPORTS)
         known = {channel.name: channel for channel in channels}
+        self._rows = Rows(known, model.commands)
         self._plan = Planned(model, known, frozen, self.commands, rate)
         self._noise = np.array([abs(own.factor) * own.evidence.noise for own in self.commands])
         self.guard = self._guarded(feedback, rate)
@@ -123,7 +127,8 @@ class OnlineModel:
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,).
 
-        For a plan that is not finite the last command is held; its deviation is infinite.
+        For a plan that is not finite the last command is held; its deviation is infinite. UsageError: the row
+        lacks a channel that the model looks at, or one has another number of parts.
         """
         with np.errstate(all="ignore"):
             found = self._finite_instant(t, row)
@@ -140,9 +145,13 @@ class OnlineModel:
         return out.copy(), self._noise.copy()
 
     def observe(self, t: float, row: Row) -> None:
-        """One control tick's measurement: time in s, and the measured channels with the applied command."""
+        """One control tick's measurement: time in s, and the measured channels with the applied command.
+
+        UsageError: the first row lacks a channel that is judged by, or one has another number of parts.
+        """
+        row = self._rows.taken(row, "measured")
         if self.guard is not None and self._ticks == 0:
-            self.guard.begin(row)
+            self._rows.require(row, self.guard.judges_by, "measured", JUDGED)
         with np.errstate(all="ignore"):
             believed = self._measured.take(t, row)
             self.counts.ignored, self.counts.rebased = self._measured.counts
@@ -209,10 +218,16 @@ class OnlineModel:
         return raw
 
     def _finite_instant(self, t: float, row: Row) -> tuple[Array, Array, Array] | None:
+        if not self._plan.ahead:
+            row = self._rows.taken(row, "planned")
         try:
             found = self._plan.instant(t, row)
             if np.isfinite(found[2]).all():
                 return found
+        except KeyError:
+            inputs = [channel for channel, *_ in self.model.inputs.columns]
+            self._rows.require(row, inputs, "planned", PLANNED)
+            raise
         except (DataError, *FAILURES):
             pass
         self._measured.odd("The planned row or its command is not finite: the last command is held")

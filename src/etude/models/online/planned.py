@@ -50,6 +50,11 @@ class Planned:
         self._memory: Array | None = None
         self._carried: Array | None = None
 
+    @property
+    def ahead(self) -> bool:
+        """Whether a whole plan was asked for, so that rows are not looked at."""
+        return self._ahead is not None
+
     def take(self, motion: Motion) -> None:
         """Asks for a whole plan, once, where the trained model's controller can."""
         states = self.model.inputs.states(motion)

@@ -1,4 +1,4 @@
-"""What a log of a flight may show beside units and ranges: time on the ground, commands of another scale."""
+"""What a log of a flight may show beside units and ranges: ground, a position that jumps, another scale."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 from etude.contracts import Finding, Log
 from etude.logs.truth.ground import CHECK, ground_finding, windows
+from etude.logs.truth.jump import jump_finding
+from etude.robots.quadrotor.channels import PATH
 from etude.robots.quadrotor.spec import QuadrotorSpec
 
 HOVER = (0.5, 2.0)
@@ -16,7 +18,7 @@ HOVER = (0.5, 2.0)
 
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
     """Of each check, what it says of the flight."""
-    return (_ground(spec, log), _scale(spec, log))
+    return (_ground(spec, log), jump_finding(log, PATH, np.full(3, spec.speed)), _scale(spec, log))
 
 
 def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
