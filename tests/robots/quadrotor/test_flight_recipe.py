@@ -94,8 +94,8 @@ def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     assert kept.t[0] == pytest.approx(2.5)
     assert kept.repairs[-1].endswith("2.5 s at the ends were cut.")
     strong = log.put(log.channels["command"], log["command"] / 100.0)
-    assert findings(SPEC, strong)[1].light == "yellow"
-    assert findings(replace(SPEC, vehicle=None), log)[1].light == "cannot tell"
+    assert findings(SPEC, strong)[-1].light == "yellow"
+    assert findings(replace(SPEC, vehicle=None), log)[-1].light == "cannot tell"
 
 
 def test_rows_that_are_missing_are_filled_on_the_grid() -> None:
