@@ -12,9 +12,9 @@ from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model
 
 from compilers import run, tool
 from etude.contracts import Array, Motion
-from etude.deploy.c99.golden import log_of
 from etude.deploy.c99.plan import planned
 from etude.deploy.flight.target import CRAZYFLIE, PX4
+from etude.deploy.states import log_of
 from etude.errors import UsageError
 from etude.robots.quadrotor.flatness import flat_motion
 
@@ -64,7 +64,10 @@ def expected(model: Any, own: Motion) -> tuple[Array, Array]:
             hover[:, i] = 9.81
     inside = [np.clip(values, plan.low, plan.high) for values in (X, hover)]
     assert (inside[0] == X).all()
-    said = [np.clip(model.predict(log_of(plan, values))[0], plan.least, plan.most) for values in inside]
+    said = [
+        np.clip(model.predict(log_of(plan.channels, values, "golden"))[0], plan.least, plan.most)
+        for values in inside
+    ]
     return said[0] - said[1], X
 
 

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 from etude.commands.terminal import width
 
 Say = Callable[[str], None]
-CHANGED = 6
-"""Exit code: the robot has changed, so that somebody has to say what it is now."""
+CHANGED, UNUSABLE = 6, 3
+"""Exit codes: the robot has changed, so that somebody has to say what it is now; a file cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +90,8 @@ def _aligned(lines: list[list[str]], widths: list[int], columns: list[int]) -> s
         cells = [line[i].rjust(widths[i]) if i else line[i].ljust(widths[i]) for i in columns]
         told.append("  ".join(cells).rstrip())
     return "\n".join(told)
+
+
+def code_of(*, changed: bool, refused: bool = False) -> int:
+    """Of several logs: a robot that has changed counts before a file that was refused."""
+    return CHANGED if changed else UNUSABLE if refused else 0

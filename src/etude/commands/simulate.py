@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import CHANGED, Outcome, Say, table
+from etude.commands.outcome import Outcome, Say, code_of, table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,7 +74,7 @@ class Simulate(Common):
         }
         told = [] if confirmed is None else [_confirmed(confirmed)]
         text = "\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)])
-        return Outcome(text, data, CHANGED if state.held else 0)
+        return Outcome(text, data, code_of(changed=bool(state.held)))
 
 
 def _next(folder: Path, state: State) -> str:

@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import CHANGED, Outcome, Say
+from etude.commands.outcome import Outcome, Say, code_of
 
 if TYPE_CHECKING:
     from etude.campaign.several import ToldFile, ToldMany
     from etude.campaign.told import Told
-
-UNUSABLE = 3
-"""Exit code where a file was refused, as for a single one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +69,7 @@ class Tell(Common):
         following = f"Next: etude status {self.folder}, etude ask {self.folder}"
         if len(self.logs) == 1:
             told = tell(campaign, self.logs[0], number=self.number, **options)
-            return Outcome("\n".join([*_lines(told), following]), _data(told), CHANGED if told.held else 0)
+            return Outcome("\n".join([*_lines(told), following]), _data(told), code_of(changed=told.held))
         if self.number is not None:
             raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
         many = tell_many(campaign, self.logs, **options)
@@ -81,14 +78,9 @@ class Tell(Common):
             "learned": many.learned,
             "warnings": many.warnings,
         }
-        return Outcome("\n".join([*_table(many), following]), data, _code(many))
-
-
-def _code(many: ToldMany) -> int:
-    """As `watch`: a robot that has changed counts before a file that was refused."""
-    if any(file.told is not None and file.told.held for file in many.files):
-        return CHANGED
-    return UNUSABLE if many.refused else 0
+        held = any(file.told is not None and file.told.held for file in many.files)
+        code = code_of(changed=held, refused=bool(many.refused))
+        return Outcome("\n".join([*_table(many), following]), data, code)
 
 
 def _lines(found: Told) -> list[str]:

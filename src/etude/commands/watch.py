@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import CHANGED, Outcome, Say
+from etude.commands.outcome import Outcome, Say, code_of
 
 if TYPE_CHECKING:
     from etude.campaign.watch import Watched, WatchedLog
-
-UNUSABLE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +46,7 @@ class Watch(Common):
             say=say,
         )
         refused = any(one.verdict == "refused" for one in found.logs)
-        code = CHANGED if found.changed else UNUSABLE if refused else 0
+        code = code_of(changed=found.changed, refused=refused)
         return Outcome("\n".join(_lines(found, self.folder)), _data(found), code)
 
 

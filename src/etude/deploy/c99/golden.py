@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log
+from etude.contracts import Array, Index
 from etude.deploy.c99.plan import Plan
+from etude.deploy.states import log_of
 from etude.models.given import followed
 
 COUNT = 100
 SEED = 20
+SOURCE = "golden vectors"
 BEYOND = 1.15
 """Half ranges that most of the states swing through; single ones leave the range that they are clamped to."""
 LEAST = 0.1
@@ -61,21 +63,11 @@ def answered(plan: Plan, states: Array) -> Golden:
     inside = np.clip(states, plan.low, plan.high)
     flags = UNTRAINED * np.any((states < plan.trained_low) | (states > plan.trained_high), axis=1).astype(int)
     flags |= CLAMPED * np.any(inside != states, axis=1).astype(int)
-    log = followed(plan.model.inputs, log_of(plan, inside))
+    log = followed(plan.model.inputs, log_of(plan.channels, inside, SOURCE))
     mean, variance = plan.model.predict(log)
     still = np.where(plan.still, 0.0, inside)
-    gravity = plan.model.static(log_of(plan, still))
+    gravity = plan.model.static(log_of(plan.channels, still, SOURCE))
     faded, _ = plan.model.faded(log)
     flags |= LIMITED * np.any((mean > plan.most) | (mean < plan.least), axis=1).astype(int)
     clipped = [np.clip(values, plan.least, plan.most) for values in (mean, faded, gravity)]
     return Golden(states, clipped[0], variance, clipped[1], clipped[2], flags)
-
-
-def log_of(plan: Plan, states: Array) -> Log:
-    """A log of states (T, N), a row for each."""
-    values, at = {}, 0
-    for channel in plan.channels:
-        values[channel.name] = states[:, at : at + len(channel.parts)]
-        at += len(channel.parts)
-    t = np.arange(len(states), dtype=float)
-    return Log(t, {channel.name: channel for channel in plan.channels}, values, "golden vectors")

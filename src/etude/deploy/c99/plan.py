@@ -10,6 +10,7 @@ import numpy as np
 
 from etude.contracts import Array, Candidate, Channel, Code, Kind, Mean
 from etude.deploy.c99.names import identifier, identifiers
+from etude.deploy.states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
@@ -60,7 +61,7 @@ class Plan:
     @property
     def labels(self) -> list[str]:
         """Names of these numbers, as columns of logs are named."""
-        return [f"{c.name}_{c.parts[i]}" if c.parts[i] else c.name for c, i in self.parts]
+        return labels(self.channels)
 
     @property
     def memory(self) -> int:
@@ -166,12 +167,7 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], know
 
 def _ranges(model: LearnedModel, channels: Sequence[Channel]) -> tuple[Array, Array, Array, Array]:
     """Clamped to, and trained on: least and largest of each state."""
-    trained: dict[tuple[str, str], tuple[float, float]] = {}
-    for i, (channel, part, _, op) in enumerate(model.inputs.columns):
-        if not op:
-            trained[channel, part] = (float(model.ranges[0, i]), float(model.ranges[1, i]))
-    rows = [trained.get((c.name, part), (-UNBOUNDED, UNBOUNDED)) for c in channels for part in c.parts]
-    least, most = (np.array(side) for side in zip(*rows, strict=True))
+    least, most = trained(model, channels, UNBOUNDED)
     more = np.where(np.abs(least) < UNBOUNDED, WIDENED * (most - least), 0.0)
     return least - more, most + more, least, most
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import UsageError
+from etude.operators import Value
 
 OPSET = 17
 """Of the operators: ReduceSum takes its axes as an input since 13."""
@@ -54,11 +55,11 @@ class Graph:
 
     def total(self, value: str, axis: int) -> str:
         """The sum along an axis, which goes."""
-        return self.op("ReduceSum", value, np.array([axis]), keepdims=0)
+        return Value(self, value).sum(axis).name
 
     def columns(self, value: str, which: Sequence[int]) -> str:
         """Those columns of a table (n, D)."""
-        return self.op("Gather", value, np.array(list(which)), axis=1)
+        return Value(self, value).at(which, axis=1).name
 
     def model(
         self,

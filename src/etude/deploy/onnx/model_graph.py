@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,37 +26,34 @@ class Parts:
     """A model taken apart.
 
     Attributes:
-        model, used: and its candidates in use. inputs: the feature map. means: physics, each once, by id.
-        remembers: whether a process looks at what the inputs remember.
+        model, used: and its candidates in use. inputs: the feature map, which remembers nothing where nobody
+            looks at that. means: physics, each once, by id.
     """
 
     model: LearnedModel
     used: tuple[Candidate, ...]
     inputs: Piece
     means: Mapping[int, Piece]
-    remembers: bool
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """In the order of their words of memory."""
+        return [self.inputs, *self.means.values()]
 
     @property
     def reads(self) -> tuple[str, ...]:
         """Channels that the graph takes, in order."""
-        every = [self.inputs, *self.means.values()]
-        return tuple(dict.fromkeys(name for drawn in every for name in drawn.reads))
-
-    @property
-    def memories(self) -> list[Piece]:
-        """What remembers, in order."""
-        own = [self.inputs] if self.remembers else []
-        return [*own, *(drawn for drawn in self.means.values() if drawn.memory)]
+        return tuple(dict.fromkeys(name for piece in self.pieces for name in piece.reads))
 
     @property
     def memory(self) -> int:
         """Words of it."""
-        return sum(drawn.memory for drawn in self.memories)
+        return sum(piece.memory for piece in self.pieces)
 
     @property
     def rate(self) -> float:
         """Hz at which the graph must be asked, as it remembers; 0: anyhow."""
-        return max((drawn.rate for drawn in self.memories), default=0.0)
+        return max(piece.rate for piece in self.pieces)
 
 
 def parts_of(model: LearnedModel) -> Parts:
@@ -74,7 +71,8 @@ def parts_of(model: LearnedModel) -> Parts:
                 raise unwritable(f"the physics {type(mean).__name__}")
             means[id(mean)] = draw()
     held = {i for i, column in enumerate(model.inputs.columns) if column[3] == REMEMBERED}
-    return Parts(model, used, _inputs(model.inputs), means, bool(held & looked))
+    inputs = _inputs(model.inputs)
+    return Parts(model, used, inputs if held & looked else replace(inputs, memory=0, rate=0.0), means)
 
 
 def _inputs(inputs: Inputs) -> Piece:
@@ -136,12 +134,10 @@ def _drawn(
     """x (n, D), commands (n, J) of each mean, and the memory after of all that remember."""
     memory, at, left = Value(graph, REMEMBERED), 0, []
     values = []
-    for drawn in (parts.inputs, *parts.means.values()):
-        own = None
-        if any(drawn is one for one in parts.memories):
-            own = memory.at(range(at, at + drawn.memory))
-            at += drawn.memory
-        value, after = drawn.draw(states, own)
+    for piece in parts.pieces:
+        own = memory.at(range(at, at + piece.memory)) if piece.memory else None
+        at += piece.memory
+        value, after = piece.draw(states, own)
         values.append(value)
         left += [] if after is None else [after]
     return values[0].name, dict(zip(parts.means, values[1:], strict=True)), left

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Delivered, Kind, Log
+from etude.contracts import Array, Channel, Delivered, Kind
 from etude.deploy.c99.names import identifier
 from etude.deploy.onnx.graph import OPSET, needed
 from etude.deploy.onnx.model_graph import REMEMBERED, Parts, parts_of, written
+from etude.deploy.states import labels, log_of, trained
 from etude.errors import UsageError
 from etude.models.given import followed
 from etude.models.model import LearnedModel
@@ -19,6 +20,8 @@ from etude.options import taken
 
 REALS: Mapping[str, Any] = {"double": np.float64, "float": np.float32}
 COUNT, SEED = 100, 20
+UNKNOWN = 1.0
+"""How far a state is tried that only physics reads."""
 SMALL: Mapping[str, float] = {"double": 1e-9, "float": 1e-4}
 """Largest deviation from Python, as a part of each command's limit, inside the range trained on."""
 
@@ -47,17 +50,8 @@ class Taken:
     @property
     def labels(self) -> list[str]:
         """Name and unit of each state."""
-        return [
-            f"{c.name}_{part} [{unit or '1'}]" if part else f"{c.name} [{unit or '1'}]"
-            for c in self.channels
-            for part, unit in zip(c.parts, c.units, strict=True)
-        ]
-
-    def log(self, states: Array) -> Log:
-        """A log of states (T, N), a row for each."""
-        ends = np.cumsum([len(channel.parts) for channel in self.channels])[:-1]
-        values = dict(zip(self.widths, np.split(states, ends, axis=1), strict=True))
-        return Log(np.arange(len(states), dtype=float), {c.name: c for c in self.channels}, values, "states")
+        units = [unit or "1" for channel in self.channels for unit in channel.units]
+        return [f"{name} [{unit}]" for name, unit in zip(labels(self.channels), units, strict=True)]
 
 
 def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
@@ -91,14 +85,7 @@ def taken_by(parts: Parts, channels: Sequence[Channel]) -> Taken:
     """What the graph takes, of all channels of a robot."""
     known = {channel.name: channel for channel in channels}
     own = tuple(known[name] for name in parts.reads)
-    trained = {
-        column[:2]: parts.model.ranges[:, i]
-        for i, column in enumerate(parts.model.inputs.columns)
-        if not column[3]
-    }
-    unknown = np.array([-1.0, 1.0])  # of a state that only physics reads
-    ranges = [trained.get((c.name, part), unknown) for c in own for part in c.parts]
-    return Taken(own, np.stack(ranges, axis=1))
+    return Taken(own, trained(parts.model, own, UNKNOWN))
 
 
 def session(data: bytes) -> Any:
@@ -133,7 +120,8 @@ def deviation(parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any)
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
     swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
     states = (0.5 * (low + high) + 0.5 * (high - low) * swing).astype(dtype)
-    log = followed(parts.model.inputs, takes.log(states.astype(float)))
+    rows = log_of(takes.channels, states.astype(float), "states")
+    log = followed(parts.model.inputs, rows)
     pairs = zip(in_turn(data, parts, states), parts.model.predict(log), (limit, limit**2), strict=False)
     return max(float(np.abs((own - told) / size).max()) for own, told, size in pairs)
 

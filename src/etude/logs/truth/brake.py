@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Log, Mask
+from etude.logs.truth.runs import runs
 
 CHECK = "brake"
 WINDOW_S = 0.5
@@ -58,7 +59,5 @@ def _off(log: Log, command: Channel, limit: Array) -> tuple[Mask, Array]:
 
 
 def _spans(off: Mask, edges: Array) -> tuple[tuple[float, float], ...]:
-    changes = np.flatnonzero(np.diff(off.astype(np.int8), prepend=0, append=0))
-    pairs = zip(changes[::2], changes[1::2], strict=True)
-    found = [(float(edges[a]), float(edges[b])) for a, b in pairs]
+    found = [(float(edges[a]), float(edges[b])) for a, b in runs(off)]
     return tuple((start, end) for start, end in found if end - start >= LEAST_S)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from etude.contracts import Array, Finding, Log, Mask
+from etude.logs.truth.runs import runs
 
 CHECK = "ground"
 WINDOW_S = 0.2
@@ -76,20 +76,14 @@ def windows(t: Array, gyro: Array | None, force: Array | None, throttle: Array) 
 def _lasting(marked: Mask) -> Mask:
     """What is marked in CARRIED windows in a row, and more."""
     kept = np.zeros_like(marked)
-    for a, b in _runs(marked):
+    for a, b in runs(marked):
         kept[a:b] = b - a >= CARRIED
     return kept
 
 
-def _runs(marked: Mask) -> Sequence[tuple[int, int]]:
-    """First and one past the last of each stretch of neighbours that are marked."""
-    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
-
-
 def spans_of(found: Windows, marked: Mask) -> tuple[tuple[float, float], ...]:
     """Stretches (s) of neighbouring windows that are marked."""
-    return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in _runs(marked))
+    return tuple((float(found.start[a]), float(found.end[b - 1])) for a, b in runs(marked))
 
 
 def ground_finding(found: Windows) -> Finding:

@@ -297,15 +297,3 @@ def _terms(kernel: Kernel, kind: type[Sum] | type[Product]) -> tuple[Kernel, ...
 
 def _joined_names(parts: tuple[Kernel, ...]) -> tuple[str, ...]:
     return tuple(f"{i}.{name}" for i, part in enumerate(parts) for name in part.names())
-
-
-def _multiplied(factors: list[Of]) -> Of:
-    first, *others = factors
-
-    def valued(X: Array) -> Array:
-        out = first(X)
-        for other in others:
-            out *= other(X)
-        return out
-
-    return valued

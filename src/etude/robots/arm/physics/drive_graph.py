@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.errors import UsageError
 from etude.operators import Operand, Value, cross, joined, stacked
 from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree
 from etude.robots.arm.physics.transmission import Drive
@@ -16,9 +15,11 @@ from etude.robots.arm.physics.transmission import Drive
 
 @dataclass(frozen=True)
 class DriveGraph:
-    """moment (n, A, J) and its inverse (n, J, A), n = 1 where they stand; speed, acceleration (n, A)."""
+    """moment (n, A, J) and its inverse (n, J, A), arrays with n = 1 where they stand; speed, acceleration
+    (n, A).
+    """
 
-    moment: Value
+    moment: Operand
     inverse: Operand
     speed: Value
     acceleration: Value
@@ -42,33 +43,23 @@ def drives_of(
     fixed = gear[:, None] * np.stack([drive.coefficients for drive in drives])
     speed, acceleration = qd @ fixed.T, qdd @ fixed.T
     if not any(len(drive.bodies) for drive in drives):
-        moment = qd.at([0]).shaped(-1, 1, 1) * 0.0 + fixed
-        return DriveGraph(moment, _inverted(fixed), speed, acceleration)
-    own = [_line(tree, drive, motion) for drive in drives]
-    like = qd.at([0])
-    rows = stacked([part[0] for part in own], 1)
-    faster = joined([part[1] if isinstance(part[1], Value) else like * 0.0 for part in own])
-    pushed = joined([part[2] if isinstance(part[2], Value) else like * 0.0 for part in own])
-    moment = fixed + gear[:, None] * rows
+        return DriveGraph(fixed[None], np.linalg.inv(fixed)[None], speed, acceleration)
+    own = [_line(tree, drive, motion, qd * 0.0) for drive in drives]
+    moment = fixed + gear[:, None] * stacked([part[0] for part in own], 1)
     return DriveGraph(
-        moment, _eliminated(moment, len(gear)), speed + gear * faster, acceleration + gear * pushed
+        moment,
+        _eliminated(moment, len(gear)),
+        speed + gear * joined([part[1] for part in own]),
+        acceleration + gear * joined([part[2] for part in own]),
     )
 
 
-def _inverted(moment: Operand) -> Operand:
-    if abs(np.linalg.det(moment)) == 0.0:
-        raise UsageError(
-            "the moment arms of the drives form a singular matrix", next_step="Check the drives."
-        )
-    return np.linalg.inv(moment)[None]
-
-
-def _line(tree: KinematicTree, drive: Drive, motion: BodyMotion) -> tuple[Operand, Operand, Operand]:
+def _line(
+    tree: KinematicTree, drive: Drive, motion: BodyMotion, nothing: Value
+) -> tuple[Value, Value, Value]:
     """Moment (n, J), speed and acceleration (n, 1) of the line through the drive's sites; zeros without."""
     sites = [_site(tree, motion, int(b), p) for b, p in zip(drive.bodies, drive.points, strict=True)]
-    moment: Operand = np.zeros((1, tree.joints))
-    speed: Operand = 0.0
-    acceleration: Operand = 0.0
+    moment, speed, acceleration = nothing, nothing.at([0]), nothing.at([0])
     for first, second in pairwise(sites):
         part = _segment(first, second)
         moment, speed, acceleration = moment + part[0], speed + part[1], acceleration + part[2]

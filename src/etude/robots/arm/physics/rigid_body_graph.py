@@ -54,7 +54,7 @@ def commands(model: RigidBodyModel, q: Value, qd: Value, qdd: Value, turned: Val
     motion = body_motion(tree, q, qd, qdd)
     drive = drives_of(tree, model.drives, motion, qd, qdd)
     found = drive.acceleration * extra[:, 0] + drive.speed * extra[:, 1] + extra[:, -1]
-    threshold = (abs(drive.moment) @ model.friction_velocity[:, None]).shaped(-1, tree.joints)
+    threshold = abs(drive.moment) @ model.friction_velocity
     for number, scale in enumerate(FRICTION_SCALES):
         friction = (drive.speed / (scale * threshold)).of("Tanh")
         if not number and turned is not None:
