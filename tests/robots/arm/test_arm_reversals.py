@@ -1,4 +1,4 @@
-"""Friction's step at a fast reversal is smeared by the filter: those samples do not teach, once there are plenty."""
+"""The filter smears friction at a fast reversal: samples there do not teach, once there are plenty."""
 
 from __future__ import annotations
 
