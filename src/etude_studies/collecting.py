@@ -26,7 +26,6 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import JOURNAL
 from etude.campaign.rounds import measured
 from etude.campaign.simulate import simulate
-from etude.campaign.tracking import seen_errors
 from etude.contracts import Array
 from etude.storage import write_atomic
 from etude_studies.arm_rows import TESTS
@@ -79,8 +78,8 @@ def errors(campaign: Campaign, test: str) -> Array:
 
 def collected(campaign: Campaign) -> float:
     """Largest position error of any joint in the motions from the second on, degrees."""
-    tables = [table[0] for of_form in seen_errors(campaign.state()).values() for table in of_form[1:]]
-    return float(np.degrees(np.max(tables)))
+    told = [(r.told or {})["tracked"] for r in campaign.state().told[1:]]
+    return float(np.degrees(max(np.max(table[0]) for by_form in told for table in by_form.values())))
 
 
 def table(folder: Path, seeds: Sequence[int]) -> str:

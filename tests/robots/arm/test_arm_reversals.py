@@ -81,8 +81,8 @@ def test_plenty_is_counted_for_each_joint_over_all_logs() -> None:
 
 
 def test_the_thesis_leaves_none_out() -> None:
-    thesis = replace(ArmData(**KIND.presets["thesis"]["data"]), cutoff_hz=2.0, inputs="measured", plenty=0)
-    assert built(swung(), thesis).usable.all()
+    thesis = replace(ArmData(**KIND.presets["thesis"]["data"]), cutoff_hz=2.0, stick_fraction=0.05, plenty=0)
+    assert built(swung(), replace(thesis, inputs="measured")).usable.all()
 
 
 @pytest.mark.parametrize("reach", [0, 3])
