@@ -5,7 +5,7 @@
 Whole campaigns of six trajectories, made by `create_campaign` and run by `simulate`; a finished one is
 skipped. "all teach" is the feedforward without `reversal`: samples near fast reversals teach too. Prints mean
 tracking errors in degrees, the geometric mean of the ratios to feedback alone over paired seeds with its 95 %
-interval, and the largest position error while collecting.
+interval, and the median over seeds of the largest position error while collecting.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def collected(campaign: Campaign) -> float:
 
 def table(folder: Path, seeds: Sequence[int]) -> str:
     """A line of Markdown for each robot, manner and test."""
-    lines = ["| robot | with | test | after 2 | after 4 | after 6 | largest error of motions that teach |"]
+    lines = ["| robot | with | test | after 2 | after 4 | after 6 | largest error while it taught, median |"]
     lines.append("|---|---|---|---|---|---|---|")
     for robot in ROBOTS:
         for manner in MANNERS:
