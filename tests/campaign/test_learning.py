@@ -68,16 +68,15 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
 
 
 def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: Campaign) -> None:
-    samples = told_samples(learned, [1, 2, 3])
-    states = [samples.log[name] for name in ("q", "qd", "qdd")]
-    inputs = np.column_stack([*states, np.ones(len(samples))])
     for newest in (1, 2):
+        samples = told_samples(learned, [1, 2, 3][: newest + 1])
+        inputs = np.column_stack([*(samples.log[n] for n in ("q", "qd", "qdd")), np.ones(len(samples))])
         known, new = samples.group < newest, samples.group == newest
-        weights = np.linalg.lstsq(inputs[known], samples.command[known], rcond=None)[0]
-        error = samples.command[new] - inputs[new] @ weights
-        moving = samples.moving[new]
-        pairs = zip(error.T, samples.command[new].T, moving.T, strict=True)
-        nmse = [np.mean(e[use] ** 2) / np.var(tau[use]) for e, tau, use in pairs]
+        nmse = []
+        for tau, usable, moving in zip(samples.command.T, samples.usable.T, samples.moving.T, strict=True):
+            taught, use = known & usable, new & usable & moving
+            weights = np.linalg.lstsq(inputs[taught], tau[taught], rcond=None)[0]
+            nmse.append(np.mean((tau[use] - inputs[use] @ weights) ** 2) / np.var(tau[use]))
         scored = learned.state().rounds[newest + 1].trained["models"]["linear"]  # type: ignore[index]
         np.testing.assert_allclose(scored["nmse"], nmse, rtol=1e-6)
 

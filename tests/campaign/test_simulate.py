@@ -214,3 +214,17 @@ def test_a_robot_that_takes_its_feedforward_ahead_learns_nothing_on_the_way(arm)
     with pytest.raises(UsageError, match="before a run"):
         learning(arm, object(), OnlineConfig())  # type: ignore[arg-type]
     assert main(["simulate", str(arm.path), "--online", "--method", "magic", "--rounds", "1"]) == 2
+
+
+@pytest.mark.parametrize("feedforward", [False, True])
+def test_motions_that_teach_are_run_with_what_was_learned_if_wanted(
+    arm: Campaign, monkeypatch: pytest.MonkeyPatch, feedforward: bool
+) -> None:
+    def exact(self: Any, spec: Any, config: Any, model: Model) -> Controller | None:
+        return self.baselines(spec, config)["perfect"]  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(type(arm.kind), "controller", exact)
+    list(simulate(arm, 2, feedforward=feedforward))
+    first, second = ((r.told or {})["tracked"]["fourier"][0] for r in arm.state().told)
+    ratio = np.max(second) / np.max(first)
+    assert ratio < 0.5 if feedforward else ratio > 0.5

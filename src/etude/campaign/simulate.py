@@ -53,12 +53,15 @@ def simulate(
     say: Say = lambda _: None,
     change: Mapping[str, float] | None = None,
     online: OnlineConfig | None = None,
+    *,
+    feedforward: bool = False,
 ) -> Iterator[SimulatedRound]:
     """Asks, runs and tells `rounds` trajectories, and evaluates the controller after each one.
 
-    Trajectories are collected under the robot's own feedback, and what its kind adds (`collecting`). The stop
-    rule is not heeded: who simulates wants the whole curve. Interrupted work is finished first; a test of a
-    round is evaluated once. A run whose log is refused is given up, and another trajectory asked for.
+    Trajectories are collected under the robot's own feedback, and what its kind adds (`collecting`), or with
+    what was learned so far beside it. The stop rule is not heeded: who simulates wants the whole curve.
+    Interrupted work is finished first; a test of a round is evaluated once. A run whose log is refused is
+    given up, and another trajectory asked for.
 
     With a `change` the robot is another one in these rounds, and its logs are told as a person would tell
     them: the first that is noticed waits for an answer, and nothing is run after it.
@@ -70,6 +73,7 @@ def simulate(
         say: receives one sentence per step.
         change: as for `Robot.changed`; None: the robot is what it was.
         online: how the model of each round goes on learning in the same tests; None: it is tested as it is.
+        feedforward: run the motions that teach with the newest model beside the feedback, once there is one.
 
     Raises:
         UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, or
@@ -77,7 +81,7 @@ def simulate(
         DataError: too many logs were refused, or they do not tell what the feedback adds.
     """
     _check_answered(campaign)
-    loop = _Loop.of(campaign, engine, change or {}, online)
+    loop = replace(_Loop.of(campaign, engine, change or {}, online), feedforward=feedforward)
     if online is not None:
         require_ticks(campaign, loop.robot)
     for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
@@ -159,6 +163,7 @@ class _Loop:
 
     Attributes:
         answer: to whether the robot has changed; "" where that is rehearsed.
+        feedforward: whether motions that teach are run with what was learned, too.
     """
 
     campaign: Campaign
@@ -167,6 +172,7 @@ class _Loop:
     tests: Mapping[str, Trajectory]
     baselines: Mapping[str, Controller | None]
     online: OnlineConfig | None
+    feedforward: bool = False
 
     @classmethod
     def of(
@@ -209,12 +215,15 @@ class _Loop:
         return number
 
     def _collecting(self) -> Controller | None:
-        """What a kind flies with, beside its feedback, once something was learned; most add nothing."""
+        """What motions that teach are run with, beside the feedback, once something was learned: what was
+        learned, or what the kind adds; most add nothing.
+        """
         campaign, state = self.campaign, self.campaign.state()
-        collecting = getattr(campaign.kind, "collecting", None)
-        if collecting is None or not state.trained:
+        kind = campaign.kind
+        made = kind.controller if self.feedforward else getattr(kind, "collecting", None)
+        if made is None or not state.trained:
             return None
-        found: Controller | None = collecting(campaign.spec, campaign.config, newest_model(campaign, state))
+        found: Controller | None = made(campaign.spec, campaign.config, newest_model(campaign, state))
         return found
 
     def evaluate_round(self, number: int) -> SimulatedRound:

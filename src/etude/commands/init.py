@@ -51,7 +51,7 @@ class Init(Common):
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        part = Part(self.joints, _numbers(self.hold, HOLD), self.mesh_root, self._limits())
+        part = Part(_split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits())
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:
@@ -74,12 +74,17 @@ class Init(Common):
         return found
 
 
+def _split(given: tuple[str, ...]) -> tuple[str, ...]:
+    """Words with commas between them are several."""
+    return tuple(word for one in given for word in one.split(",") if word)
+
+
 def _numbers(given: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
     """Numbers by joint of joint=number. UsageError, in the words of `form`, if one is no such thing."""
     from etude.errors import UsageError
 
     found, (option, wanted, example) = {}, form
-    for one in given:
+    for one in _split(given):
         joint, _, number = one.rpartition("=")
         try:
             found[joint] = float(number)
@@ -95,7 +100,7 @@ def _ranges(given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     from etude.errors import UsageError
 
     found = {}
-    for one in given:
+    for one in _split(given):
         joint, _, ends = one.rpartition("=")
         try:
             low, high = (float(end) for end in ends.split(":"))

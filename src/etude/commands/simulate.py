@@ -39,6 +39,9 @@ class Simulate(Common):
     that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
     answer. May be given again."""
 
+    feedforward: bool = False
+    """Run the motions that teach with what was learned beside the feedback, as a robot does that is sent `ask
+    --effort`; else under feedback alone."""
     online: bool = False
     """Test each model also while it goes on learning, behind its guard."""
     method: str = "variance"
@@ -55,13 +58,16 @@ class Simulate(Common):
         rounds: list[SimulatedRound] = []
         campaign = opened(self.folder, say)
         learning = _learning(self.method) if self.online else None
-        for done in simulate(campaign, self.rounds, self.engine, say, _changes(self.change), learning):
+        change = _changes(self.change)
+        for done in simulate(
+            campaign, self.rounds, self.engine, say, change, learning, feedforward=self.feedforward
+        ):
             errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
             say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
             rounds.append(done)
         confirmed = None
         if self.confirm:
-            confirmed = simulate_confirmation(campaign, self.engine, say, _changes(self.change))
+            confirmed = simulate_confirmation(campaign, self.engine, say, change)
         state = campaign.state()
         baselines, unit = _baselines(state.evaluated, len(campaign.axes))
         data = {

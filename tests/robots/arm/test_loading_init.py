@@ -16,11 +16,17 @@ from etude.errors import UsageError
 SEVEN = ("panda", "ur5", "iiwa", "xarm7", "so100", "z1", "tiago")
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--joints", "shoulder", "wrist", "--hold", "elbow=0.5", "finger_left=0.02"],
+        ["--joints", "shoulder,wrist", "--hold", "elbow=0.5,finger_left=0.02"],
+    ],
+)
 def test_joints_and_positions_come_from_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
 ) -> None:
     urdf, lab = write(tmp_path), tmp_path / "lab"
-    options = ["--joints", "shoulder", "wrist", "--hold", "elbow=0.5", "finger_left=0.02"]
     assert main(["init", str(lab), "--robot", str(urdf), *options]) == 0
     assert "2 axes (shoulder, wrist)" in capsys.readouterr().out
     spec = etude.open_campaign(lab).spec

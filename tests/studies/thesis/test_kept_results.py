@@ -135,7 +135,8 @@ MODEL = (
 )
 DATA = (
     "ArmData(inputs='desired', cutoff_hz='none', rate_hz=100.0, least_samples=0, "
-    "stick_fraction=0.0, trim_s=0.0, friction_fraction=0.0, presliding=0.0, offset='spread')"
+    "stick_fraction=0.0, reversal=0.0, plenty=600, trim_s=0.0, friction_fraction=0.0, presliding=0.0, "
+    "offset='spread')"
 )
 TRAJECTORY = "FourierConfig(harmonics=2, duration=60.0, omega0=(0.105, 0.2), rest='ramp', ramp=2.0)"
 DESIGN = (

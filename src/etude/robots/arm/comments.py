@@ -16,6 +16,8 @@ COMMENTS: dict[str, dict[str, str]] = {
         "rate_hz": "samples kept per second of log",
         "least_samples": "of a short log more are kept per second, until there are this many",
         "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
+        "reversal": "periods of the cutoff around a fast reversal that teach nothing; 0: all teach",
+        "plenty": "samples a joint has to have left for that",
         "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
         "friction_fraction": "width of the friction input, fraction of the velocity limit; 0 for none",
         "presliding": "rad over which friction turns round (m: a tenth): it is remembered; 0: it is not",

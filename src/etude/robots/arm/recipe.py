@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log, Samples, joined_samples
+from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import (
     auto_cutoff,
@@ -22,11 +22,13 @@ from etude.logs.steps import (
     median_rate,
     resample,
     segments,
+    slower,
     smooth,
     thinned,
     uniform_grid,
 )
 from etude.robots.arm.memory import remembered, turning
+from etude.robots.arm.reversals import near_reversals, spared
 from etude.robots.arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
 from etude.robots.arm.standing import resolution, standing
 
@@ -35,6 +37,9 @@ LEFT = 2.0
 """Times the largest error of the motion."""
 LEAST_ROWS = 8
 """A stretch of fewer rows cannot be filtered."""
+
+
+_COUNTS = ("least_samples", "stick_fraction", "reversal", "plenty", "friction_fraction", "presliding")
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,10 @@ class ArmData:
         presliding: way over which a joint's friction turns round, rad (a tenth of it in m for a slide); what
             friction remembers of the motion before is then a state of every sample. 0: nothing is remembered,
             and only `stick_fraction` says when a joint stands, not the encoder's resolution too.
+        reversal: periods of the cutoff before and after a fast reversal of a joint in which its samples are
+            left out, since the filter smears the step of friction over them; 0 leaves none out. One that
+            takes longer than a period is not fast: the joint stands, and `stick_fraction` masks it.
+        plenty: samples that a joint has to have left for that; with fewer all of them teach.
         trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
             Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
         friction_fraction: v0 of the friction inputs as a part of the velocity limit, of 3 rad/s at most; 0
@@ -70,6 +79,8 @@ class ArmData:
     rate_hz: float = 8.0
     least_samples: int = 300
     stick_fraction: float = 0.05
+    reversal: float = 1.0
+    plenty: int = 600
     trim_s: float | Literal["auto"] = "auto"
     friction_fraction: float = 0.02
     presliding: float = 0.01
@@ -85,7 +96,7 @@ class ArmData:
         _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
         _check_number("rate_hz", self.rate_hz, (), above_zero=True)
         _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
-        for name in ("least_samples", "stick_fraction", "friction_fraction", "presliding"):
+        for name in _COUNTS:
             _check_number(name, getattr(self, name), (), above_zero=False)
 
     @property
@@ -120,9 +131,8 @@ def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequ
     """
     if not logs:
         raise DataError("there is no log to learn from", next_step="Tell one first.")
-    return joined_samples(
-        [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
-    )
+    parts = [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
+    return spared(joined_samples(parts), config.plenty)
 
 
 def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
@@ -219,16 +229,29 @@ def _stretch(
     for known in (MEMORY, TURNING):
         if known in log:
             whole = whole.put(log.channels[known], log[known][rows])
+    near = _near_reversals(whole, rate, cutoff, spec, config)
     numbers = np.unique(own[inside & (own >= 0)]).tolist()
-    return [_segment(whole.take(inside & (own == n)), n, rate, cutoff, spec, config) for n in numbers]
+    pieces = [(n, inside & (own == n)) for n in numbers]
+    return [_segment(whole.take(rows), near[rows], n, rate, cutoff, spec, config) for n, rows in pieces]
 
 
-def _segment(log: Log, group: int, rate: float, cutoff: float, spec: ArmSpec, config: ArmData) -> Samples:
-    """Every so many of the rows, with the mask of joints that stand."""
+def _near_reversals(log: Log, rate: float, cutoff: float, spec: ArmSpec, config: ArmData) -> Mask:
+    """(T, J) where the filter smears a fast reversal; nowhere without a filter, or where none stands."""
+    speed = log[(PLAN if config.desired else PATH)[1]]
+    if not (config.reversal and config.stick_fraction and math.isfinite(cutoff)):
+        return np.zeros(speed.shape, dtype=bool)
+    slow = slower(speed, spec.velocity, config.stick_fraction)
+    return near_reversals(speed, slow, round(config.reversal * rate / cutoff), round(rate / cutoff))
+
+
+def _segment(
+    log: Log, near: Mask, group: int, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
+) -> Samples:
+    """Every so many of the rows, with the mask of joints that stand, and of those that turn round."""
     names = PLAN if config.desired else PATH
     play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
     moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
-    whole = Samples(log, np.full(len(log), group, dtype=np.int64), np.ones_like(moving), moving)
+    whole = Samples(log, np.full(len(log), group, dtype=np.int64), ~(near & moving), moving)
     return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
 
 
