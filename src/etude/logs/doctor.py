@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Index, Log, Mask
+from etude.contracts import Array, Channel, Index, Log
 from etude.errors import DataError
+from etude.logs.leaps import leaps, told
 from etude.logs.ranges import RARE, bounded, top_speed
 from etude.logs.smoothing import segments
 from etude.logs.units import Limits
 
 LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
 LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
-JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion
 REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
 
 
@@ -143,7 +143,7 @@ def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
 
 
 def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
-    leap = _leaps(log, channel, top, size)
+    leap = leaps(log, channel, top, size)
     rows = np.flatnonzero(leap.any(axis=1))
     spikes = rows[np.isin(rows + 1, rows)] + 1
     # The row between a leap out and a leap back; a run of leaps is no single spike and stays.
@@ -151,29 +151,12 @@ def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
         keep = np.ones(len(log.t), dtype=bool)
         keep[spikes] = False
         log = log.take(keep).repaired(f"{len(spikes)} rows with a single wild position were dropped.")
-        leap = _leaps(log, channel, top, size)
+        leap = leaps(log, channel, top, size)
     if leap.any():
         row, j = (int(k[0]) for k in np.nonzero(leap))
-        step = log[channel.name][row + 1, j] - log[channel.name][row, j]
-        turn = abs(abs(step) - 2 * np.pi) < 0.2
-        raise DataError(
-            f"the position jumps by {step:.3g} {channel.units[j]} at t = {log.t[row]:.3f} s, faster than it "
-            "can move",
-            where=f"{log.source}, {channel.parts[j]}",
-            next_step="Unwrap the angle (it jumps by one turn)."
-            if turn
-            else "Is this several recordings in one file, another robot, or a wrong unit?",
-        )
+        fact, step = told(log, channel, row, j)
+        raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
     return log
-
-
-def _leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
-    """(T-1, k) True where the step is no motion: beyond the velocity limit and a hundredth of the range."""
-    steps, q = np.diff(log.t), log[channel.name]
-    leaps = np.empty((len(steps), q.shape[1]), dtype=bool)
-    for j in range(q.shape[1]):  # one by one: long logs leave no room for all at once
-        leaps[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + 0.01 * size[j]
-    return leaps
 
 
 def check_constant(log: Log) -> Log:
