@@ -18,6 +18,7 @@ from etude.logs.truth.seen import Seen, joints, seen
 from etude.logs.truth.words import Mendable
 from etude.logs.units import Limits
 
+SHORT = f"Less than {sign.LEAST_S:g} s of motion: too little to tell whose a command is, its sign or unit."
 STILL = "Nothing moves: no joint changes its position by more than its noise."
 
 
@@ -83,6 +84,8 @@ def judge_commands(
     motion = motion or commanded(log)
     if motion is None or motion.command is None:
         return ()
+    if len(motion.t) * motion.step < sign.LEAST_S:
+        return (Finding("commands", "cannot tell", SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)

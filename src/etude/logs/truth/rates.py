@@ -21,12 +21,13 @@ NEAR, LIKE, OTHER = 0.1, 0.95, 0.5
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
 """By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""
 DEGREES = 180.0 / np.pi
+LEAST = 8.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
 MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """beta, r (k,) of each joint; NaN of one that stands."""
+    """beta, r (k,) of each joint; NaN of one that stands, or moves for too short a time."""
 
     beta: Array
     r: Array
@@ -47,7 +48,7 @@ class Slopes:
         if seen.logged is None:
             return None
         beta, r = np.full((2, len(seen.parts)), np.nan)
-        for j in np.flatnonzero(seen.moves):
+        for j in np.flatnonzero(seen.seconds * seen.cutoff > LEAST):
             slope, rate = seen.qd[seen.moving[:, j], j], seen.logged[seen.moving[:, j], j]
             slope, rate = slope - slope.mean(), rate - rate.mean()
             square, other = float(slope @ slope), float(rate @ rate)
@@ -68,7 +69,7 @@ def rate_finding(seen: Seen, rate: float, usual: float | None = None) -> Finding
         return Finding(VELOCITY, "cannot tell", "No velocity is logged that could be held against positions.")
     known = np.isfinite(found.beta)
     if not known.any():
-        return Finding(VELOCITY, "cannot tell", "Nothing moves, so velocities say nothing.")
+        return Finding(VELOCITY, "cannot tell", "No joint moves for long enough to judge velocities by.")
     beta, r = found.beta[known], found.r[known]
     if (np.abs(beta - 1.0) < NEAR).all() and (r > LIKE).all():
         return Finding(
