@@ -18,10 +18,11 @@ from etude.logs.truth.words import Mendable, accepted, both, named
 TIME, DIRECTION, VELOCITY = "time", "direction", "velocity"
 """The checks: the clock's scale, its direction, and the velocities as such."""
 NEAR, LIKE, OTHER = 0.1, 0.95, 0.5
+OFF = 0.25  # of 1: seconds of a real log go so far; no unit and no other column is as near
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
 """By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""
 DEGREES = 180.0 / np.pi
-LEAST = 8.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
+LEAST = 12.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
 MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
 
 
@@ -40,7 +41,7 @@ class Slopes:
         itself lies between beta, if all noise is the velocity's, and beta / r^2, if all is the position's.
         """
         most = self.beta / np.maximum(self.r**2, 1e-300)
-        return np.asarray((self.beta < 1.0 + NEAR) & (most > 1.0 - NEAR))
+        return np.asarray((self.beta < 1.0 + OFF) & (most > 1.0 - OFF))
 
     @staticmethod
     def of(seen: Seen) -> Slopes | None:
