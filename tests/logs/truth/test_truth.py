@@ -328,6 +328,14 @@ def test_a_weight_that_is_let_down_is_no_inverted_sign() -> None:
     assert told(log) == {}
 
 
+def test_a_joint_that_moves_for_a_moment_does_not_condemn_its_velocity() -> None:
+    """Below its dead band the drive reports none."""
+    log = moved(8.0)
+    q, qd = log["q"].copy(), log["qd"].copy()
+    q[:, 2], qd[:, 2] = 0.002 * np.exp(-(((log.t - 4.0) / 0.1) ** 2)), 0.0
+    assert told(log.put(Q, q).put(QD, qd)) == {}
+
+
 def test_less_than_five_seconds_say_nothing_of_commands() -> None:
     log = moved(4.5)
     found = judge_commands(with_command(log, -log["command"][:, [1, 0, 2]]))

@@ -40,7 +40,7 @@ def lifted(seen: Seen) -> Array:
 
 
 def powered(seen: Seen) -> Array:
-    """(k,) -1 where the command takes power out of the motion, 1 where it drives it, 0 where neither is sure."""
+    """(k,) -1 where the command takes power out of the motion, 1 where it drives it, 0 where nobody knows."""
     rho = np.nan_to_num(agreement(seen))
     return np.where(np.abs(rho) > SURE + lifted(seen), np.sign(rho), 0.0)
 
