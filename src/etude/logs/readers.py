@@ -19,6 +19,7 @@ from etude.errors import DataError, EtudeError
 from etude.logs.csv_tables import csv_log
 from etude.logs.frames import frame_log, parquet_frame, raw_log
 from etude.logs.holes import without_holes
+from etude.logs.indices import with_index
 from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
@@ -50,7 +51,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
     name = name or _reader_of(path, head)
-    log = without_holes(_joined(_topics(plugins.load(GROUP, name), name, path, topics)))
+    log = without_holes(with_index(_joined(_topics(plugins.load(GROUP, name), name, path, topics))))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
     return log
