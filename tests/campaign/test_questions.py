@@ -98,3 +98,9 @@ def test_a_clock_that_is_off_is_refused_wherever_logs_are_read(campaign: Campaig
     assert "Times were divided by 2, as asked." in found.repairs
     log = read_log_file(campaign.run_file(found.number))
     assert np.median(np.diff(log.t)) == pytest.approx(0.02)
+
+
+def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(campaign: Campaign, tmp_path: Path) -> None:
+    path = changed(campaign, tmp_path / "log.csv", 1, tau_hip=0.0)
+    with pytest.raises(DataError, match="command of hip is constant although it moved"):
+        told(campaign, path)

@@ -32,7 +32,11 @@ def drop_unreadable(log: Log) -> Log:
         if channel.required or channel.role == "command":
             continue
         finite = np.isfinite(log[name])
-        if not finite.any(axis=0).all():
+        if _never_recorded(log, name):
+            log = log.without(name).repaired(
+                f"Channel {name} never changes although {channel.derivative_of} does: it was dropped."
+            )
+        elif not finite.any(axis=0).all():
             log = log.without(name).repaired(f"Channel {name} has a column without numbers and was dropped.")
         elif (share := 1.0 - finite.all(axis=1).mean()) > LARGEST_LOSS:
             log = log.without(name).repaired(
@@ -58,16 +62,24 @@ def drop_unreadable(log: Log) -> Log:
     return log.take(~bad).repaired(sentence)
 
 
+def _never_recorded(log: Log, name: str) -> bool:
+    """Whether a rate stands still in every part while what it is the rate of moves: nobody filled it."""
+    path = log.channels[name].derivative_of
+    return path in log and not np.ptp(log[name], axis=0).any() and bool(np.ptp(log[path], axis=0).any())
+
+
 def order_rows(log: Log) -> Log:
     """Keeps the longest run of rows whose time increases: drops repeats, and stamps that jump or run back.
+    Rows that stand from last to first by their times are turned round.
 
     Raises:
-        DataError: time restarts (two recordings in one file), or too many stamps are out of order.
+        DataError: time restarts (two recordings in one file), too many stamps are out of order, or too many
+            rows share theirs.
     """
-    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
-    if repeats.any():
-        sentence = f"{repeats.sum()} rows that repeat the time before were dropped."
-        log = log.take(~repeats).repaired(sentence)
+    if len(log) > 1 and (np.diff(log.t) < 0).mean() > 1.0 - LARGEST_LOSS / 2:
+        log = log.take(np.arange(len(log))[::-1])
+        log = log.repaired("By their times the rows stood from last to first, and were turned round.")
+    log = _without_repeats(log)
     if len(log.t) < 2:
         raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
     steps = np.diff(log.t)
@@ -82,6 +94,24 @@ def order_rows(log: Log) -> Log:
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
     return log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
+
+
+def _without_repeats(log: Log) -> Log:
+    """Drops rows that repeat the time before. DataError: too many do, with other values."""
+    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
+    if not repeats.any():
+        return log
+    new = np.zeros(len(log), dtype=np.bool_)
+    for values in log.values.values():
+        new[1:] |= (np.diff(values, axis=0) != 0.0).any(axis=1)
+    if (repeats & new).mean() > LARGEST_LOSS and not repeats[1:].all():
+        raise DataError(
+            f"{(repeats & new).sum()} of {len(log)} rows have the time of the row before and other values: "
+            "the times have too few digits",
+            where=f"{log.source}, time column",
+            next_step="Export the times with more digits (microseconds), or leave those rows out.",
+        )
+    return log.take(~repeats).repaired(f"{repeats.sum()} rows that repeat the time before were dropped.")
 
 
 def increasing_rows(t: Array) -> Index:
@@ -159,6 +189,21 @@ def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
     return log
 
 
+def check_commanded(log: Log) -> Log:
+    """The log. DataError: what moved has a constant command, which the truth tests make no sense of."""
+    for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
+        dead = np.flatnonzero(moved & (np.ptp(log[channel.name], axis=0) == 0)).tolist()
+        if dead:
+            names = ", ".join(channel.parts[j] for j in dead)
+            raise DataError(
+                f"the command of {names} is constant although it moved: it was not recorded",
+                where=log.source,
+                next_step="Log this command, or leave the joint out of the robot file.",
+            )
+    return log
+
+
 def check_constant(log: Log) -> Log:
     """Refuses a log where nothing moved or a moving joint's command is constant; notes joints at rest.
 
@@ -166,20 +211,14 @@ def check_constant(log: Log) -> Log:
         DataError: what is commanded did not move, or moved without a command.
     """
     for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
-        q, command = log[channel.acts_on], log[channel.name]
-        moved, commanded = np.ptp(q, axis=0) > 0, np.ptp(command, axis=0) > 0
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
         if not moved.any():
             raise DataError(
                 "nothing moved: every position column is constant",
                 where=log.source,
                 next_step="Record the motion itself, and check the position channel.",
             )
-        for j in np.flatnonzero(moved & ~commanded):
-            raise DataError(
-                f"the command is constant ({command[0, j]:g}) although it moved",
-                where=f"{log.source}, {channel.parts[j]}",
-                next_step="Log this command, or leave the joint out of the robot file.",
-            )
+        log = check_commanded(log)
         for j in np.flatnonzero(~moved):
             log = log.repaired(f"{channel.parts[j]} did not move in this log.")
     return log

@@ -85,7 +85,8 @@ MINUTES = {"min": 60.0}
 
 def split_unit(header: str) -> tuple[str, str]:
     """('Elbow Position', 'deg') of 'Elbow Position [deg]'; a bare number in brackets is an index, no unit;
-    nothing before them, two names, ('elbow', 'position')."""
+    nothing but brackets is a header of two names, ('elbow', 'position').
+    """
     found = re.search(r"\s*[\[(]([^\])]*)[\])]\s*$", header)
     if found is None or found.start() == 0 or found.group(1).strip().isdigit():
         return header, ""
