@@ -34,6 +34,14 @@ READERS: Mapping[str, str] = {
     ".mat": "mat",
 }
 """Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
+PACKED = dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z", ".tar", ".tgz"), "Unpack it first.")
+SHEETS = dict.fromkeys((".xlsx", ".xls", ".ods"), "Save the sheet as CSV.")
+INSTEAD: Mapping[str, str] = {
+    **PACKED,
+    **SHEETS,
+    ".bag": "This is a bag of ROS 1: rosbags-convert --src run.bag --dst run writes it as one of ROS 2.",
+}
+"""Suffix -> what to do with a file that nobody reads."""
 BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
 HEAD = 4096
 AGAIN = "Export the log again."
@@ -99,7 +107,11 @@ def _reader_of(path: Path, head: bytes) -> str:
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),
-        next_step=f"Convert the log to one of: {', '.join(dict.fromkeys((*READERS, *brought)))}.",
+        next_step=INSTEAD.get(
+            path.suffix.lower(),
+            f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
+            f"by what is in them logs of {', '.join(brought)}.",
+        ),
     )
 
 

@@ -47,7 +47,16 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
 SENSORS = ("specific_force", "rates", "position", "velocity", "orientation", "attitude", "position_des")
 # Words for the learned command that only one unit of it can mean.
 COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "N m": ("effort", "efforts", "torque", "torques", "actual_torque", "measured_torque", "joint_effort"),
+    "N m": (
+        "effort",
+        "efforts",
+        "torque",
+        "torques",
+        "actual_torque",
+        "measured_torque",
+        "joint_effort",
+        "tau_j",
+    ),
     "N": ("force", "effort", "efforts"),
     "A": ("current", "currents", "actual_current", "motor_current", "effort", "efforts"),
     "V": ("voltage", "motor_voltage", "effort", "efforts"),

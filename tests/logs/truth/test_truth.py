@@ -350,3 +350,9 @@ def test_a_torque_that_the_file_hardly_knows_says_nothing_of_a_unit() -> None:
     (found,) = scale.scale_findings(seen, torque, torque, np.full(3, 100.0))
     assert found.light == "green"
     assert "toe" not in found.sentence
+
+
+def test_one_position_in_degrees_is_said_to_be() -> None:
+    log = moved()
+    (found,) = told(log.put(Q, log["q"] * [1.0, 180.0 / np.pi, 1.0])).values()
+    assert "position looks like degrees" in found.sentence

@@ -171,10 +171,20 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in found.beta[wrong])
         fact = f"The velocity of {named(seen.parts, wrong)} is {factors} times the slope of its position."
+        fact += _of_degrees(found.beta[wrong])
     else:
         fact = "Velocities agree with positions but roughly: they are noisy, or were filtered."
         return Finding(VELOCITY, "cannot tell", fact)
     return Finding(VELOCITY, "red", fact, step, flag=VELOCITY)
+
+
+def _of_degrees(beta: Array) -> str:
+    """What is said where all factors are that of degrees."""
+    if (np.abs(np.log(np.abs(beta) * DEGREES)) < MATCH).all():
+        return " The position looks like degrees: state the unit in its header (q_elbow [deg])."
+    if (np.abs(np.log(np.abs(beta) / DEGREES)) < MATCH).all():
+        return " The velocity looks like degrees per second."
+    return ""
 
 
 def _of_which(seen: Seen, j: int) -> str:
