@@ -356,3 +356,12 @@ def test_one_position_in_degrees_is_said_to_be() -> None:
     log = moved()
     (found,) = told(log.put(Q, log["q"] * [1.0, 180.0 / np.pi, 1.0])).values()
     assert "position looks like degrees" in found.sentence
+
+
+def test_the_estimate_of_a_vehicle_may_drift_and_not_be_anothers() -> None:
+    """Its height follows a barometer on the bench; commands act on motors, not on positions."""
+    log = moved().without("command")
+    qd = log["qd"].copy()
+    qd[:, 2] = np.random.default_rng(0).normal(size=len(log))
+    assert told(log.put(QD, qd)) == {}
+    assert set(told(log.put(QD, log["qd"][:, [1, 0, 2]]))) == {"velocity"}

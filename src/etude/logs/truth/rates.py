@@ -156,8 +156,11 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
     wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
+    whose_are = {j: said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))}
+    if seen.command is None:  # a vehicle's estimate, which its sensors pull about
+        foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
     if foreign.any():
-        others = [said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))]
+        others = list(whose_are.values())
         whose = f" ({', '.join(others)})" if others else ""
         fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
