@@ -34,7 +34,8 @@ def leap_finding(log: Log, channel: Channel, top: Array, size: Array) -> Finding
 
     To be asked before velocities, commands and ranges, which one leap makes look wrong. Arguments as `leaps`.
     """
-    found = leaps(log, channel, top, size)
+    # of positions in another unit the range is that of the log, not of the limits
+    found = leaps(log, channel, top, np.maximum(size, np.ptp(log[channel.name], axis=0)))
     for j in np.flatnonzero(found.any(axis=0)).tolist():
         found[:, j] &= _alone(np.diff(log[channel.name][:, j])) & ~_back(log[channel.name][:, j], found[:, j])
     rows = np.flatnonzero(found.any(axis=1))

@@ -15,6 +15,7 @@ from etude.logs.truth.words import Mendable, both, named
 CHECK = "sign"
 ALIKE = 0.9  # |cosine| of command and the model file's torque: gravity tells their sign
 SURE = 0.3  # |rho|: right logs of real arms begin at 0.39, inverted ones end at -0.39
+CLOSED = 0.2  # of the work that a weight may do between the ends: below, the motion counts as closed
 LEAST_S = 5.0  # s of motion: a shorter one is not closed
 
 
@@ -30,13 +31,14 @@ def agreement(seen: Seen) -> Array:
 
 def lifted(seen: Seen) -> Array:
     """(k,) how much of rho a weight may make that is lifted or let down between the motion's ends: the
-    largest command over the way between them. 0 of a closed motion.
+    largest command over the way between them. 0 of a motion that is nearly closed by its mean command.
     """
     if seen.command is None:
         return np.zeros(len(seen.parts))
     work = seen.step * np.abs(np.where(seen.moving, seen.command * seen.qd, 0.0)).sum(axis=0)
-    most = np.abs(seen.command).max(axis=0) * np.abs(seen.q[-1] - seen.q[0])
-    return np.asarray(most / np.maximum(work, np.finfo(float).tiny))
+    way = np.abs(seen.q[-1] - seen.q[0]) / np.maximum(work, np.finfo(float).tiny)
+    size = np.abs(seen.command)
+    return np.where(size.mean(axis=0) * way > CLOSED, size.max(axis=0) * way, 0.0)
 
 
 def powered(seen: Seen) -> Array:
