@@ -59,9 +59,10 @@ def _simulink(found: dict[str, Array]) -> dict[str, Array]:
     times = [found[f"{block}.time"] for block in blocks if f"{block}.time" in found]
     if not times or not all(np.array_equal(times[0], t) for t in times):
         return found
-    own = {
-        n.replace(SIGNALS, ""): values for n, values in found.items() if n.removesuffix(".time") not in blocks
-    }
+    own = {}
+    for name, values in found.items():
+        if name.removesuffix(".time") not in blocks:
+            own[name.replace(SIGNALS, "").rpartition(".")[2] if SIGNALS in name else name] = values
     return {"time": times[0], **own}
 
 
