@@ -1,7 +1,7 @@
 """`etude bench truth`: which wrong logs the truth tests tell, and which right ones they suspect.
 
 Every real log at hand and 200 simulated ones are put wrong by mutation and pass what `etude tell` asks. A
-wrong joint (sign), pair of joints (swapped) or log (the others) ends as told right, told wrong (another
+wrong joint (sign, jump), pair of joints (swapped) or log (the others) ends as told right, told wrong (another
 cause), refused (nothing was told, but ranges forbid it), missed, or "cannot tell". Finished logs are files in
 results/truth and are not run again.
 """
@@ -34,7 +34,9 @@ FOLDER = Path("results/truth")
 SIMULATED, QUICK, WORKERS = 200, 40, 2
 ENDS = ("right", "wrong", "refused", "missed", "cannot tell")
 REFUSED = "refused"
-ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground")
+CUT = ("ground", "jump")
+"""Checks that ask nothing: what they find is cut, and said."""
+ERRORS = ("sign", "x2", "x60", "reversed", "degrees", "swapped", "ground", "jump")
 
 
 class Ended(msgspec.Struct, frozen=True):
@@ -122,7 +124,7 @@ def findings(world: World, log: Log) -> list[Finding]:
 def ending(wrong: Wrong, found: list[Finding], right: list[Finding]) -> tuple[str, str]:
     """Which of ENDS, and the sentence that says so. What the right log shows already is no detection."""
     before = {f.sentence for f in right}
-    told = [f for f in found if (f.flag or f.light == "red" or f.check == "ground") and f.light != "green"]
+    told = [f for f in found if (f.flag or f.light == "red" or f.check in CUT) and f.light != "green"]
     news = [f for f in told if f.sentence not in before]
     mine = [f for f in news if _names(wrong, f)]
     if mine:

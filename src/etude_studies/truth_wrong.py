@@ -12,6 +12,8 @@ import numpy as np
 from etude.contracts import Log, Mask
 
 STANDING_S = 3.0
+JUMPS = {"rad": 0.5, "m": 1.0}
+"""By how much a position jumps: an encoder that was referenced again, an estimator that was reset."""
 GRAVITY = 9.81
 """m/s^2."""
 
@@ -21,7 +23,8 @@ class Wrong:
     """One mutation of one log.
 
     Attributes:
-        error: "right", "sign", "x2", "x60", "reversed", "degrees", "swapped" or "ground".
+        error: "right", "sign", "x2", "x60", "reversed", "degrees", "swapped", "ground" or
+            "jump".
         check: of the finding that tells it.
         made: the log so mutated.
         part: of the joint, or the pair; -1: of the whole log.
@@ -54,6 +57,8 @@ def wrongs(log: Log, path: str, moves: Mask) -> Iterator[Wrong]:
     else:
         yield Wrong("degrees", "degrees", lambda log: _in_degrees(log, "rates"), says=("degrees",))
         yield Wrong("ground", "ground", _landed, says=("on the ground",))
+    for j in np.flatnonzero(moves).tolist() if path in log else ():
+        yield Wrong("jump", "jump", partial(_jumping, path=path, j=j), j, says=("jumps",))
     slow, fast = ("times too slow",), ("times too fast",)
     yield Wrong("x2", "time", lambda log: replace(log, t=2.0 * log.t), says=slow)
     yield Wrong("x2", "time", lambda log: replace(log, t=0.5 * log.t), says=fast)
@@ -80,6 +85,13 @@ def _in_degrees(log: Log, *names: str) -> Log:
 
 def _backwards(log: Log) -> Log:
     return replace(log, values={name: part[::-1].copy() for name, part in log.values.items()})
+
+
+def _jumping(log: Log, path: str, j: int) -> Log:
+    """One position elsewhere from the middle of the log on; its velocity goes on as it was."""
+    values = log[path].copy()
+    values[len(log) // 2 :, j] += JUMPS[log.channels[path].units[j]]
+    return log.put(log.channels[path], values)
 
 
 def _landed(log: Log) -> Log:

@@ -165,3 +165,33 @@ def test_a_campaign_s_table_of_names_holds(campaign: Campaign, right: Path) -> N
     found = inspect(other, campaign.path)
     assert not found.refused
     assert "By [log] columns" in found.findings[0].sentence
+
+
+def one_wild_time(rows: Rows) -> Rows:
+    rows[len(rows) // 2, 0] = 1e9
+    return rows
+
+
+def test_what_tell_mends_is_not_called_wrong(right: Path, robot: Path) -> None:
+    """One wild time is a pause of decades to who looks at the clock alone."""
+    found = inspect(edited(right, one_wild_time), robot)
+    assert lights(found)["gaps"] == "yellow"
+    assert not found.refused
+
+
+def constant_command(rows: Rows) -> Rows:
+    rows[:, 3] = 1.0
+    return rows
+
+
+def test_what_tell_refuses_stays_wrong(right: Path, robot: Path) -> None:
+    found = inspect(edited(right, constant_command), robot)
+    assert lights(found)["dead"] == "red"
+    assert found.refused
+
+
+def test_without_a_robot_nothing_is_promised(right: Path, robot: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert main(["inspect", str(right)]) == 0
+    assert "depends on the robot (--robot)" in capsys.readouterr().out
+    assert main(["inspect", str(right), "--robot", str(robot)]) == 0
+    assert "tell would take this log as it is" in capsys.readouterr().out

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from small_robot import random_motion, stub_learner, write_log
 
@@ -12,6 +13,7 @@ import etude
 from etude.campaign.folder import Campaign
 from etude.campaign.tell import tell
 from etude.campaign.told import Told
+from etude.campaign.told import read as read_told
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import read_log_file
@@ -98,3 +100,14 @@ def test_a_clock_that_is_off_is_refused_wherever_logs_are_read(campaign: Campaig
     assert "Times were divided by 2, as asked." in found.repairs
     log = read_log_file(campaign.run_file(found.number))
     assert np.median(np.diff(log.t)) == pytest.approx(0.02)
+
+
+def test_a_command_that_was_not_recorded_is_no_gravity_taken_out(tmp_path: Path) -> None:
+    """By its model file the robot has weight, which a constant command does not hold."""
+    ur10 = Path(__file__).parents[2] / "examples" / "ur10"
+    campaign, _ = etude.create_campaign(tmp_path / "lab", ur10 / "ur10.toml")
+    table = pl.read_csv(ur10 / "ur10_exciting.csv").head(1500)
+    table = table.with_columns(pl.lit(0.0).alias(n) for n in table.columns if n.endswith(".effort"))
+    table.write_csv(tmp_path / "log.csv")
+    with pytest.raises(DataError, match=r"command of shoulder_pan_joint, .* is constant although it moved"):
+        read_told(campaign, tmp_path / "log.csv")

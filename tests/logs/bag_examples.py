@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from log_examples import JOINTS, make_log
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from etude.logs.ros_messages import DEFINITIONS
+from etude.logs.ros_definitions import DEFINITIONS
 
 LOG = make_log(rate=25.0)
 ORDER = (2, 0, 1)
@@ -26,12 +28,23 @@ STORE.register(
         "lab_msgs/msg/ArmState",
     )
 )
-Message = tuple[str, str, int, Any]
-"""Topic, type, ns, message."""
 
 
 def made(msgtype: str, **fields: Any) -> Any:
     return STORE.types[msgtype](**fields)
+
+
+NOTHING = made("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+NOWHERE = {
+    "positions": np.zeros(0),
+    "velocities": np.zeros(0),
+    "accelerations": np.zeros(0),
+    "effort": np.zeros(0),
+    "time_from_start": NOTHING,
+}
+NOWHERE_AT_ALL = {"transforms": [], "velocities": [], "accelerations": [], "time_from_start": NOTHING}
+Message = tuple[str, str, int, Any]
+"""Topic, type, ns, message."""
 
 
 def nanoseconds(t: float) -> int:
@@ -55,6 +68,18 @@ def joint_state(row: int, *, t: float, names: Iterable[str] = JOINTS, effort: bo
         position=LOG["q"][row, order],
         velocity=np.zeros(0),
         effort=LOG["command"][row, order] if effort else np.zeros(0),
+    )
+
+
+def finger(t: float) -> Any:
+    """A gripper's state."""
+    return made(
+        "sensor_msgs/msg/JointState",
+        header=header(t),
+        name=["finger"],
+        position=np.array([0.02 * np.sin(t)]),
+        velocity=np.zeros(0),
+        effort=np.zeros(0),
     )
 
 
@@ -145,6 +170,7 @@ def write_bag(
     plugin: str = "SQLITE3",
     compression: str = "",
     version: int = 9,
+    store: Any = STORE,
 ) -> Path:
     """A bag folder of these messages."""
     writer = Writer(folder, version=version, storage_plugin=StoragePlugin[plugin])
@@ -154,9 +180,43 @@ def write_bag(
     with writer:
         for topic, kind, ns, message in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], ns, STORE.serialize_cdr(message, kind))
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], ns, store.serialize_cdr(message, kind))
     return folder
+
+
+def without_definitions(folder: Path) -> Path:
+    """An SQLite bag (version 8) as of ROS 2 Humble and before, which did not store what messages hold."""
+    with contextlib.closing(sqlite3.connect(storage(folder))) as database:
+        database.execute("DROP TABLE message_definitions")
+        database.execute("UPDATE schema SET schema_version = 3")
+        database.commit()
+    described = folder / "metadata.yaml"
+    described.write_text(described.read_text().replace("version: 8", "version: 5"))
+    return folder
+
+
+def later_states(definition: str, topic: str = "/controller/state") -> tuple[list[Message], Any]:
+    """The states of a controller by another release's definition, efforts as its output; and that release."""
+    kind = "control_msgs/msg/JointTrajectoryControllerState"
+    store = get_typestore(Stores.LATEST)
+    store.register(get_types_from_msg(definition, kind))
+    own = store.types[kind]
+    empty = made("trajectory_msgs/msg/JointTrajectoryPoint", **NOWHERE)
+    many = made("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", **{**NOWHERE_AT_ALL})
+    blank = {"multi_dof_joint_names": [], "speed_scaling_factor": 1.0}
+    for name in own.__dataclass_fields__:
+        if name not in blank:
+            blank[name] = many if name.startswith("multi_dof") else empty
+    rows = []
+    for i, t in enumerate(LOG.t):
+        output = made("trajectory_msgs/msg/JointTrajectoryPoint", **{**NOWHERE, "effort": LOG["command"][i]})
+        feedback = made("trajectory_msgs/msg/JointTrajectoryPoint", **{**NOWHERE, "positions": LOG["q"][i]})
+        told = {"header": header(t), "joint_names": list(JOINTS), "output": output, "feedback": feedback}
+        fields = {n: v for n, v in {**blank, **told}.items() if n in own.__dataclass_fields__}
+        fields.pop("__msgtype__", None)
+        rows.append((topic, kind, nanoseconds(t), own(**fields)))
+    return rows, store
 
 
 def storage(folder: Path) -> Path:

@@ -16,6 +16,7 @@ from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
+from etude.logs.ros_definitions import CONTROLLER_STATE, LATER
 
 pytest.importorskip("rosbags", reason="bags need the extra 'ros'")
 import bag_examples as bags
@@ -220,3 +221,40 @@ def bags_reader(folder: Path) -> None:
     from etude.logs.bags import read_bag
 
     read_bag(folder)
+
+
+def controllers(folder: Path, definition: str, also: list[bags.Message]) -> Path:
+    """An SQLite bag with the states of a controller of another release, as old recorders write it."""
+    states, store = bags.later_states(definition)
+    every = sorted([*states, *also], key=lambda message: message[2])
+    return bags.without_definitions(bags.write_bag(folder, every, version=8, store=store))
+
+
+def test_a_controller_of_humble_is_read_without_a_definition(tmp_path: Path) -> None:
+    assert_right(read(controllers(tmp_path / "run", LATER[CONTROLLER_STATE], [])))
+
+
+def test_a_topic_that_nobody_can_read_does_not_spoil_the_joint_states(tmp_path: Path) -> None:
+    unheard = "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint output\n"
+    path = controllers(tmp_path / "run", unheard, bags.joint_states())
+    log = read(path)
+    assert_right(log)
+    assert any(s.startswith("Topic /controller/state was left out: ") for s in log.repairs)
+    with pytest.raises(DataError, match="another release of ROS"):
+        read(path, "/controller/state")
+
+
+@pytest.mark.parametrize("faster", [1, 3])
+def test_a_gripper_of_its_own_driver_on_the_same_topic(faster: int, tmp_path: Path) -> None:
+    """Each message names the joints of one driver only."""
+    arm = bags.joint_states()
+    times = np.arange(faster * len(LOG)) * (LOG.t[1] / faster) + 0.003
+    fingers = [
+        ("/joint_states", "sensor_msgs/msg/JointState", bags.nanoseconds(t), bags.finger(float(t)))
+        for t in times
+    ]
+    log = read(bags.write_bag(tmp_path / "run", sorted([*arm, *fingers], key=lambda m: m[2])))
+    assert any("joined by time" in sentence for sentence in log.repairs)
+    t = log.t + (0.0 if faster == 1 else 0.003)  # by the arm's clock: the faster one leads
+    expected = np.stack([np.interp(t, LOG.t, column) for column in LOG["q"].T], axis=1)
+    np.testing.assert_allclose(log["q"], expected, atol=1e-6)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_examples import CHANNELS, FLIGHT_CHANNELS, JOINTS, joint_channels
 
+from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 
@@ -191,3 +192,25 @@ def test_bare_names_of_commands_are_not_taken_for_the_attitude() -> None:
     assert "attitude" not in alone
     with pytest.raises(DataError, match="may be of the channel command or attitude"):
         match_columns([*sensors, *command.parts, "yaw"], channels, "f")
+
+
+def test_commands_in_another_unit_name_the_setting() -> None:
+    """As a UR's RTDE client records currents of a robot that is described in N m."""
+    joints = [Channel("q", JOINTS, ("rad",) * 3, required=True)]
+    command = Channel("command", JOINTS, ("N m",) * 3, "command", required=True, acts_on="q")
+    headers = [f"{word}_{k}" for word in ("actual_q", "actual_current") for k in range(3)]
+    with pytest.raises(DataError, match="no column") as refused:
+        match_columns(headers, [*joints, command], "run.csv")
+    assert 'actual_current_0 and the like are read if the robot file says command_unit = "A"' in str(
+        refused.value
+    )
+    others = [f"{word}_{k}" for word in ("actual_q", "colour") for k in range(3)]
+    with pytest.raises(DataError) as other:
+        match_columns(others, [*joints, command], "run.csv")
+    assert "command_unit" not in str(other.value)
+
+
+def test_torques_as_libfranka_names_them() -> None:
+    command = Channel("command", JOINTS, ("N m",) * 3, "command", required=True, acts_on="q")
+    found = match_columns([f"tau_J[{k}]" for k in range(3)], [command], "run.csv")
+    assert [column.name for column in found.channels["command"]] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]

@@ -45,6 +45,20 @@ def test_structs_of_a_mat_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "run.mat")["q"], LOG["q"])
 
 
+def test_structures_with_time_of_simulink(tmp_path: Path) -> None:
+    """One for each block `To Workspace`, alone or in a struct of all."""
+    own = {
+        name: {"time": LOG.t, "signals": {"values": values, "label": name}}
+        for name, values in (("q", LOG["q"]), ("tau", LOG["command"]))
+    }
+    for run in (own, {"out": own}):
+        savemat(tmp_path / "run.mat", run)
+        log = read(tmp_path / "run.mat")
+        np.testing.assert_array_equal(log["q"], LOG["q"])
+        np.testing.assert_array_equal(log["command"], LOG["command"])
+        np.testing.assert_allclose(log.t, LOG.t)
+
+
 @pytest.mark.parametrize("beside", [{}, {"dt": 0.01, "gains": np.ones(7)}])
 def test_a_struct_that_holds_all_is_no_part_of_the_names(beside: dict[str, object], tmp_path: Path) -> None:
     """As `save('run.mat', 'log')` leaves it."""

@@ -276,3 +276,20 @@ def test_a_wild_command_in_a_single_row_is_dropped(tmp_path: Path) -> None:
     log = read(write_csv(tmp_path / "run.csv", columns_of(with_values(LOG, command=command))))
     np.testing.assert_array_equal(log.t, np.delete(LOG.t, 77))
     assert log.repairs == ("1 rows with a single wild command were dropped.",)
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        ("run.csv.gz", "Unpack it"),
+        ("run.xlsx", "as CSV"),
+        ("run.bag", "rosbags-convert"),
+        ("run.npz", "CSV or Parquet"),
+    ],
+)
+def test_what_nobody_reads_has_a_next_step(name: str, step: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"\x1f\x8b something")
+    with pytest.raises(DataError, match="no reader") as refused:
+        read_log(path, CHANNELS, rate=RATE)
+    assert step in refused.value.next_step

@@ -35,6 +35,7 @@ def test_a_real_log_with_velocities_is_told_wrong_in_every_way() -> None:
         "x2": {"right": 2},
         "x60": {"right": 2},
         "reversed": {"right": 1},
+        "jump": {"right": 6},
     }
     assert set(found.sentences) == set(found.counts)
 
@@ -45,6 +46,7 @@ def test_simulated_logs_without_velocities(number: int) -> None:
     assert found.flagged == {}
     assert told(found)[0] == told(found)[1] > 0
     assert found.counts["x2"] == {"cannot tell": 2}
+    assert set(found.counts["jump"]) == {"right"}
 
 
 def test_a_judged_log_is_not_judged_again(tmp_path: Path) -> None:

@@ -128,12 +128,21 @@ def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[st
 
 
 def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
-    found = [_columns(log, known), *_tried("clock", lambda: clock_findings(log))]
-    found += _tried("columns", lambda: column_findings(log, known.limits))
+    health = [_columns(log, known), *_tried("clock", lambda: clock_findings(log))]
+    health += _tried("columns", lambda: column_findings(log, known.limits))
+    judged = _judged(log, known, stated)
+    if known.kind and not judged.refused:  # tell mends it, with a sentence below
+        health = [replace(f, light="yellow") if f.light == "red" else f for f in health]
+    return Inspected(judged.log, (*health, *judged.findings))
+
+
+def _judged(log: Log, known: _Known, stated: set[str]) -> Inspected:
+    """What `tell` asks, in its order."""
+    found: list[Finding] = []
     try:
         rows = order_rows(drop_unreadable(replace(log, repairs=())))
     except EtudeError as error:
-        return Inspected(None, (*found, _refused("rows", error)))
+        return Inspected(None, (_refused("rows", error),))
     motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
     told = _tried("motion", lambda: _motion(rows, known, motion))
     found += told
@@ -158,7 +167,8 @@ def _columns(log: Log, known: _Known) -> Finding:
 
 def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
     if motion is None:
-        fact = f"The log has no {known.path} to look at, or is too short."
+        what = "joint positions" if known.path == "q" else known.path
+        fact = f"The log has no {what} to look at, or is too short."
         return (Finding("motion", "cannot tell", fact),)
     usual = known.rate if known.kind else None
     truth = judge_motion(log, known.path, known.channels, known.limits, usual, motion)

@@ -14,6 +14,7 @@ from etude.campaign.config import preset_config
 from etude.campaign.state import State
 from etude.contracts import Finding, Kind, Log, Mean
 from etude.errors import DataError, UsageError
+from etude.logs.doctor import check_commanded
 from etude.logs.ranges import check_consistency
 from etude.logs.truth.brake import CHECK as BRAKE
 from etude.logs.truth.brake import without_spans
@@ -112,7 +113,8 @@ class Asked:
 
     def whole(self, log: Log) -> Log:
         """The same with its commands settled, before exchanged ones exceed each other's limits."""
-        return self._settled(self.motion(log), lambda log: judged_commands(self.kind, self.spec, log))
+        moved = check_commanded(self.motion(log))
+        return self._settled(moved, lambda log: judged_commands(self.kind, self.spec, log))
 
     def cleaned(self, log: Log) -> Log:
         """The cleaned log with what the kind looks for. Errors as in `motion`.

@@ -63,7 +63,7 @@ class Inspect(Common):
             "findings": [asdict(f) for f in found.findings],
             "refused": found.refused,
         }
-        return Outcome(_text(found), data, REFUSED if found.refused else 0)
+        return Outcome(_text(found, bool(self.robot)), data, REFUSED if found.refused else 0)
 
 
 def _draw(found: Inspected, path: Path, source: Path) -> None:
@@ -75,13 +75,15 @@ def _draw(found: Inspected, path: Path, source: Path) -> None:
     write_atomic(path, recording_picture(found.log, found.findings).encode())
 
 
-def _text(found: Inspected) -> str:
+def _text(found: Inspected, described: bool) -> str:
     width = max(len(f.check) for f in found.findings)
     lines = [line for f in found.findings for line in _lines(f, width)]
     counts = Counter(f.light for f in found.findings)
     told = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
     asked = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in found.findings if f.flag))
     end = "tell would take this log as it is."
+    if not described:
+        end = "nothing speaks against this log; what tell would say depends on the robot (--robot)."
     if any(f.light == "red" and not f.flag for f in found.findings):
         end = "tell would refuse this log."
     elif asked:

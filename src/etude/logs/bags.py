@@ -12,11 +12,9 @@ import numpy as np
 from etude.contracts import Array, Index, Log
 from etude.errors import DataError, EtudeError
 from etude.logs.bag_files import decompressed, is_bag_folder, opened
-from etude.logs.extras import needed
 from etude.logs.frames import raw_log
 from etude.logs.mcap_mend import MAGIC
 from etude.logs.ros_messages import (
-    DEFINITIONS,
     LIKED,
     Rows,
     blocks_of,
@@ -24,6 +22,7 @@ from etude.logs.ros_messages import (
     stamp_of,
     unknown_type,
 )
+from etude.logs.ros_stores import Stores
 
 LISTED = 12
 SQLITE = b"SQLite format 3\0"
@@ -63,9 +62,9 @@ class BagReader:
         try:
             with opened(path) as (readers, repairs):
                 listed = {c.topic: c.msgtype for reader in readers for c in reader.connections}
-                stores = _Stores(path)
+                stores = Stores(path)
                 wanted = _asked(listed, topics, path) or _with_joints(readers, stores, listed, path)
-                found, cut = _read(readers, stores, wanted, path)
+                found, cut = _read(readers, stores, wanted, path, bool(topics))
         except EtudeError:
             raise
         except Exception as problem:  # the libraries below fail with anything
@@ -78,45 +77,6 @@ class BagReader:
         return is_bag_folder(path) or head.startswith((SQLITE, MAGIC))
 
 
-class _Stores:
-    """What is known of message types: what the recording itself says of a topic, else ROS's own."""
-
-    def __init__(self, path: Path) -> None:
-        self._typesys = needed("rosbags.typesys", "ros", path)
-        self._known: dict[tuple[str, str], Any] = {}
-
-    def of(self, connection: Any) -> Any:
-        """The type store for a topic's messages."""
-        key = (connection.msgtype, connection.msgdef.data)
-        if key not in self._known:
-            self._known[key] = self._made(connection)
-        return self._known[key]
-
-    def _made(self, connection: Any) -> Any:
-        own, format_ = self._typesys, connection.msgdef.format.name
-        if format_ == "NONE":
-            store = own.get_typestore(own.Stores.LATEST)
-            for name, text in DEFINITIONS.items():
-                if name not in store.fielddefs:
-                    store.register(own.get_types_from_msg(text, name))
-            return store
-        store = own.get_typestore(own.Stores.EMPTY)
-        store.register(_types(own, connection.msgdef.data, format_, connection.msgtype))
-        return store
-
-
-def _types(typesys: Any, text: str, format_: str, msgtype: str) -> Any:
-    """Types by name of a definition as the recording holds it; several IDLs stand between lines of =."""
-    if format_ == "MSG":
-        return typesys.get_types_from_msg(text, msgtype)
-    found: dict[str, Any] = {}
-    for part in text.split(80 * "=" + "\n"):
-        own = part.partition("\n")[2] if part.startswith("IDL: ") else part
-        if own.strip():
-            found |= typesys.get_types_from_idl(own)
-    return found
-
-
 def _asked(listed: Mapping[str, str], topics: Sequence[str], path: Path) -> tuple[str, ...]:
     for topic in topics:
         if topic not in listed:
@@ -127,7 +87,7 @@ def _asked(listed: Mapping[str, str], topics: Sequence[str], path: Path) -> tupl
 
 
 def _with_joints(
-    readers: Sequence[Any], stores: _Stores, listed: Mapping[str, str], path: Path
+    readers: Sequence[Any], stores: Stores, listed: Mapping[str, str], path: Path
 ) -> tuple[str, ...]:
     """Names of the topics that hold joint states."""
     connections = {c.topic: c for reader in readers for c in reader.connections}
@@ -141,7 +101,7 @@ def _with_joints(
     )
 
 
-def _may_hold_joints(connection: Any, stores: _Stores) -> bool:
+def _may_hold_joints(connection: Any, stores: Stores) -> bool:
     if connection.msgtype in LIKED:
         return True
     try:
@@ -157,10 +117,15 @@ def _list(listed: Mapping[str, str]) -> str:
 
 
 def _read(
-    readers: Sequence[Any], stores: _Stores, wanted: Sequence[str], path: Path
+    readers: Sequence[Any], stores: Stores, wanted: Sequence[str], path: Path, asked: bool
 ) -> tuple[list[Topic], tuple[str, ...]]:
-    """The wanted topics, as far as the storages can be read, and a sentence if that is not to their end."""
+    """The wanted topics, as far as the storages can be read, and a sentence for what is left out.
+
+    Args:
+        asked: whether a user named them; of others, one that nobody can read harms none that can be read.
+    """
     rows = {name: Rows() for name in wanted}
+    foreign: dict[str, DataError] = {}
     types: dict[str, str] = {}
     cut = ""
     for reader in readers:
@@ -175,8 +140,16 @@ def _read(
             except Exception as problem:  # damage in the middle of a storage: what came before is whole
                 cut = f"The bag is damaged, and was read as far as that ({_first_line(problem)})."
                 break
-            _add(rows[connection.topic], connection, received, data, stores, path)
-    found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in wanted]
+            if connection.topic in foreign:
+                continue
+            try:
+                _add(rows[connection.topic], connection, received, data, stores, path)
+            except DataError as error:
+                foreign[connection.topic] = error
+                if asked or len(foreign) == len(rows):
+                    raise
+    told = [name for name in wanted if name not in foreign]
+    found = [Topic(name, types[name], rows[name], rows[name].columns()) for name in told]
     empty = [topic.name for topic in found if not topic.columns]
     if len(empty) == len(found):
         raise DataError(
@@ -184,10 +157,11 @@ def _read(
             where=str(path),
             next_step="Name another with --topic, or record again.",
         )
-    return [topic for topic in found if topic.columns], (cut,) if cut else ()
+    left = tuple(f"Topic {name} was left out: {error.fact}." for name, error in foreign.items())
+    return [topic for topic in found if topic.columns], (*((cut,) if cut else ()), *left)
 
 
-def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores, path: Path) -> None:
+def _add(rows: Rows, connection: Any, received: int, data: Any, stores: Stores, path: Path) -> None:
     try:
         store = stores.of(connection)
         known = connection.msgtype in store.fielddefs
@@ -198,7 +172,7 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: _Stores,
     try:
         if not isinstance(data, bytes):  # a cell of SQLite may hold anything
             raise ValueError("it holds no data")
-        message = store.deserialize_cdr(decompressed(data, path), connection.msgtype)
+        message = stores.read(connection, decompressed(data, path))
         rows.add(received, stamp_of(message), blocks_of(message, connection.msgtype))
     except Exception as problem:  # of a damaged definition a message may be anything
         raise DataError(

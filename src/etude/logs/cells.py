@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.contracts import Array
+from etude.logs.clock_texts import nanoseconds
 
 if TYPE_CHECKING:
     import polars as pl
 
 LONGEST = 1000  # entries of a list: longer ones are images and scans
+SCALAR = re.compile(r"^(?:np|numpy)\.\w+\(|\)$")  # as numpy writes a number in a list, np.float64(0.1)
 LIST = re.compile(r"\s*(?:array\(\s*'?\w'?,\s*)?[\[(](.*?)[\])]+\s*")  # (0.1, 0.2), array('d', [0.1, 0.2])
-
-DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:\.\d{1,9})?) ?(?:Z|UTC|[+-]\d\d:?\d\d)?")
 
 
 def numbers_of(series: pl.Series) -> Array:
@@ -37,29 +37,10 @@ def numbers_of(series: pl.Series) -> Array:
     elif not (dtype.is_numeric() or dtype in (pl.Boolean, pl.Time)):
         return np.full(len(series), np.nan)
     values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
-    if dtype == pl.String and _is_date(series):
-        return _nanoseconds(series)
+    told = nanoseconds(series.to_list()) if dtype == pl.String and not np.isfinite(values).any() else None
+    if told is not None:
+        return told
     return np.array(values, dtype=np.float64)
-
-
-def _is_date(series: pl.Series) -> bool:
-    first = next((cell for cell in series.head(100).to_list() if cell), "")
-    return DATE.fullmatch(first) is not None
-
-
-def _nanoseconds(series: pl.Series) -> Array:
-    """(T,) ns since 1970 of dates, a time zone left out; NaN of what is none."""
-
-    def of(cell: str | None) -> float:
-        found = DATE.fullmatch(cell or "")
-        if found is None:
-            return float("nan")
-        try:
-            return float(np.datetime64(f"{found[1]}T{found[2]}", "ns").astype(np.int64))
-        except ValueError:  # the 31st of June
-            return float("nan")
-
-    return np.array([of(cell) for cell in series.to_list()])
 
 
 def _text(series: pl.Series) -> pl.Series:
@@ -91,7 +72,7 @@ def lists_of(series: pl.Series) -> list[Any] | None:
 def _split(cell: str) -> list[str]:
     found = LIST.fullmatch(cell)
     inner = found[1] if found is not None else cell.strip().strip("[]()")
-    return [part.strip().strip("'\"") for part in re.split(r"[,;\s]+", inner) if part.strip()]
+    return [SCALAR.sub("", part.strip()).strip("'\"") for part in re.split(r"[,;\s]+", inner) if part.strip()]
 
 
 def matrix(cells: list[Any], kind: type) -> Any:

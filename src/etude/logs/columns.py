@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from etude.contracts import Channel
 from etude.errors import DataError
-from etude.logs.headers import Column, Found, read_headers, settle_bare, words_of
+from etude.logs.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
 from etude.logs.words import SENSORS
 
 LISTED = 12  # columns in a message
@@ -126,8 +126,12 @@ def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
     more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
     known = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    unit = other_unit(channel, ignored)
+    said = (
+        f' {unit[0]} and the like are read if the robot file says command_unit = "{unit[1]}".' if unit else ""
+    )
     return (
-        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{hint} "
+        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{said}{hint} "
         "Rename the columns, correct the names in the robot file, or say in [log] columns what they are: "
         "etude inspect LOG --robot ROBOT --write-mapping."
     )

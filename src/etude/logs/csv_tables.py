@@ -6,7 +6,6 @@ a long log never stands in memory as text. Cells of a column of numbers that are
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from collections.abc import Iterator, Sequence
@@ -20,20 +19,16 @@ import numpy as np
 from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.cells import numbers_of
-from etude.logs.echo import echo_names, is_number
+from etude.logs.csv_header import AGAIN, header_of
 from etude.logs.frames import frame_log, guarded, raw_log
 from etude.logs.text_blocks import TextBlocks
 
 if TYPE_CHECKING:
     import polars as pl
 
-AGAIN = "Export the log again."
-SEPARATORS = ",;\t"
 JUDGED = 1000
 """Rows by which a column's type is judged."""
-EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)
-"""A first line by which Excel is told the separator; the tab is lost when blanks are."""
-DECIMAL_COMMA = re.compile(r"(?:^|[;\t])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)", re.MULTILINE)
+DECIMAL_COMMA = re.compile(r"(?:^|[;\t| ])\s*-?\d*,\d+(?:[eE][-+]?\d+)?\s*(?=[;\t| ]|$)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -74,59 +69,13 @@ def _nothing(path: Path) -> str:
 
 def _form(first: bytes, path: Path) -> tuple[_Form, bytes, tuple[str, ...]]:
     """How the table is written, by its first block; that block without the header; what was done."""
-    text = first.decode()
-    lines = (line for line in text.split("\n") if line.strip() and not line.startswith("#"))
-    header = next((line for line in lines if not EXCEL.fullmatch(line.strip())), "")
-    separator = max(SEPARATORS, key=header.count)
-    cells = _cells(header, separator, str(path))
-    echoed = echo_names(cells, str(path))
-    if echoed:
-        names: Sequence[str] = echoed
-        body = first
-        repairs: tuple[str, ...] = ("There is no header; the columns are those of `ros2 topic echo --csv`.",)
-    else:
-        names, repairs = _checked_names(cells, str(path)), ()
-        place = first.index(header.encode()) + len(header.encode())
-        body = first[place:].lstrip(b"\n")
+    header = header_of(first, str(path))
+    body = first[header.end :].lstrip(b"\n")
     sample = body[: 2**16].decode(errors="ignore").split("\n")[:20]
-    _check_width(names, sample, separator, str(path))
-    comma = separator != "," and bool(DECIMAL_COMMA.search("\n".join(sample)))
-    if comma:
-        repairs = (*repairs, "Numbers were read with a decimal comma.")
-    form = _Form(tuple(names), separator, comma)
-    return _judged(form, body, path), body, repairs
-
-
-def _cells(line: str, separator: str, where: str) -> list[str]:
-    try:
-        return [name.strip().strip('"') for name in next(csv.reader([line], delimiter=separator), [])]
-    except csv.Error as problem:
-        raise DataError(f"the header cannot be read ({problem})", where=where, next_step=AGAIN) from None
-
-
-def _checked_names(names: Sequence[str], where: str) -> Sequence[str]:
-    if all(is_number(name) for name in names):
-        raise DataError(
-            "the first line has numbers where the column names should be",
-            where=where,
-            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
-        )
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")
-    return names
-
-
-def _check_width(names: Sequence[str], lines: Sequence[str], separator: str, where: str) -> None:
-    """DataError: the first row has more cells than there are columns, so that nobody knows which is which."""
-    row = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    cells = _cells(row, separator, where)
-    if len(cells) > len(names):
-        raise DataError(
-            f"the header names {len(names)} columns, and the first row has {len(cells)} cells",
-            where=where,
-            next_step="Name every column in the header, or take out separators at the end of rows.",
-        )
+    comma = header.separator != "," and bool(DECIMAL_COMMA.search("\n".join(sample)))
+    said = ("Numbers were read with a decimal comma.",) if comma else ()
+    form = _Form(header.names, header.separator, comma)
+    return _judged(form, body, path), body, (*header.repairs, *said)
 
 
 def _judged(form: _Form, body: bytes, path: Path) -> _Form:

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Index, Log, Mask
+from etude.contracts import Array, Channel, Index, Log
 from etude.errors import DataError
+from etude.logs.leaps import leaps, told
 from etude.logs.ranges import RARE, bounded, top_speed
 from etude.logs.smoothing import segments
 from etude.logs.units import Limits
 
 LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
 LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
-JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion
 REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
 
 
@@ -32,7 +32,11 @@ def drop_unreadable(log: Log) -> Log:
         if channel.required or channel.role == "command":
             continue
         finite = np.isfinite(log[name])
-        if not finite.any(axis=0).all():
+        if _never_recorded(log, name):
+            log = log.without(name).repaired(
+                f"Channel {name} never changes although {channel.derivative_of} does: it was dropped."
+            )
+        elif not finite.any(axis=0).all():
             log = log.without(name).repaired(f"Channel {name} has a column without numbers and was dropped.")
         elif (share := 1.0 - finite.all(axis=1).mean()) > LARGEST_LOSS:
             log = log.without(name).repaired(
@@ -58,16 +62,24 @@ def drop_unreadable(log: Log) -> Log:
     return log.take(~bad).repaired(sentence)
 
 
+def _never_recorded(log: Log, name: str) -> bool:
+    """Whether a rate stands still in every part while what it is the rate of moves: nobody filled it."""
+    path = log.channels[name].derivative_of
+    return path in log and not np.ptp(log[name], axis=0).any() and bool(np.ptp(log[path], axis=0).any())
+
+
 def order_rows(log: Log) -> Log:
     """Keeps the longest run of rows whose time increases: drops repeats, and stamps that jump or run back.
+    Rows that stand from last to first by their times are turned round.
 
     Raises:
-        DataError: time restarts (two recordings in one file), or too many stamps are out of order.
+        DataError: time restarts (two recordings in one file), too many stamps are out of order, or too many
+            rows share theirs.
     """
-    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
-    if repeats.any():
-        sentence = f"{repeats.sum()} rows that repeat the time before were dropped."
-        log = log.take(~repeats).repaired(sentence)
+    if len(log) > 1 and (np.diff(log.t) < 0).mean() > 1.0 - LARGEST_LOSS / 2:
+        log = log.take(np.arange(len(log))[::-1])
+        log = log.repaired("By their times the rows stood from last to first, and were turned round.")
+    log = _without_repeats(log)
     if len(log.t) < 2:
         raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
     steps = np.diff(log.t)
@@ -82,6 +94,24 @@ def order_rows(log: Log) -> Log:
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
     return log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
+
+
+def _without_repeats(log: Log) -> Log:
+    """Drops rows that repeat the time before. DataError: too many do, with other values."""
+    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
+    if not repeats.any():
+        return log
+    new = np.zeros(len(log), dtype=np.bool_)
+    for values in log.values.values():
+        new[1:] |= (np.diff(values, axis=0) != 0.0).any(axis=1)
+    if (repeats & new).mean() > LARGEST_LOSS and not repeats[1:].all():
+        raise DataError(
+            f"{(repeats & new).sum()} of {len(log)} rows have the time of the row before and other values: "
+            "the times have too few digits",
+            where=f"{log.source}, time column",
+            next_step="Export the times with more digits (microseconds), or leave those rows out.",
+        )
+    return log.take(~repeats).repaired(f"{repeats.sum()} rows that repeat the time before were dropped.")
 
 
 def increasing_rows(t: Array) -> Index:
@@ -143,7 +173,7 @@ def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
 
 
 def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
-    leap = _leaps(log, channel, top, size)
+    leap = leaps(log, channel, top, size)
     rows = np.flatnonzero(leap.any(axis=1))
     spikes = rows[np.isin(rows + 1, rows)] + 1
     # The row between a leap out and a leap back; a run of leaps is no single spike and stays.
@@ -151,29 +181,27 @@ def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
         keep = np.ones(len(log.t), dtype=bool)
         keep[spikes] = False
         log = log.take(keep).repaired(f"{len(spikes)} rows with a single wild position were dropped.")
-        leap = _leaps(log, channel, top, size)
+        leap = leaps(log, channel, top, size)
     if leap.any():
         row, j = (int(k[0]) for k in np.nonzero(leap))
-        step = log[channel.name][row + 1, j] - log[channel.name][row, j]
-        turn = abs(abs(step) - 2 * np.pi) < 0.2
-        raise DataError(
-            f"the position jumps by {step:.3g} {channel.units[j]} at t = {log.t[row]:.3f} s, faster than it "
-            "can move",
-            where=f"{log.source}, {channel.parts[j]}",
-            next_step="Unwrap the angle (it jumps by one turn)."
-            if turn
-            else "Is this several recordings in one file, another robot, or a wrong unit?",
-        )
+        fact, step = told(log, channel, row, j)
+        raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
     return log
 
 
-def _leaps(log: Log, channel: Channel, top: Array, size: Array) -> Mask:
-    """(T-1, k) True where the step is no motion: beyond the velocity limit and a hundredth of the range."""
-    steps, q = np.diff(log.t), log[channel.name]
-    leaps = np.empty((len(steps), q.shape[1]), dtype=bool)
-    for j in range(q.shape[1]):  # one by one: long logs leave no room for all at once
-        leaps[:, j] = np.abs(np.diff(q[:, j])) > JUMP_FACTOR * top[j] * steps + 0.01 * size[j]
-    return leaps
+def check_commanded(log: Log) -> Log:
+    """The log. DataError: what moved has a constant command, which the truth tests make no sense of."""
+    for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
+        dead = np.flatnonzero(moved & (np.ptp(log[channel.name], axis=0) == 0)).tolist()
+        if dead:
+            names = ", ".join(channel.parts[j] for j in dead)
+            raise DataError(
+                f"the command of {names} is constant although it moved: it was not recorded",
+                where=log.source,
+                next_step="Log this command, or leave the joint out of the robot file.",
+            )
+    return log
 
 
 def check_constant(log: Log) -> Log:
@@ -183,20 +211,14 @@ def check_constant(log: Log) -> Log:
         DataError: what is commanded did not move, or moved without a command.
     """
     for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
-        q, command = log[channel.acts_on], log[channel.name]
-        moved, commanded = np.ptp(q, axis=0) > 0, np.ptp(command, axis=0) > 0
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
         if not moved.any():
             raise DataError(
                 "nothing moved: every position column is constant",
                 where=log.source,
                 next_step="Record the motion itself, and check the position channel.",
             )
-        for j in np.flatnonzero(moved & ~commanded):
-            raise DataError(
-                f"the command is constant ({command[0, j]:g}) although it moved",
-                where=f"{log.source}, {channel.parts[j]}",
-                next_step="Log this command, or leave the joint out of the robot file.",
-            )
+        log = check_commanded(log)
         for j in np.flatnonzero(~moved):
             log = log.repaired(f"{channel.parts[j]} did not move in this log.")
     return log

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from etude.contracts import Channel
 from etude.errors import DataError
@@ -148,6 +148,20 @@ def _number(rests: list[str], words: dict[str, str]) -> tuple[str, str] | None:
             found = re.fullmatch(pattern, rest)
             if found is not None and found["word"] in words:
                 return words[found["word"]], found["number"]
+    return None
+
+
+def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | None:
+    """The first header that names a part of this command in another unit, and that unit."""
+    if channel.role != "command" or not channel.acts_on:
+        return None
+    for unit in COMMANDS:
+        other = replace(channel, units=(unit,) * len(channel.parts))
+        named, words = _named([other]), _words([other])
+        for header in headers:
+            rests = _rests(normal(split_unit(header)[0]))
+            if any(rest in named for rest in rests) or _number(rests, words):
+                return header, unit
     return None
 
 

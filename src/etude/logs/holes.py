@@ -5,6 +5,7 @@ PlotJuggler exports so. The columns that are told at the same rows belong togeth
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -22,20 +23,25 @@ SHARED = 0.5
 def without_holes(raw: Log) -> Log:
     """The rows of the columns that are told most often, the others interpolated; or the log as it is."""
     t = next((raw[name][:, 0] for name in raw.values if is_time(name)), None)
+    if t is None and not np.array_equal(raw.t, np.arange(len(raw))):
+        t = raw.t  # of messages, of which each names other joints
     if t is None or len(t) < 2 or not np.isfinite(t).all():
         return raw
     told: dict[bytes, Mask] = {}
-    every = np.ones(len(raw), dtype=bool)
-    for values in raw.values.values():
+    count: Counter[bytes] = Counter()
+    every, whole = np.ones(len(raw), dtype=bool), 0
+    for name, values in raw.values.items():
         finite = np.isfinite(values[:, 0])
+        whole += bool(finite.all()) and not is_time(name)
         if finite.sum() > 1:
             told[np.packbits(finite).tobytes()] = finite
+            count[np.packbits(finite).tobytes()] += 1
             every &= finite
     partial = [finite for finite in told.values() if not finite.all()]
     if len(partial) < 2 or max(finite.sum() for finite in partial) > WHOLE * len(raw):
         return raw
-    leader = max(partial, key=lambda finite: int(finite.sum()))
-    if every.sum() > SHARED * leader.sum():
+    leader = max(partial, key=lambda finite: (int(finite.sum()), count[np.packbits(finite).tobytes()]))
+    if every.sum() > SHARED * leader.sum() or whole >= len(raw.values) - whole:
         return raw
     said = ["Columns that are told at different rows were joined by time."]
     joined = {name: _at(name, t, own[:, 0], leader, said)[:, None] for name, own in raw.values.items()}

@@ -8,12 +8,15 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.mat5 import Variable, variables
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
+SIGNALS = ".signals.values"
 WIDEST = 1000
 """Columns of a matrix: wider ones are images."""
 
@@ -32,7 +35,7 @@ def mat_log(path: Path) -> Log:
             where=str(path),
             next_step="Save it in MATLAB with save(name, '-v7').",
         )
-    found = dict(_columns(_loaded(path), ""))
+    found = _simulink(dict(_columns(_loaded(path), "")))
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:
         raise DataError(
@@ -46,6 +49,21 @@ def mat_log(path: Path) -> Log:
     own = _without_struct(own)
     said = f"Variables of another length than {rows} were left out: {', '.join(left[:12])}."
     return raw_log(own, path.name, (said,) if left else ())
+
+
+def _simulink(found: dict[str, Array]) -> dict[str, Array]:
+    """Signals that Simulink saved as structures with time (`q.time`, `q.signals.values_1`) under their own
+    names, with the time that all of them share; as they are where times differ.
+    """
+    blocks = {name.partition(SIGNALS)[0] for name in found if SIGNALS in name}
+    times = [found[f"{block}.time"] for block in blocks if f"{block}.time" in found]
+    if not times or not all(np.array_equal(times[0], t) for t in times):
+        return found
+    own = {}
+    for name, values in found.items():
+        if name.removesuffix(".time") not in blocks:
+            own[name.replace(SIGNALS, "").rpartition(".")[2] if SIGNALS in name else name] = values
+    return {"time": times[0], **own}
 
 
 def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:

@@ -19,6 +19,7 @@ from etude.errors import DataError, EtudeError
 from etude.logs.csv_tables import csv_log
 from etude.logs.frames import frame_log, parquet_frame, raw_log
 from etude.logs.holes import without_holes
+from etude.logs.indices import with_index
 from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
@@ -33,6 +34,14 @@ READERS: Mapping[str, str] = {
     ".mat": "mat",
 }
 """Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
+PACKED = dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z", ".tar", ".tgz"), "Unpack it first.")
+SHEETS = dict.fromkeys((".xlsx", ".xls", ".ods"), "Save the sheet as CSV.")
+INSTEAD: Mapping[str, str] = {
+    **PACKED,
+    **SHEETS,
+    ".bag": "This is a bag of ROS 1: rosbags-convert --src run.bag --dst run writes it as one of ROS 2.",
+}
+"""Suffix -> what to do with a file that nobody reads."""
 BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
 HEAD = 4096
 AGAIN = "Export the log again."
@@ -50,7 +59,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
     name = name or _reader_of(path, head)
-    log = without_holes(_joined(_topics(plugins.load(GROUP, name), name, path, topics)))
+    log = without_holes(with_index(_joined(_topics(plugins.load(GROUP, name), name, path, topics))))
     if len(log) < 2:
         raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
     return log
@@ -98,7 +107,11 @@ def _reader_of(path: Path, head: bytes) -> str:
     raise DataError(
         f"there is no reader for '{path.suffix}' files",
         where=str(path),
-        next_step=f"Convert the log to one of: {', '.join(dict.fromkeys((*READERS, *brought)))}.",
+        next_step=INSTEAD.get(
+            path.suffix.lower(),
+            f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
+            f"by what is in them logs of {', '.join(brought)}.",
+        ),
     )
 
 

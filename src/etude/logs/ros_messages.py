@@ -10,23 +10,11 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import DataError
+from etude.logs.ros_definitions import CONTROLLER_STATE, DYNAMIC_STATE
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-DYNAMIC_STATE = "control_msgs/msg/DynamicJointState"
 LIKED = (JOINT_STATE, DYNAMIC_STATE, CONTROLLER_STATE)
 """Types that hold joints, the first most readily read; others hold JointStates as fields."""
-# What a recording that does not carry its types' definitions needs beside those of ROS itself.
-DEFINITIONS: Mapping[str, str] = {
-    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
-    DYNAMIC_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
-    CONTROLLER_STATE: (
-        "std_msgs/Header header\nstring[] joint_names\n"
-        "trajectory_msgs/JointTrajectoryPoint desired\n"
-        "trajectory_msgs/JointTrajectoryPoint actual\n"
-        "trajectory_msgs/JointTrajectoryPoint error\n"
-    ),
-}
 POINT = {
     "positions": "position",
     "velocities": "velocity",

@@ -92,11 +92,13 @@ def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:
     Raises:
         DataError: no unit brings the steps within CLOCK_FACTOR of the rate.
     """
-    steps = np.diff(t)
+    steps = np.abs(np.diff(t))  # rows may stand from last to first
     steps = steps[steps > 0]
     if not len(steps):
         raise DataError(
-            "the time never advances", where=f"{where}, time column", next_step="Export the log again."
+            "the time never advances",
+            where=f"{where}, time column",
+            next_step="Export the log again, its times with more digits.",
         )
     step = float(np.median(steps))
     off = {unit: float(np.log(step * factor * rate)) for unit, factor in TIME_UNITS.items()}

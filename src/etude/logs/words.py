@@ -47,7 +47,16 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
 SENSORS = ("specific_force", "rates", "position", "velocity", "orientation", "attitude", "position_des")
 # Words for the learned command that only one unit of it can mean.
 COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "N m": ("effort", "efforts", "torque", "torques", "actual_torque", "measured_torque", "joint_effort"),
+    "N m": (
+        "effort",
+        "efforts",
+        "torque",
+        "torques",
+        "actual_torque",
+        "measured_torque",
+        "joint_effort",
+        "tau_j",
+    ),
     "N": ("force", "effort", "efforts"),
     "A": ("current", "currents", "actual_current", "motor_current", "effort", "efforts"),
     "V": ("voltage", "motor_voltage", "effort", "efforts"),
@@ -75,14 +84,20 @@ UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
 STAMP_WORDS = {"sec": ("header_stamp_sec", "stamp_sec", "sec"), "nanosec": ("nanosec", "stamp_nanosec")}
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+NAMELESS = "unnamed column"
+"""What a column without a header is called, and its number."""
+INDEX = re.compile(r"unnamed(_column)?_\d+|index(_level_\d+)?")
+"""Normalised headers of an index, as pandas and polars write one."""
 MINUTES = {"min": 60.0}
 """Too near to seconds to be told from the rate: only where a header says so."""
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """('Elbow Position', 'deg') of 'Elbow Position [deg]'; a bare number in brackets is an index, no unit."""
+    """('Elbow Position', 'deg') of 'Elbow Position [deg]'; a bare number in brackets is an index, no unit;
+    nothing but brackets is a header of two names, ('elbow', 'position').
+    """
     found = re.search(r"\s*[\[(]([^\])]*)[\])]\s*$", header)
-    if found is None or found.group(1).strip().isdigit():
+    if found is None or found.start() == 0 or found.group(1).strip().isdigit():
         return header, ""
     return header[: found.start()], found.group(1).strip().lower()
 

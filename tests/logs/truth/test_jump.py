@@ -51,6 +51,17 @@ def test_a_reset_is_told_with_place_and_size_and_left_out(rate: float, size: flo
     assert float(t[-1] - t[0]) - sum(float(np.ptp(t[p.start : p.stop])) for p in pieces) < 3.0
 
 
+@pytest.mark.parametrize("rows", [40, 100, 150, 500])
+@pytest.mark.parametrize("drawn_out", [1, 2, 3])
+def test_of_a_short_log_one_jump_is_many_rows(rows: int, drawn_out: int) -> None:
+    t, q = flown(25.0)
+    t, q = t[:rows], q[:rows]
+    q[:, 0] += np.clip((np.arange(rows) - rows // 2) / drawn_out, 0.0, 1.0)
+    assert told(t, q).light == "yellow"
+    t, q = flown(25.0)
+    assert told(t[:rows], q[:rows]).light == "green"
+
+
 def test_two_resets_are_two_and_a_spike_is_one() -> None:
     t, q = flown(100.0)
     q[(t > 105.0) & (t < 120.0)] += [0.0, 0.0, 1.7]

@@ -300,3 +300,68 @@ def test_row_numbers_taken_for_times_are_one_fact_not_one_a_joint() -> None:
     assert found.light == "red"
     assert "4 times the slopes of the positions, in every joint alike" in found.sentence
     assert "a row number" in found.sentence
+
+
+def pieces(seconds: float) -> list[Log]:
+    """Stretches of a right log, which end elsewhere than they began."""
+    log = moved(60.0)
+    starts = np.arange(0.0, 60.0 - seconds, 2.5)
+    return [log.take((log.t >= a) & (log.t < a + seconds)) for a in starts]
+
+
+@pytest.mark.parametrize("seconds", [0.6, 2.0, 4.0, 6.0, 9.0, 14.0])
+def test_a_right_log_that_was_cut_is_not_suspected(seconds: float) -> None:
+    for piece in pieces(seconds):
+        assert told(piece) == {}
+        assert told(piece.without("qd")) == {}
+
+
+def test_a_weight_that_is_let_down_is_no_inverted_sign() -> None:
+    """One way down against friction: gravity drives the motion, and the command takes power out."""
+    t = np.arange(1000) / RATE
+    q = np.tile(-1.0 + 0.09 * t[:, None], (1, 3))
+    qd = np.gradient(q, t, axis=0)
+    log = Log(t, {}, {}, "made").put(Q, q).put(COMMAND, command_of(q, qd, 0.0 * q))
+    seen = commanded(log)
+    assert seen is not None
+    assert sign.agreement(seen)[0] < -sign.SURE
+    assert told(log) == {}
+
+
+def test_a_joint_that_moves_for_a_moment_does_not_condemn_its_velocity() -> None:
+    """Below its dead band the drive reports none."""
+    log = moved(8.0)
+    q, qd = log["q"].copy(), log["qd"].copy()
+    q[:, 2], qd[:, 2] = 0.002 * np.exp(-(((log.t - 4.0) / 0.1) ** 2)), 0.0
+    assert told(log.put(Q, q).put(QD, qd)) == {}
+
+
+def test_less_than_five_seconds_say_nothing_of_commands() -> None:
+    log = moved(4.5)
+    found = judge_commands(with_command(log, -log["command"][:, [1, 0, 2]]))
+    assert [(f.check, f.light) for f in found] == [("commands", "cannot tell")]
+
+
+def test_a_torque_that_the_file_hardly_knows_says_nothing_of_a_unit() -> None:
+    seen = commanded(moved())
+    assert seen is not None
+    assert seen.command is not None
+    torque = seen.command * [1.0, 1.0, 1e-5]
+    (found,) = scale.scale_findings(seen, torque, torque, np.full(3, 100.0))
+    assert found.light == "green"
+    assert "toe" not in found.sentence
+
+
+def test_one_position_in_degrees_is_said_to_be() -> None:
+    log = moved()
+    (found,) = told(log.put(Q, log["q"] * [1.0, 180.0 / np.pi, 1.0])).values()
+    assert "position looks like degrees" in found.sentence
+
+
+def test_the_estimate_of_a_vehicle_may_drift_and_not_be_anothers() -> None:
+    """Its height follows a barometer on the bench; commands act on motors, not on positions."""
+    log = moved().without("command")
+    qd = log["qd"].copy()
+    qd[:, 2] = np.random.default_rng(0).normal(size=len(log))
+    assert told(log.put(QD, qd)) == {}
+    assert set(told(log.put(QD, log["qd"][:, [1, 0, 2]]))) == {"velocity"}

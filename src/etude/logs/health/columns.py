@@ -15,6 +15,7 @@ COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot ma
 DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can tell
 SATURATED = 0.01  # of the rows at an extreme
 AT_EDGE = 1e-3  # of the range
+NOT_FILLED = "Was it recorded? Leave it out of the log if nobody filled it."
 LEAPS = 30.0  # times the step that 99 % of the rows stay below
 
 
@@ -38,11 +39,12 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
 
 
 def _dead(log: Log) -> Finding:
-    dead, worse = [], []
+    dead, worse, still = [], [], False
     for channel in judged(log):
         values = log[channel.name]
         for j in np.flatnonzero(_range(values) == 0.0).tolist():
             dead.append(label(channel, j))
+            still |= channel.role == "state"
             moves = channel.acts_on in log and _range(log[channel.acts_on])[j] > 0.0
             worse += [label(channel, j)] if channel.role == "command" and moves else []
     if worse:
@@ -50,7 +52,8 @@ def _dead(log: Log) -> Finding:
         return Finding("dead", "red", fact, "Log this command, or leave the joint out of the robot file.")
     if dead:
         fact = f"Never changing: {_listed(dead)}."
-        return Finding("dead", "yellow", fact, "A joint that stands teaches its gravity and friction only.")
+        step = "A joint that stands teaches its gravity and friction only." if still else NOT_FILLED
+        return Finding("dead", "yellow", fact, step)
     return Finding("dead", "green", "Every column changes.")
 
 

@@ -64,7 +64,7 @@ def _rest(motion: Seen) -> Finding:
     never, long = ~motion.moves, motion.moves & (share > STANDING)
     said = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
     if never.any():
-        said = f"{named(motion.parts, never)} never moves. {said}"
+        said = f"{named(motion.parts, never)} never move{'s'[: int(never.sum()) == 1]}. {said}"
     elif not long.any():
         return Finding("rest", "green", said)
     return Finding("rest", "yellow", said, "Move every joint that is to be learned, and more of the time.")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Log, Mean
+from etude.logs.leaps import leap_finding
 from etude.logs.ranges import top_speed
 from etude.logs.smoothing import median_rate
 from etude.logs.truth import rates, sign, swapped
@@ -17,6 +18,7 @@ from etude.logs.truth.seen import Seen, joints, seen
 from etude.logs.truth.words import Mendable
 from etude.logs.units import Limits
 
+SHORT = f"Less than {sign.LEAST_S:g} s of motion: too little to tell whose a command is, its sign or unit."
 STILL = "Nothing moves: no joint changes its position by more than its noise."
 
 
@@ -44,6 +46,9 @@ def judge_motion(
         return ()
     if motion.command is not None and not motion.moves.any():
         return (Finding("rest", "red", STILL, "Release the brakes and record a motion."),)
+    leap = _leap(log, path, channels, limits)
+    if leap is not None:
+        return (leap,)
     rate = median_rate(log.t)
     found = rates.rate_finding(motion, rate, usual)
     if found.light == "red":
@@ -53,6 +58,16 @@ def judge_motion(
     if top is not None and found.light != "green":
         others.append(speed_finding(motion, top, rate, usual))
     return (found, *(other for other in others if other is not None))
+
+
+def _leap(log: Log, path: str, channels: Sequence[Channel], limits: Limits) -> Finding | None:
+    """A joint's position that jumps; of a vehicle's place the kind itself looks."""
+    channel = log.channels[path]
+    top = top_speed(channel, channels, limits)
+    if top is None or path not in limits or channel.role != "state":
+        return None
+    lower, upper = limits[path]
+    return leap_finding(log, channel, top, upper - lower)
 
 
 def judge_commands(
@@ -69,6 +84,8 @@ def judge_commands(
     motion = motion or commanded(log)
     if motion is None or motion.command is None:
         return ()
+    if len(motion.t) * motion.step < sign.LEAST_S:
+        return (Finding("commands", "cannot tell", SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)

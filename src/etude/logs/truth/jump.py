@@ -15,6 +15,7 @@ CHECK = "jump"
 LEAST = 0.2  # m: below, a correction
 WILD = 5.0  # times the second difference that 99 % of the rows stay below: noise and acceleration make less
 RARE = 0.01  # of the steps may be further than the limits allow: with more, the limits are another vehicle's
+FEW = 4  # rows that a jump may touch, however short the log is
 BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
 SPARE_S = 0.1  # left out to either side, or as much as makes a pause
 NAMED = 5
@@ -35,7 +36,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     t, q = log.t[new], q[new]
     excess = _excess(t, q, top)
     marked = np.asarray((excess != 0.0).any(axis=1))
-    if not marked.any() or marked.mean() > max(RARE, 1.0 / max(len(marked), 1)):
+    if not marked.any() or marked.sum() > max(RARE * len(marked), FEW):
         return Finding(CHECK, "green", "No position jumps.")
     spare = max(SPARE_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
     spans = _spans(t, marked, spare)
@@ -58,7 +59,9 @@ def _excess(t: Array, q: Array, top: Array) -> Array:
     found = np.zeros(step.shape)
     if len(q) < 2 * BESIDE_ROWS + 2:
         return found
-    usual = np.quantile(np.abs(np.diff(q, 2, axis=0)), 0.99, axis=0)
+    # in a short log one jump is more than one row in a hundred
+    share = min(0.99, 1.0 - FEW / len(q))
+    usual = np.quantile(np.abs(np.diff(q, 2, axis=0)), share, axis=0)
     most = np.maximum(top * dt, WILD * usual)
     for k, j in np.argwhere(np.abs(step) > most).tolist():
         rate = _beside(t, step[:, j] / dt[:, 0], np.abs(step[:, j]) > most[:, j], k)

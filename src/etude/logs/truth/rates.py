@@ -18,15 +18,17 @@ from etude.logs.truth.words import Mendable, accepted, both, named
 TIME, DIRECTION, VELOCITY = "time", "direction", "velocity"
 """The checks: the clock's scale, its direction, and the velocities as such."""
 NEAR, LIKE, OTHER = 0.1, 0.95, 0.5
+OFF = 0.25  # of 1: seconds of a real log go so far; no unit and no other column is as near
 FACTORS = (2.0, 60.0, 1e3, 1e6, 1e9)
 """By which clocks are off: half the rate stated, minutes, milli-, micro- and nanoseconds."""
 DEGREES = 180.0 / np.pi
+LEAST = 12.0  # times the filter's period that a joint moves: less is noise, or the filter's edges
 MATCH = 0.15  # of a factor: a driver's filter takes up to 4 %
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """beta, r (k,) of each joint; NaN of one that stands."""
+    """beta, r (k,) of each joint; NaN of one that stands, or moves for too short a time."""
 
     beta: Array
     r: Array
@@ -39,7 +41,7 @@ class Slopes:
         itself lies between beta, if all noise is the velocity's, and beta / r^2, if all is the position's.
         """
         most = self.beta / np.maximum(self.r**2, 1e-300)
-        return np.asarray((self.beta < 1.0 + NEAR) & (most > 1.0 - NEAR))
+        return np.asarray((self.beta < 1.0 + OFF) & (most > 1.0 - OFF))
 
     @staticmethod
     def of(seen: Seen) -> Slopes | None:
@@ -47,7 +49,7 @@ class Slopes:
         if seen.logged is None:
             return None
         beta, r = np.full((2, len(seen.parts)), np.nan)
-        for j in np.flatnonzero(seen.moves):
+        for j in np.flatnonzero(seen.seconds * seen.cutoff > LEAST):
             slope, rate = seen.qd[seen.moving[:, j], j], seen.logged[seen.moving[:, j], j]
             slope, rate = slope - slope.mean(), rate - rate.mean()
             square, other = float(slope @ slope), float(rate @ rate)
@@ -68,7 +70,7 @@ def rate_finding(seen: Seen, rate: float, usual: float | None = None) -> Finding
         return Finding(VELOCITY, "cannot tell", "No velocity is logged that could be held against positions.")
     known = np.isfinite(found.beta)
     if not known.any():
-        return Finding(VELOCITY, "cannot tell", "Nothing moves, so velocities say nothing.")
+        return Finding(VELOCITY, "cannot tell", "No joint moves for long enough to judge velocities by.")
     beta, r = found.beta[known], found.r[known]
     if (np.abs(beta - 1.0) < NEAR).all() and (r > LIKE).all():
         return Finding(
@@ -154,8 +156,11 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     turned = known & (found.beta < 0.0) & (np.abs(found.r) > LIKE)
     wrong = known & ~found.agrees & (found.r > OTHER) & ~turned
     step = f"Check the columns; {accepted(VELOCITY)}: velocities are not learned from, positions are."
+    whose_are = {j: said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))}
+    if seen.command is None:  # a vehicle's estimate, which its sensors pull about
+        foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
     if foreign.any():
-        others = [said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))]
+        others = list(whose_are.values())
         whose = f" ({', '.join(others)})" if others else ""
         fact = f"The velocity of {named(seen.parts, foreign)} is not the slope of its position{whose}."
     elif turned.any():
@@ -169,10 +174,20 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     elif wrong.any():
         factors = ", ".join(f"{value:.3g}" for value in found.beta[wrong])
         fact = f"The velocity of {named(seen.parts, wrong)} is {factors} times the slope of its position."
+        fact += _of_degrees(found.beta[wrong])
     else:
         fact = "Velocities agree with positions but roughly: they are noisy, or were filtered."
         return Finding(VELOCITY, "cannot tell", fact)
     return Finding(VELOCITY, "red", fact, step, flag=VELOCITY)
+
+
+def _of_degrees(beta: Array) -> str:
+    """What is said where all factors are that of degrees."""
+    if (np.abs(np.log(np.abs(beta) * DEGREES)) < MATCH).all():
+        return " The position looks like degrees: state the unit in its header (q_elbow [deg])."
+    if (np.abs(np.log(np.abs(beta) / DEGREES)) < MATCH).all():
+        return " The velocity looks like degrees per second."
+    return ""
 
 
 def _of_which(seen: Seen, j: int) -> str:

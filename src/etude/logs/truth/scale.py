@@ -15,6 +15,7 @@ from etude.logs.truth.words import accepted, named
 CHECK, GRAVITY = "scale", "gravity"
 FOLLOWS, SLOPE = 0.7, 3.0
 HEAVY = 2.0  # deviation of the file's gravity over that of the whole command: it cannot be in it
+FAINT = 1e-3  # of the largest torque in the file: what moves by less says nothing of a unit
 UNITS = {
     "thousandths of N m": 1e3,
     "kN m": 1e-3,
@@ -34,7 +35,8 @@ def scale_findings(seen: Seen, torque: Array, static: Array, limit: Array) -> tu
     if seen.command is None:
         return ()
     slope, like = slopes(seen.command, torque)
-    judged = np.abs(like) > FOLLOWS
+    size = torque.std(axis=0)
+    judged = (np.abs(like) > FOLLOWS) & (size > FAINT * size.max())
     wrong = judged & ((np.abs(slope) > SLOPE) | (np.abs(slope) < 1.0 / SLOPE))
     if wrong.any():
         return (_unit(seen, slope, wrong, limit),)

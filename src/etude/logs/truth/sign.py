@@ -15,6 +15,7 @@ from etude.logs.truth.words import Mendable, both, named
 CHECK = "sign"
 ALIKE = 0.9  # |cosine| of command and the model file's torque: gravity tells their sign
 SURE = 0.3  # |rho|: right logs of real arms begin at 0.39, inverted ones end at -0.39
+CLOSED = 0.2  # of the work that a weight may do between the ends: below, the motion counts as closed
 LEAST_S = 5.0  # s of motion: a shorter one is not closed
 
 
@@ -28,9 +29,27 @@ def agreement(seen: Seen) -> Array:
     return np.where(told, power.sum(axis=0) / np.where(total > 0.0, total, 1.0), np.nan)
 
 
+def lifted(seen: Seen) -> Array:
+    """(k,) how much of rho a weight may make that is lifted or let down between the motion's ends: the
+    largest command over the way between them. 0 of a motion that is nearly closed by its mean command.
+    """
+    if seen.command is None:
+        return np.zeros(len(seen.parts))
+    work = seen.step * np.abs(np.where(seen.moving, seen.command * seen.qd, 0.0)).sum(axis=0)
+    way = np.abs(seen.q[-1] - seen.q[0]) / np.maximum(work, np.finfo(float).tiny)
+    size = np.abs(seen.command)
+    return np.where(size.mean(axis=0) * way > CLOSED, size.max(axis=0) * way, 0.0)
+
+
+def powered(seen: Seen) -> Array:
+    """(k,) -1 where the command takes power out of the motion, 1 where it drives it, 0 where nobody knows."""
+    rho = np.nan_to_num(agreement(seen))
+    return np.where(np.abs(rho) > SURE + lifted(seen), np.sign(rho), 0.0)
+
+
 def inverted(seen: Seen) -> Mask:
     """(k,) joints whose command takes power out of the motion."""
-    return np.asarray(np.nan_to_num(agreement(seen)) < -SURE)
+    return np.asarray(powered(seen) < 0.0)
 
 
 def by_file(seen: Seen, torque: Array | None) -> Array:
@@ -43,7 +62,7 @@ def by_file(seen: Seen, torque: Array | None) -> Array:
         return np.zeros(len(seen.parts))
     size = np.linalg.norm(seen.command, axis=0) * np.linalg.norm(torque, axis=0)
     like = (seen.command * torque).sum(axis=0) / np.maximum(size, np.finfo(float).tiny)
-    untold = np.abs(np.nan_to_num(agreement(seen))) <= SURE
+    untold = powered(seen) == 0.0
     return np.where(untold & (np.abs(like) > ALIKE), np.sign(like), 0.0)
 
 
@@ -55,7 +74,7 @@ def sign_finding(seen: Seen, torque: Array | None = None) -> Finding:
     """
     rho, like = agreement(seen), by_file(seen, torque)
     opposed = np.asarray(like < 0.0)
-    wrong, known = inverted(seen) | opposed, (np.abs(np.nan_to_num(rho)) > SURE) | (like != 0.0)
+    wrong, known = inverted(seen) | opposed, (powered(seen) != 0.0) | (like != 0.0)
     unsure = named(seen.parts, ~known)
     rest = f" Of {unsure} it cannot be told." if unsure else ""
     if wrong.any():
@@ -77,7 +96,7 @@ def _question(seen: Seen, rho: Array, opposed: Mask, rest: str) -> Finding:
     """rest: what is said of the others, if all that tell their sign have the wrong one."""
     by_power = inverted(seen)
     wrong = by_power | opposed
-    told = np.isfinite(rho) & (np.abs(rho) > SURE)
+    told = powered(seen) != 0.0
     everywhere = by_power.sum() > max(1, told.sum() / 2) and seen.logged is None and not opposed.any()
     cause = "the sign of these commands is inverted, or the rows run backwards in time"
     turned = " If the rows run backwards, turn the file round instead." if everywhere else ""
