@@ -29,8 +29,8 @@ def mixed(campaign: Campaign, state: State) -> tuple[str, ...]:
         return ()
     numbers = ", ".join(str(r.number) for r in simulated)
     return (
-        f"log {numbers} was simulated, log {real[0].number} is of the robot itself: the model learns from two "
-        f"robots. Take the simulated ones back: etude untell {campaign.path} {simulated[-1].number}",
+        f"log {numbers} was simulated, log {real[0].number} is of the robot itself: the model learns from two"
+        f" robots. Take the simulated ones back: etude untell {campaign.path} {simulated[-1].number}",
     )
 
 

@@ -114,7 +114,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:
-    """Of the newest training, which the oldest journals have none of; and where it learned from two robots."""
+    """Of the newest training (the oldest journals have none), and whether it learned from two robots."""
     trained = state.trained
     facts = trained[-1].trained if trained else None
     return (*(facts or {}).get("warnings", ()), *mixed(campaign, state))
