@@ -76,11 +76,11 @@ def _frame(node: dict[str, Any]) -> Array:
 
 
 def _corners(content: dict[str, Any], numbers: bytes, primitive: dict[str, Any]) -> Array:
-    points = _accessed(content, numbers, primitive["attributes"]["POSITION"]).astype(float)
+    points: Array = _accessed(content, numbers, primitive["attributes"]["POSITION"]).astype(float)
     if "indices" not in primitive:
-        return points.reshape(-1, 3, 3)
+        return np.asarray(points.reshape(-1, 3, 3))
     indices: Index = _accessed(content, numbers, primitive["indices"])[:, 0].astype(np.int64)
-    return points[indices.reshape(-1, 3)]
+    return np.asarray(points[indices.reshape(-1, 3)])
 
 
 def _accessed(content: dict[str, Any], numbers: bytes, at: int) -> Any:
