@@ -102,7 +102,8 @@ def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exi
 
 
 def _block(fact: str, where: str = "", next_step: str = "") -> str:
-    lines = [f"etude: {fact[:1].upper()}{fact[1:]}"]
+    named = "/" in fact.partition(" ")[0]  # a file keeps its name
+    lines = [f"etude: {fact if named else fact[:1].upper() + fact[1:]}"]
     lines += [f"  where: {where}"] if where else []
     lines += [f"  next:  {next_step}"] if next_step else []
     return "\n".join(lines)

@@ -400,7 +400,8 @@ class Graphed(Protocol):
 
 class Mean(Protocol):
     """Commands (n, J) from states, without a process; a row's are its own, since what a robot remembers is
-    a state too (`Followed`). static: the part that remains at rest (gravity).
+    a state too (`Followed`). static: the part that remains at rest (gravity). Who looks at states that a
+    model's inputs need not hold has their `columns`, as `Inputs` has.
     parameters: identified value and deviation by name, inf where data do not tell.
     """
 
@@ -593,7 +594,8 @@ class Kind(Protocol):
     shared. path: the channel that is compared with the trajectory; home (k,): a pose inside every
     limit; limit (J,): how far each command reaches. samples: the one recipe that truly differs, of
     `logs/steps.py`, given all logs at once, since some facts (the lag of motors) are common to them;
-    ways: approach and return, take-off and landing.
+    ways: approach and return, take-off and landing. Who has `states_in_words` says what axes and signs
+    its states have, for headers in C.
     """
 
     @property

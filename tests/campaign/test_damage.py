@@ -153,7 +153,7 @@ def test_a_model_that_was_changed_and_still_loads(lab: Path, capsys: pytest.Capt
     assert loaded(campaign, lab / "models" / "0002" / MODEL).warnings == ("changed",)
     code, words = said(capsys, "ask", str(lab), "--new")
     assert code == 2
-    assert "Models/0002/model.npz was changed after it was committed" in words
+    assert "models/0002/model.npz was changed after it was committed" in words
 
 
 def test_any_bytes_of_a_model(whole: Path, tmp_path: Path) -> None:

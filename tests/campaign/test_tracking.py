@@ -65,6 +65,7 @@ def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
     found = kept_now(lab, lab.state()).of(motion).unheld
     assert len(found) == 1
     assert found[0].startswith("Acceleration is not held by the robot: it was left by hip up to")
+    assert found[0].endswith(" in Fourier motions.")
 
 
 def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
     Raises:
         DataError: it has neither.
     """
-    wanted = dict.fromkeys(channel for channel, *_ in model.inputs.columns)
+    wanted = dict.fromkeys(channel for channel, *_ in model.columns)
     missing = [name for name in wanted if name not in motion]
     return _as_learning(campaign, motion, missing) if missing else followed(model.inputs, motion)
 

@@ -138,7 +138,7 @@ def tell_many(
             found[place] = replace(found[place], told=one)
         state = campaign.state()
     learned = tuple(r.number for r in state.learned if r.number not in before)
-    return ToldMany(tuple(found), learned, newest_warnings(state))
+    return ToldMany(tuple(found), learned, newest_warnings(campaign, state))
 
 
 def _taken(campaign: Campaign, paths: Sequence[Path], how: How, say: Say) -> list[ToldFile]:

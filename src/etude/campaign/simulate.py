@@ -14,6 +14,7 @@ from etude.campaign.ask import ask
 from etude.campaign.folder import ROBOT, Campaign, Say
 from etude.campaign.online import learning, require_ticks
 from etude.campaign.proposals import stored_trajectory
+from etude.campaign.rehearsed import SIMULATED, real_logs
 from etude.campaign.rounds import (
     ERROR,
     SimulatedRound,
@@ -76,8 +77,8 @@ def simulate(
         feedforward: run the motions that teach with the newest model beside the feedback, once there is one.
 
     Raises:
-        UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, or
-            nothing can be learned while the robot runs.
+        UsageError: the robot has no simulated plant, no such engine or change, a log waits for an answer, a
+            log of the real robot was told, or nothing can be learned while the robot runs.
         DataError: too many logs were refused, or they do not tell what the feedback adds.
     """
     _check_answered(campaign)
@@ -135,7 +136,7 @@ def simulate_confirmation(
         say(f"Running trajectory {number} on the simulated {campaign.name}, {run} the feedforward.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = loop.tried(stored_trajectory(campaign, number), controller, rng)
-        path = campaign.path / "simulated" / f"{number:04d}.{run}.parquet"
+        path = campaign.path / SIMULATED / f"{number:04d}.{run}.parquet"
         write_log(path, log)
         tell(campaign, path, number=number, confirm=run, accept=CERTAIN, say=say)
     return confirmed(campaign, campaign.round(number))
@@ -154,6 +155,18 @@ def _check_answered(campaign: Campaign) -> None:
             f"log {held[0].number} waits for the answer to whether the robot has changed",
             where=str(campaign.path),
             next_step=f"etude tell {campaign.path} --changed new (or forget, or same).",
+        )
+
+
+def _check_rehearsed(campaign: Campaign) -> None:
+    """A real robot and what stands in for it are two robots: no model may learn from both."""
+    real = real_logs(campaign, campaign.state())
+    if real:
+        raise UsageError(
+            f"log {real[0].number} is of the robot itself: no model may learn from it and from a stand-in",
+            where=str(campaign.path),
+            next_step="Rehearse in a folder of its own: etude init rehearsal --robot "
+            f"{campaign.path / ROBOT}, then etude simulate rehearsal.",
         )
 
 
@@ -186,6 +199,8 @@ class _Loop:
                 where=str(campaign.path / ROBOT),
                 next_step="Name its URDF or MJCF as model_file there to rehearse, or run the real robot.",
             )
+        if hasattr(robot, "assumed"):  # what stands in for a robot that exists
+            _check_rehearsed(campaign)
         if engine:
             robot = _with_engine(robot, engine, campaign.name)
         robot, answer = (robot.changed(**change), "") if change else (robot, "same")
@@ -200,7 +215,7 @@ class _Loop:
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
         log = self.robot.run(stored_trajectory(campaign, number), self._collecting(), rng)
-        path = campaign.path / "simulated" / f"{number:04d}.parquet"
+        path = campaign.path / SIMULATED / f"{number:04d}.parquet"
         write_log(path, log)
         try:
             with part(1.0 - ASKING):

@@ -19,6 +19,7 @@ from etude.campaign.learn import Learner, learn_pending
 from etude.campaign.numbers import check_asked, check_same_number, free_number
 from etude.campaign.proposals import FULL, speed_folder, stored_trajectory
 from etude.campaign.questions import Asked, Given, answers_of
+from etude.campaign.rehearsed import mixed
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
 from etude.campaign.told import How, Told, aligned_with, read
@@ -76,7 +77,7 @@ def finished(
         answer(campaign, campaign.state(), changed, [one.number for one in told])
     done = tuple(learn_pending(campaign, learner, say))
     state = campaign.state()
-    held, warnings = {r.number for r in state.held}, newest_warnings(state)
+    held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
     aside = {number for number, r in state.rounds.items() if r.aside}
     return [
         replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
@@ -112,11 +113,11 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     return Told(number, False, answered is None, log.repairs, (), findings=findings)
 
 
-def newest_warnings(state: State) -> tuple[str, ...]:
-    """Of the newest training; the oldest journals have none."""
+def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:
+    """Of the newest training (the oldest journals have none), and whether it learned from two robots."""
     trained = state.trained
     facts = trained[-1].trained if trained else None
-    return tuple((facts or {}).get("warnings", ()))
+    return (*(facts or {}).get("warnings", ()), *mixed(campaign, state))
 
 
 def _identify(

@@ -27,6 +27,8 @@ TRACKED, MARGINS, UNHELD, MODEL = "tracked", "margins", "unheld", "model"
 round whose model said what the drives must give.
 """
 ACCELERATION = 2
+IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
+"""Forms of motion as sentences call them; others by their own name."""
 QUANTITIES = ("position", "velocity")
 
 
@@ -122,7 +124,10 @@ def kept_now(campaign: Campaign, state: State) -> Kept:
     for form, (table, confidence) in wanted.items():
         kept = within_room(table, np.asarray(confidence), ranges, campaign.config.tracking.most)
         margins[form] = kept
-        by_form[form] = (*_short(campaign, table, kept[0]), *_accelerations(campaign, errors.get(form, ())))
+        by_form[form] = (
+            *_short(campaign, table, kept[0]),
+            *_accelerations(campaign, form, errors.get(form, ())),
+        )
     return Kept(margins, by_form=by_form, number=state.trained[-1].number if state.trained else None)
 
 
@@ -184,15 +189,15 @@ def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
     ]
 
 
-def _accelerations(campaign: Campaign, errors: Sequence[Array]) -> list[str]:
-    """What the last logs say of accelerations, which have no margin."""
+def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
+    """What the last logs say of accelerations, which have no margin; a sentence for each form."""
     last = [own[ACCELERATION] for own in errors[-LAST:] if len(own) > ACCELERATION]
     if not last:
         return []
     units = campaign.channel(campaign.kind.path).units
     most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
     text = ", ".join(f"{axis} up to {value:.3g} {unit}/s^2" for axis, value, unit in most)
-    return [f"Acceleration is not held by the robot: it was left by {text}."]
+    return [f"Acceleration is not held by the robot: it was left by {text} in {IN_WORDS.get(form, form)}."]
 
 
 def _lists(table: Array | float) -> Any:

@@ -172,10 +172,11 @@ def _distances(rows: Sequence[Proof]) -> list[str]:
     from etude.limits.certificate import use
 
     rows = sorted(rows, key=use, reverse=True)
-    near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}", row.where] for row in rows[:NEAREST]]
+    near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
     if not near:
         return []
-    lines = [table(["distance (m) of", "proved", "to keep", "nearest"], near)]
+    lines = [table(["distance (m) of", "proved at least", "to keep"], near), "Where they come nearest:"]
+    lines += [f"  - {row.axis}: {row.where}" for row in rows[:NEAREST] if row.where]
     rest = rows[NEAREST:]
     if rest:
         least = min(row.proved_lower for row in rest)
@@ -186,7 +187,7 @@ def _distances(rows: Sequence[Proof]) -> list[str]:
 def _sampled(certificate: Certificate) -> str:
     """Of what was only looked at in samples: which, and how near these are."""
     rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
-    return "".join(f", but of {quantity} {method.split(';')[0]}" for quantity, method in rows.items())
+    return "".join(f", except {quantity}: {method.split(';')[0]}" for quantity, method in rows.items())
 
 
 def _ends(certificate: Certificate) -> str:

@@ -115,7 +115,7 @@ def certify(
         for limit in limits:
             for i, row in enumerate(limit.prove(piece)):
                 key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
-                row = replace(row, where=" of the ".join(filter(None, (row.where, where))))
+                row = replace(row, where=_within(row.where, where))
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
@@ -165,6 +165,12 @@ def require_certified(
 def _row(row: Proof) -> dict[str, object]:
     content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin, "in_words": in_words(row)}
     return {key: None if value in (math.inf, -math.inf) else value for key, value in content.items()}
+
+
+def _within(place: str, piece: str) -> str:
+    """A place within a piece; what is said of it after a semicolon stays at the end."""
+    at, mark, note = place.partition("; ")
+    return (" of the ".join(filter(None, (at, piece))) + mark + note).removeprefix("; ")
 
 
 def _joined(one: Proof, other: Proof) -> Proof:

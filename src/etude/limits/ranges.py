@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Cone, Margins, Trajectory
+from etude.errors import UnsafeTrajectoryError
 from etude.trajectories.extremes import OVERSAMPLING, riesz_range
 
 Array = NDArray[np.float64]
@@ -105,7 +106,17 @@ def tracked(
 
 
 def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
-    """|rows p + offset| <= half at M instants; rows (M, P), offset (M,)."""
+    """|rows p + offset| <= half at M instants; rows (M, P), offset (M,).
+
+    Raises:
+        UnsafeTrajectoryError: half is not above 0.
+    """
+    if not half > 0.0:
+        raise UnsafeTrajectoryError(
+            f"no motion keeps the limit of {name}: {half:.3g} is left to either side of its middle",
+            where=name,
+            next_step="Widen the limit, or keep less beside it.",
+        )
     return Cone(name, (rows / half)[None], (offset / half)[None])
 
 

@@ -12,12 +12,12 @@ from etude.errors import UsageError
 
 
 def as_log(states: Any, columns: Sequence[Column]) -> Log:
-    """The states as a Log with the channels that a model's inputs look at.
+    """The states as a Log with the channels that a model looks at.
 
     Args:
         states: a Log, as it is; a mapping from channel to (n, parts) arrays; or a data frame (polars, pandas)
             with columns named as in files, q_elbow for part elbow of channel q.
-        columns: of the model's inputs.
+        columns: that it looks at.
 
     Raises:
         UsageError: a channel is missing, or has another shape than is wanted, or holds what is not a number.

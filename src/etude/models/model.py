@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Channel, Inputs, Log, Posterior, Trajectory
+from etude.contracts import Array, Candidate, Channel, Column, Inputs, Log, Posterior, Trajectory
 from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
@@ -87,6 +87,12 @@ class LearnedModel:
         return replace(self, candidates=found, warnings=())
 
     @property
+    def columns(self) -> tuple[Column, ...]:
+        """What is looked at: by the inputs, and beside them by the means in use."""
+        beside = (column for one, _ in self._in_use() for column in getattr(one.mean, "columns", ()))
+        return tuple(dict.fromkeys([*self.inputs.columns, *beside]))
+
+    @property
     def prior_deviation(self) -> Array:
         """(J,) deviation of what the candidates in use explain, before any data, command units; with noise,
         that of joints at rest among it.
@@ -135,19 +141,19 @@ class LearnedModel:
 
         `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
         """
-        average, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), iter)
+        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter)
         return average, variance
 
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""
-        average, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), iter, "at_most")
+        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, "at_most")
         return average, variance
 
     def faded(self, log: Any) -> tuple[Array, Array]:
         """What a feedforward adds (n, J), and the variance of `predict`: its mean where the model knows more
         than before any data, what is `safe` elsewhere.
         """
-        means = Means(as_log(log, self.inputs.columns))
+        means = Means(as_log(log, self.columns))
         average, variance, noise = self._predicted(means, iter)
         return trusted(average, variance - noise, self.signal_deviation, self._safe(means)), variance
 
@@ -183,7 +189,7 @@ class LearnedModel:
 
     def commanded(self, log: Log) -> Log:
         """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
-        mean, variance, _ = self._predicted(Means(as_log(log, self.inputs.columns)), counted)
+        mean, variance, _ = self._predicted(Means(as_log(log, self.columns)), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
         channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
         values = {"command": mean, "deviation": np.sqrt(variance)}
@@ -205,7 +211,7 @@ class LearnedModel:
 
     def static(self, log: Any) -> Array:
         """The part (n, J) of the commands that remains at rest; states as for `predict`."""
-        log = as_log(log, self.inputs.columns)
+        log = as_log(log, self.columns)
         still = at_rest(log)
         X, means = self.inputs.of_log(still), Means(log, static=True)
         held = [i for i, column in enumerate(self.inputs.columns) if column[3] == "memory"]

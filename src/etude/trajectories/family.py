@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 SHORTEST, LONGEST = 10.0, 60.0
 """s, of a segment whose length is chosen for the robot."""
+TINY = 1e-12
+"""rad or m: an axis with less way than that has none."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def suited_to(
     """
     if config.omega0 is not None:
         return config
-    half_range, middle = 0.5 * (upper - lower), 0.5 * max(config.harmonics, 2)
+    half_range, middle = np.maximum(0.5 * (upper - lower), TINY), 0.5 * max(config.harmonics, 2)
     by_velocity = velocity / half_range / middle
     by_acceleration = np.sqrt(acceleration / half_range) / middle
     omega0 = float(np.min(np.minimum(by_velocity, by_acceleration)))

@@ -15,7 +15,7 @@ from etude.contracts import Motion
 from etude.design.candidates import Source
 from etude.design.kept import Kept
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify, require_certified, spare, use
+from etude.limits.certificate import _within, certify, require_certified, spare, use
 from etude.limits.unseen import in_words
 from etude.robots.arm.clearance.gaps import TOLERANCE
 from etude.robots.arm.clearance.limit import TAKEN
@@ -238,3 +238,23 @@ def test_no_penalty_pushes() -> None:
     value, gradient = LIMIT.penalty(Motion(np.zeros(2), np.zeros((3, 2, 3))))
     assert value == 0.0
     assert not gradient.any()
+
+
+def test_what_is_far_as_planned_names_no_place_and_no_part_of_an_error_is_rounded_up_to_all_of_it() -> None:
+    error = np.vstack([np.full(3, 0.136), np.full((2, 3), np.nan)])
+    tracked = replace(LIMIT, margins={"fourier": (error, 0.95)}, _proofs={}, _words={}, _shares={})
+    rows = {row.axis: row.where for row in certify(swing(0.0), [tracked]).rows}
+    assert rows["hand and upper"].startswith("upper and hand at 0 s")
+    assert rows["fore and floor"] == "0.3 m or more as planned"
+    assert (
+        rows["hand and floor"] == "0.3 m or more as planned; tracking errors counted at 99%: no room for more"
+    )
+
+
+def test_a_place_within_a_piece_comes_before_what_is_said_of_it() -> None:
+    assert _within("a and b at 2 s", "link at 7 s") == "a and b at 2 s of the link at 7 s"
+    assert (
+        _within("a and b at 2 s; so and so", "link at 7 s") == "a and b at 2 s of the link at 7 s; so and so"
+    )
+    assert _within("; so and so", "link at 7 s") == "link at 7 s; so and so"
+    assert (_within("; so and so", ""), _within("a", ""), _within("", "b")) == ("so and so", "a", "b")

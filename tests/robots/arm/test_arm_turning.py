@@ -128,7 +128,7 @@ def test_perfect_runs_remember_and_single_instants_do_not() -> None:
 
 def test_a_table_of_a_motion_is_predicted_as_one(learned) -> None:
     """Rows of a file follow one another, whatever reads it."""
-    model: Any = SimpleNamespace(inputs=INPUTS)
+    model: Any = SimpleNamespace(columns=INPUTS.columns, inputs=INPUTS)
     campaign: Any = None  # the states are all there
     np.testing.assert_array_equal(
         learned[0].predict(along(campaign, model, learned[1])),
@@ -140,7 +140,7 @@ def test_a_table_of_a_motion_is_predicted_as_one(learned) -> None:
 def test_instants_one_after_another_are_commanded_as_their_plan_at_once(learned) -> None:
     """Learning on line may be given rows alone; what it carries from one to the next is a run's memory."""
     mean, log = learned[0], run(7).take(slice(0, 400))
-    model: Any = SimpleNamespace(inputs=INPUTS, mean=mean.predict)
+    model: Any = SimpleNamespace(columns=INPUTS.columns, inputs=INPUTS, mean=mean.predict)
     wanted = mean.predict(followed(INPUTS, log))
     channels = {c.name: c for c in SPEC.channels()}
     planned = Planned(model, channels, None, (), RATE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,6 +47,26 @@ def urdf(tmp_path: Path) -> Path:
     path = tmp_path / "arm.urdf"
     path.write_text(URDF)
     return path
+
+
+def test_a_file_without_masses_is_refused_before_limits_are_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(re.sub(r"<inertial>.*?</inertial>", "", URDF, flags=re.S).replace('velocity="3"', ""))
+    with pytest.raises(UsageError, match="no moving link has a mass"):
+        spec_from_model(path)
+
+
+@pytest.mark.parametrize("attribute", ["drake:acceleration", "acceleration"])
+def test_accelerations_that_the_file_states_are_its_own_with_prefixes_that_nobody_declared(
+    tmp_path: Path, attribute: str
+) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace('velocity="3"', f'velocity="3" {attribute}="2.5"'))
+    found = spec_from_model(path)
+    np.testing.assert_array_equal(found.spec.acceleration, [2.5, 4.0 / STOPPING_TIME])
+    (assumed,) = [sentence for sentence in found.confirm if "cceleration" in sentence]
+    assert "shoulder" not in assumed
+    assert load_arm(found.spec).model().nv == 2
 
 
 def test_urdf_gives_limits_and_lists_what_it_derived(urdf: Path) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import wrap
 
 from etude import __version__
-from etude.deploy.c99.plan import Plan, parts_in_c
+from etude.deploy.c99.plan import UNBOUNDED, Plan, parts_in_c
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ def header(plan: Plan, form: Form) -> str:
            ... add command[{upper}_COMMAND_{commands[0].upper()}] ... to what your feedback commands
        }}
 
-   Call it once for each sample, in the order of time{_remembers(plan)}.
+   The states are those of the motion that is asked for, its set-points: nothing measures accelerations well.
+{_words(plan)}   Call it once for each sample, in the order of time{_remembers(plan)}.
    Compile {own}.c as C99 and link the mathematical library (-lm); nothing else is needed. There is no
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
    at once; several states may.
@@ -126,6 +128,11 @@ def _plain(text: str) -> str:
     return text.replace("*/", "* /")
 
 
+def _words(plan: Plan) -> str:
+    lines = wrap(_plain(plan.words), 100)
+    return "".join(f"   {line}\n" for line in lines)
+
+
 def _remembers(plan: Plan) -> str:
     if not plan.memory:
         return ""
@@ -156,7 +163,8 @@ def _inputs(plan: Plan, states: list[str]) -> str:
     for i, ((channel, part), label, name) in enumerate(zip(plan.parts, plan.labels, states, strict=True)):
         unit = channel.units[part] or "1"
         told = "" if label == name else f"  ({_plain(label)})"
-        trained = f"{plan.trained_low[i]:.6g} .. {plan.trained_high[i]:.6g}"
+        known = abs(plan.trained_low[i]) < UNBOUNDED
+        trained = f"{plan.trained_low[i]:.6g} .. {plan.trained_high[i]:.6g}" if known else "not known"
         ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g} ({trained})"
         lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{told}")
     return "\n".join(lines)

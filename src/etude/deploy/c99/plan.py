@@ -31,7 +31,8 @@ class Plan:
         mean_of, process_of: the function of each candidate, "" of no mean.
         low, high, trained_low, trained_high: (N,) of the states. limit: (J,) how far commands reach.
         least, most: (J,) of commands.
-        still: (N,) whether a state is the rate of another.
+        still: (N,) whether a state is the rate of another. units: (J,) of commands.
+        words: the kind's own on its states: axes, signs.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Plan:
     most: Array
     still: tuple[bool, ...]
     units: tuple[str, ...]
+    words: str = ""
 
     @property
     def parts(self) -> list[tuple[Channel, int]]:
@@ -127,6 +129,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
         most,
         still,
         command.units,
+        getattr(kind, "states_in_words", ""),
     )
 
 

@@ -55,8 +55,8 @@ def spec_from_model(
         joints, held: see `loading.load.load`.
         command_unit, rate: not in the file; see ArmSpec.
         given: joint or pattern (of those that move; a name goes before a pattern) -> limit -> value, for
-            limits that the file lacks or that should replace its own. Neither format knows accelerations:
-            those not given are velocity limit / STOPPING_TIME, to be confirmed; a joint that turns without
+            limits that the file lacks or that should replace its own. Few files know accelerations:
+            those not stated are velocity limit / STOPPING_TIME, to be confirmed; a joint that turns without
             end is given half a turn to either side, to be confirmed too.
 
     Raises:
@@ -94,11 +94,13 @@ def _read(
 ) -> tuple[Choice, dict[str, Moving], Limits]:
     """The choice of joints, all that move, and the limits that the file states."""
     if root.tag == "robot":
+        from etude.robots.arm.loading.inertia import masses_of
         from etude.robots.arm.loading.urdf import chosen_of
         from etude.robots.arm.loading.urdf_tree import read_tree
 
         tree = read_tree(root, str(path))
         found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
+        masses_of(tree, choice.joints)  # nobody looks limits up for a file that is refused without masses
     else:
         from etude.robots.arm.loading.mjcf import chosen_in
         from etude.robots.arm.loading.mjcf_compiled import compiled

@@ -36,6 +36,13 @@ BATTERY = Channel("battery_voltage", ("pack",), ("V",))
 STATES = (ALTITUDE, SPECIFIC_FORCE, RATES, ANGULAR_ACCELERATION, BODY_VELOCITY, BODY_ACCELERATION)
 """What a motion gives, of what a model may look at."""
 
+IN_WORDS = (
+    "Axes of the body: x forward, y left, z up; rates turn by the right hand. specific_force is what an "
+    "accelerometer reads, 9.81 along z while hovering; body_velocity is through still air; body_acceleration "
+    "is without gravity; altitude is above ground."
+)
+"""For people who have nothing but a header."""
+
 POSITION = _vector(PATH, "m", "aside")
 VELOCITY = _vector("velocity", "m/s", "aside", derivative_of=PATH)
 """World frame."""

@@ -65,6 +65,12 @@ class QuadrotorKind:
 
         return COMMENTS
 
+    @property
+    def states_in_words(self) -> str:
+        from etude.robots.quadrotor.channels import IN_WORDS
+
+        return IN_WORDS
+
     def built_in(self) -> Mapping[str, Path]:
         """The vehicles in `data/`, by name."""
         return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -169,11 +170,14 @@ class Clearance:
         share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
         rows = []
         for i, (row, time) in enumerate(zip(self.rows, way.time(x), strict=True)):
-            near = found.seen[worst[i]] < CUTOFF - 2.0 * TOLERANCE
-            where = f"{self.gaps.list[worst[i]].text} at {time:.3g} s" if near else ""
+            far = (
+                planned[i] >= CUTOFF - 2.0 * TOLERANCE
+            )  # beyond what is measured: nobody knows what is nearest
             counted = float(share[own[i]].min())
+            where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
+            where += f"; {CUTOFF:g} m or more as planned" if far and taken[i] > 0.0 else ""
             if counted < 1.0:
-                where += f"{'; ' if where else ''}tracking errors counted at {counted:.0%}: no room for more"
+                where += f"; tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"
             limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
             tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
             rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))

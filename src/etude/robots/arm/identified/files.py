@@ -14,7 +14,7 @@ from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.identified.pseudo_inertia import PAIRS, inertia_of
 from etude.robots.arm.loading.inertia import ENTRIES
-from etude.robots.arm.loading.parsing import parsed
+from etude.robots.arm.loading.parsing import declared, parsed
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,9 @@ def written(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointT
 
 
 def _urdf(path: Path, bodies: Mapping[str, Array], joints: Mapping[str, JointTerms]) -> bytes:
-    root = ET.fromstring(path.read_bytes(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    root = ET.fromstring(
+        declared(path.read_bytes()), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    )
     for link in root.findall("link"):
         if link.get("name") in bodies:
             for old in link.findall("inertial"):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import mujoco
 
 Limits = Mapping[str, dict[str, float]]
-"""Joint -> those of "lower", "upper", "velocity", "command" that the file states."""
+"""Joint -> those of "lower", "upper", "velocity", "acceleration", "command" that the file states."""
 
 
 def urdf_limits(tree: UrdfTree) -> Limits:
@@ -29,7 +29,7 @@ def urdf_limits(tree: UrdfTree) -> Limits:
         place = f"{tree.where}, joint '{joint.get('name')}'"
         lower, upper = _soft_range(joint, hard_range(joint, place), place)
         limit = joint.find("limit")
-        stated = {} if limit is None else limit.attrib
+        stated = {} if limit is None else {key.split("}")[-1]: text for key, text in limit.attrib.items()}
         values = {name: number(stated.get(key, "0"), place) for key, name in _RATES}
         values = {name: value for name, value in values.items() if value != 0}
         if math.isfinite(upper - lower):
@@ -38,7 +38,8 @@ def urdf_limits(tree: UrdfTree) -> Limits:
     return found
 
 
-_RATES = (("velocity", "velocity"), ("effort", "command"))
+_RATES = (("velocity", "velocity"), ("acceleration", "acceleration"), ("effort", "command"))
+"""URDF 1.2 and Drake's own attribute know accelerations."""
 
 
 def _soft_range(joint: ET.Element, hard: tuple[float, float], place: str) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Triangles of STL and OBJ files; COLLADA and PLY have files of their own."""
+"""Triangles of STL and OBJ files; COLLADA, glTF and PLY have files of their own."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.loading.collada import collada_triangles, fans
+from etude.robots.arm.loading.glb import glb_triangles
 from etude.robots.arm.loading.ply import ply_triangles
 
 ANEW = "Export it anew, or take its shape out of the model file."
@@ -70,4 +71,5 @@ READERS: Mapping[str, Callable[[bytes], Array]] = {
     ".obj": obj_triangles,
     ".dae": collada_triangles,
     ".ply": ply_triangles,
+    ".glb": glb_triangles,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from pathlib import Path
@@ -21,7 +22,7 @@ def parsed(path: Path) -> ET.Element:
         UsageError: no such file, no XML, xacro, neither of the two, or names that repeat.
     """
     try:
-        root = ET.parse(path).getroot()
+        root = ET.fromstring(declared(path.read_bytes()))
     except FileNotFoundError:
         raise UsageError(f"there is no model file {path}", next_step="Check the path.") from None
     except (ET.ParseError, OSError, UnicodeDecodeError) as problem:
@@ -46,6 +47,14 @@ def parsed(path: Path) -> ET.Element:
     if root.tag == "robot":
         _refuse_repeated(root, path)
     return root
+
+
+def declared(text: bytes) -> bytes:
+    """XML with every prefix declared: most readers of robots, and so their files, know no namespaces."""
+    used = set(re.findall(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]", text))
+    known = set(re.findall(rb"xmlns:([\w.-]+)\s*=", text)) | {b"xml", b"xmlns"}
+    more = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in sorted(used - known))
+    return re.sub(rb"<(robot|mujoco)\b", lambda root: root[0] + more, text, count=1)
 
 
 def _expanded(path: Path) -> str:

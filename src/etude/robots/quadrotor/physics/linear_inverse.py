@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Code, Log, Mask
+from etude.contracts import Array, Code, Column, Log, Mask
 from etude.errors import DataError
 from etude.operators import Piece
+from etude.robots.quadrotor.channels import STATES
 from etude.robots.quadrotor.physics.hover import hovering
 from etude.robots.quadrotor.physics.map_fit import map_fit
 from etude.robots.quadrotor.vehicle import GRAVITY
@@ -39,6 +40,14 @@ class LinearInverse:
     spread: Array
     weights: Array
     offset: Array
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Of `uses`, which a model's inputs need not hold."""
+        used = (channel for channel in STATES if channel.name in self.uses)
+        return tuple(
+            (c.name, part, unit, "") for c in used for part, unit in zip(c.parts, c.units, strict=True)
+        )
 
     def parameters(self) -> Mapping[str, tuple[float, float]]:
         """None that has a physical meaning."""
