@@ -29,10 +29,11 @@ def without_holes(raw: Log) -> Log:
         return raw
     told: dict[bytes, Mask] = {}
     count: Counter[bytes] = Counter()
-    every, whole = np.ones(len(raw), dtype=bool), 0
+    every, whole, holed = np.ones(len(raw), dtype=bool), 0, 0
     for name, values in raw.values.items():
         finite = np.isfinite(values[:, 0])
         whole += bool(finite.all()) and not is_time(name)
+        holed += not finite.all()
         if finite.sum() > 1:
             told[np.packbits(finite).tobytes()] = finite
             count[np.packbits(finite).tobytes()] += 1
@@ -41,7 +42,7 @@ def without_holes(raw: Log) -> Log:
     if len(partial) < 2 or max(finite.sum() for finite in partial) > WHOLE * len(raw):
         return raw
     leader = max(partial, key=lambda finite: (int(finite.sum()), count[np.packbits(finite).tobytes()]))
-    if every.sum() > SHARED * leader.sum() or whole >= len(raw.values) - whole:
+    if every.sum() > SHARED * leader.sum() or whole >= holed:  # a table of rows
         return raw
     said = ["Columns that are told at different rows were joined by time."]
     joined = {name: _at(name, t, own[:, 0], leader, said)[:, None] for name, own in raw.values.items()}
