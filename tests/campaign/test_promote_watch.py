@@ -202,8 +202,11 @@ def test_an_altered_file_is_refused_by_all_that_use_it(fresh: Campaign, tmp_path
             use()
     assert status(fresh)["problems"] == [f"promoted/{path.name} was changed after it was committed"]
     path.unlink()
-    with pytest.raises(UsageError, match="is missing"):
+    with pytest.raises(UsageError, match="is missing") as refused:
         model_in_use(fresh)
+    assert "etude promote" in refused.value.next_step
+    promote(fresh, force=True, reason="altered file")
+    assert model_in_use(fresh).number == 5
 
 
 def test_nothing_learned_nothing_promoted(tmp_path: Path) -> None:

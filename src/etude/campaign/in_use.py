@@ -72,10 +72,13 @@ def check_pinned(campaign: Campaign, facts: Mapping[str, Any]) -> None:
     if path.is_file() and sha256_of(path) == facts["sha256"]:
         return
     what = "was changed after it was promoted" if path.is_file() else "is missing"
+    folder = campaign.path
+    force = f'promote the newest: etude promote {folder} --force --reason "altered file"'
+    other = f"go back: etude rollback {folder}" if len(campaign.state().promoted) > 1 else force
     raise UsageError(
         f"the promoted model of log {facts['number']} {what}",
         where=str(path),
-        next_step=f"Do not use it. Restore the file from a copy, or go back: etude rollback {campaign.path}.",
+        next_step=f"Do not use it. Restore the file from a copy, or {other}.",
     )
 
 

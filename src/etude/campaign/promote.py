@@ -92,6 +92,8 @@ def promote(
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
         if state.promoted and state.promoted[-1]["sha256"] == digest:
+            if force:  # its copy was altered: the original is whole
+                pin(campaign, path)
             check_pinned(campaign, state.promoted[-1])
             return Promotion(number, digest, True, repeated=True)
         found = _judged(campaign, state, number, digest, force, say)
