@@ -6,12 +6,13 @@ figures come from the product's own loop. A finished cell is skipped, a killed o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, config_text, load_config
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
@@ -84,14 +85,28 @@ def _run_all(cells: list[Cell], folder: Path) -> Iterator[Cell]:
 
 def run_one(cell: Cell, folder: Path) -> Cell:
     """Runs one campaign up to its last round; a finished one costs nothing."""
-    path = folder / cell.name
-    if not (path / JOURNAL).exists():
-        create_campaign(path, cell.robot, seed=cell.seed)
-    found = load_config(path)
-    if found.config.model.rung != cell.rung:
-        chosen = replace(found.config, model=replace(found.config.model, rung=cell.rung))
-        write_atomic(path / CONFIG, config_text(chosen, found.kind).encode())
-    campaign = open_campaign(path)
-    for _ in simulate(campaign, ROUNDS - len(campaign.state().trained)):
-        pass
+    run_campaign(folder / cell.name, cell.robot, cell.seed, lambda c: _of_rung(c, cell.rung))
     return cell
+
+
+def _of_rung(config: CampaignConfig, rung: Rung | Literal["auto"]) -> CampaignConfig:
+    return replace(config, model=replace(config.model, rung=rung))
+
+
+def run_campaign(
+    path: Path,
+    robot: str,
+    seed: int,
+    chosen: Callable[[CampaignConfig], CampaignConfig],
+    *,
+    feedforward: bool = False,
+) -> None:
+    """A campaign of ROUNDS of the default preset but for what is `chosen`; goes on where it was."""
+    if not (path / JOURNAL).exists():
+        create_campaign(path, robot, seed=seed)
+    found = load_config(path)
+    if chosen(found.config) != found.config:
+        write_atomic(path / CONFIG, config_text(chosen(found.config), found.kind).encode())
+    campaign = open_campaign(path)
+    for _ in simulate(campaign, ROUNDS - len(campaign.state().trained), feedforward=feedforward):
+        pass

@@ -49,17 +49,17 @@ def arm_rows(folder: Path, cells: Iterable[Named]) -> list[Row]:
 def _tracking_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
     rows = []
     for test in TESTS:
-        perfect = _errors(campaigns, test, "perfect", None)
+        perfect = tracking_errors(campaigns, test, "perfect", None)
         for baseline in ("pd", "rigid_body"):
-            errors = _errors(campaigns, test, baseline, None)
+            errors = tracking_errors(campaigns, test, baseline, None)
             rows += mean_rows(f"{name}_{test}_{baseline}", errors, "deg", "perfect model", perfect)
         for number in ROUNDS_SHOWN:
-            errors = _errors(campaigns, test, None, number)
+            errors = tracking_errors(campaigns, test, None, number)
             rows += mean_rows(f"{name}_{test}_k{number}", errors, "deg", "perfect model", perfect)
     return rows
 
 
-def _errors(
+def tracking_errors(
     campaigns: Sequence[Campaign], test: str, baseline: str | None, number: int | None
 ) -> list[float]:
     """Mean over joints, one value per campaign; the newest evaluation where several fit."""

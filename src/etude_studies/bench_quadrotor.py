@@ -24,7 +24,6 @@ from etude_studies.flight_orders_cell import EXTREME, Effort, cell_measures
 from etude_studies.flight_orders_rows import (
     RANDOM,
     Cells,
-    Paired,
     compare,
     compare_deviation,
     figures,
@@ -32,6 +31,7 @@ from etude_studies.flight_orders_rows import (
 )
 from etude_studies.flight_orders_verdicts import CALIBRATED_FROM
 from etude_studies.flight_world import Flights
+from etude_studies.paired import Paired
 from etude_studies.rows import Row, mean_rows, rows_json, table
 
 REPEATS = 5

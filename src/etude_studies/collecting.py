@@ -18,22 +18,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
-from etude.campaign.config_file import CONFIG, config_text, load_config
-from etude.campaign.create import create_campaign
+from etude.campaign.config import CampaignConfig
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.journal import JOURNAL
-from etude.campaign.rounds import measured
-from etude.campaign.simulate import simulate
-from etude.contracts import Array
-from etude.storage import write_atomic
-from etude_studies.arm_rows import TESTS
+from etude_studies.arm import run_campaign
+from etude_studies.arm_rows import TESTS, tracking_errors
 from etude_studies.engines.each import each
+from etude_studies.paired import paired
 
 ROBOTS = ("arm4", "arm4_rough")
 MANNERS = ("feedback", "feedforward", "all teach")
-ROUNDS, SHOWN = 6, (2, 4, 6)
+SHOWN = (2, 4, 6)
 FIRST, SEEDS = 2000, 6
 """Seeds that served for nothing else: the mask was settled on those from 1000."""
 
@@ -53,27 +48,19 @@ class Cell:
 
 def run_one(cell: Cell, folder: Path) -> Cell:
     """Runs one campaign up to its last round; a finished one costs nothing."""
-    path = folder / cell.name
-    if not (path / JOURNAL).exists():
-        create_campaign(path, cell.robot, seed=cell.seed)
-    if cell.manner == MANNERS[2]:
-        found = load_config(path)
-        data: Any = replace(found.config.data, reversal=0.0)
-        write_atomic(path / CONFIG, config_text(replace(found.config, data=data), found.kind).encode())
-    campaign = open_campaign(path)
-    left = ROUNDS - len(campaign.state().trained)
-    for _ in simulate(campaign, left, feedforward=cell.manner != MANNERS[0]):
-        pass
+    chosen = _all_teach if cell.manner == MANNERS[2] else _as_it_is
+    alone = cell.manner == MANNERS[0]
+    run_campaign(folder / cell.name, cell.robot, cell.seed, chosen, feedforward=not alone)
     return cell
 
 
-def errors(campaign: Campaign, test: str) -> Array:
-    """(ROUNDS,) mean over joints, of the learned model after each round."""
-    found = np.full(ROUNDS, np.nan)
-    for event in campaign.state().evaluated:
-        if event["test"] == test and not event.get("baseline") and event["number"] <= ROUNDS:
-            found[event["number"] - 1] = np.mean(measured(event)[0])
-    return found
+def _as_it_is(config: CampaignConfig) -> CampaignConfig:
+    return config
+
+
+def _all_teach(config: CampaignConfig) -> CampaignConfig:
+    data: Any = config.data
+    return replace(config, data=replace(data, reversal=0.0))
 
 
 def collected(campaign: Campaign) -> float:
@@ -92,19 +79,20 @@ def table(folder: Path, seeds: Sequence[int]) -> str:
             alone = [open_campaign(folder / Cell(robot, MANNERS[0], s).name) for s in seeds]
             largest = float(np.median([collected(campaign) for campaign in own]))
             for test in TESTS:
-                mine, theirs = (np.array([errors(c, test) for c in many]) for many in (own, alone))
-                cells = [_cell(mine[:, k - 1], theirs[:, k - 1], manner) for k in SHOWN]
+                cells = [
+                    _cell(tracking_errors(own, test, None, k), tracking_errors(alone, test, None, k), manner)
+                    for k in SHOWN
+                ]
                 lines.append(f"| `{robot}` | {manner} | {test} | {' | '.join(cells)} | {largest:.1f} deg |")
     return "\n".join(lines)
 
 
-def _cell(mine: Array, theirs: Array, manner: str) -> str:
+def _cell(mine: Sequence[float], theirs: Sequence[float], manner: str) -> str:
+    mean = f"{np.mean(mine):.3f}"
     if manner == MANNERS[0]:
-        return f"{mine.mean():.3f}"
-    ratios = np.log(mine / theirs)
-    half = student.ppf(0.975, len(ratios) - 1) * ratios.std(ddof=1) / np.sqrt(len(ratios))
-    low, middle, high = np.exp(ratios.mean() + half * np.array([-1.0, 0.0, 1.0]))
-    return f"{mine.mean():.3f}: {middle:.2f} ({low:.2f} to {high:.2f})"
+        return mean
+    found = paired(mine, theirs)
+    return f"{mean}: {found.ratio:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
 def main(folder: Path, first: int = FIRST, seeds: int = SEEDS) -> None:

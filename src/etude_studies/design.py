@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as student
 
 from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.design_parts import LENGTHS, LONGEST, PARTS, Cell
+from etude_studies.paired import paired
 from etude_studies.rows import Row, mean_rows, rows_json, table
 
 GOALS = (0.5, 0.3, 0.2)
@@ -92,14 +92,12 @@ def _beside(key: str, cell: Cell) -> list[str]:
 
 def ratio_rows(name: str, values: Sequence[float], references: Sequence[float], beside: str) -> list[Row]:
     """Geometric mean of paired ratios with its 95 % t-interval, and the worst seeds."""
-    logs = np.log(np.array(values) / np.array(references))
-    middle = float(logs.mean())
-    half = float(student.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)))
+    found = paired(values, references)
     over = f"{name}_over_{beside.partition(' ')[0]}"
     return [
-        Row(over, float(np.exp(middle)), "1", f"{len(logs)} seeds"),
-        Row(f"{over}_low", float(np.exp(middle - half)), "1", "95 %"),
-        Row(f"{over}_high", float(np.exp(middle + half)), "1", "95 %"),
+        Row(over, found.ratio, "1", f"{found.count} seeds"),
+        Row(f"{over}_low", found.low, "1", "95 %"),
+        Row(f"{over}_high", found.high, "1", "95 %"),
         Row(f"{over}_worst", float(max(values)), "as above", "the other's worst", float(max(references))),
     ]
 

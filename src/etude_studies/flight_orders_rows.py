@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from etude_studies.flight_orders_cell import BASELINES, CRITERIA
+from etude_studies.paired import Paired, paired
 from etude_studies.rows import Row, mean_rows
 
 Cells = Sequence[Mapping[str, Any]]
@@ -24,37 +24,6 @@ RANDOM = "uniform"
 KINDS = ("gp", "identified", "nominal", "ladder")
 DEVIATIONS = {"sd": "latent_common", "sd_in_use": "latent"}
 """Predicted deviation over the reference states: under hyperparameters common to all arms, and as in use."""
-
-
-@dataclass(frozen=True)
-class Paired:
-    """A geometric mean of ratios over paired seeds.
-
-    Attributes:
-        ratio: the mean. low, high: ends of its 95 % t-interval; NaN with a single seed. count: seeds.
-    """
-
-    ratio: float
-    low: float
-    high: float
-    count: int
-
-    @property
-    def words(self) -> str:
-        """The interval, for people."""
-        return f"95 %: {self.low:.2f} .. {self.high:.2f}, {self.count} seeds"
-
-
-def paired(numerators: Sequence[float], denominators: Sequence[float]) -> Paired:
-    """Numerator over denominator, seed by seed."""
-    from scipy.stats import t
-
-    logs = np.log(np.asarray(numerators) / np.asarray(denominators))
-    mean, count = float(logs.mean()), len(logs)
-    half = math.nan
-    if count > 1:
-        half = float(t.ppf(0.975, count - 1) * logs.std(ddof=1) / math.sqrt(count))
-    return Paired(math.exp(mean), math.exp(mean - half), math.exp(mean + half), count)
 
 
 def last_count(cells: Cells) -> int:

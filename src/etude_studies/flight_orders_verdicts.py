@@ -18,14 +18,13 @@ from etude_studies.flight_orders_rows import (
     RANDOM,
     TESTS,
     Cells,
-    Paired,
     arms_of,
     compare,
     compare_deviation,
     figures,
     last_count,
-    paired,
 )
+from etude_studies.paired import Paired, paired
 from etude_studies.rows import Row
 
 ROW_L = (0.67, 0.92)

@@ -10,8 +10,9 @@ from made_up_orders import made_up
 from scipy.stats import ttest_rel
 
 from etude_studies.flight_orders_cell import CRITERIA
-from etude_studies.flight_orders_rows import Paired, compare, order_rows, paired
+from etude_studies.flight_orders_rows import compare, order_rows
 from etude_studies.flight_orders_verdicts import at_least, at_most, ordering, verdict_rows
+from etude_studies.paired import Paired, paired
 from etude_studies.rows import rows_json
 
 FACTOR = {"uniform": 1.0, "scaled": 2.0, "boundary": 0.5, "mean_variance": 1.6, "info_gain": 1.25}
