@@ -16,7 +16,7 @@ from etude_studies.arm_rows import arm_rows
 
 def test_a_cell_is_a_campaign_with_its_rung_and_goes_on_where_it_was(monkeypatch, tmp_path: Path) -> None:
     asked = []
-    monkeypatch.setattr(arm, "simulate", lambda campaign, rounds: asked.append(rounds) or iter(()))
+    monkeypatch.setattr(arm, "simulate", lambda campaign, rounds, **_: asked.append(rounds) or iter(()))
     cell = Cell("arm4", "identified+gp", 3)
     assert arm.run_one(cell, tmp_path) == arm.run_one(cell, tmp_path) == cell
     assert asked == [arm.ROUNDS, arm.ROUNDS]
@@ -26,7 +26,7 @@ def test_a_cell_is_a_campaign_with_its_rung_and_goes_on_where_it_was(monkeypatch
 
 
 def test_rows_are_means_over_campaigns_beside_the_perfect_model(monkeypatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(arm, "simulate", lambda *_: iter(()))
+    monkeypatch.setattr(arm, "simulate", lambda *_, **__: iter(()))
     cells = [arm.run_one(Cell("arm4", "gp", seed), tmp_path) for seed in (0, 1)]
     for cell in cells:
         campaign = open_campaign(tmp_path / cell.name)
