@@ -22,6 +22,7 @@ from etude.campaign.tracking import Kept, kept_now, kept_then
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
+from etude.limits.open_commands import require_possible
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:
@@ -179,6 +180,7 @@ def _propose(
     rng = np.random.default_rng(seed)
     kept = kept.using(newest_model(campaign, state)) if state.trained else kept
     limits = kept.limits(campaign)
+    require_possible(limits)
     trajectory, facts = proposed(
         campaign, kept.model(campaign), rng, motions, _open(campaign, state), limits, say
     )

@@ -27,6 +27,7 @@ from etude.contracts import Limit, Trajectory
 from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError
+from etude.limits.open_commands import require_possible
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
 
@@ -109,6 +110,7 @@ def _propose(
 def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[TrajectoryFiles, str]:
     """The first motion drawn as tests are that is certified; else a random one inside the limits."""
     limits = kept.limits(campaign)
+    require_possible(limits)
     for motion, speed in _candidates(campaign, rng):
         slower = motion if speed == FULL else motion.slowed(FULL / speed)
         try:

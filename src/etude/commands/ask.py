@@ -63,6 +63,7 @@ class Ask(Common):
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
+            *(f"! {sentence}" for sentence in found.certificate.warnings),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
@@ -88,6 +89,7 @@ class Ask(Common):
             "way": [] if found.way is None else [str(path) for path in found.way.files],
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": unseen,
+            "warnings": list(found.certificate.warnings),
         }
         return Outcome("\n".join(lines), data)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Limit, Proof, Trajectory
-from etude.errors import UnsafeTrajectoryError
+from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.unseen import ALL, in_words, not_looked_at
 from etude.trajectories.json_text import from_json
 
@@ -46,12 +47,14 @@ class Certificate:
         end_speed: largest speed at an end of a piece as a fraction of its limit.
         rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
         not_looked_at: sentences, what nobody proved.
+        warnings: sentences that come first: what the motion asks beyond a limit that is not held.
     """
 
     rows: tuple[Proof, ...]
     end_speed: float
     rest_needed: bool = True
     not_looked_at: tuple[str, ...] = ALL
+    warnings: tuple[str, ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -92,6 +95,7 @@ class Certificate:
             "rows": [_row(row) for row in self.rows],
             "not_looked_at": list(self.not_looked_at),
         }
+        content |= {"warnings": list(self.warnings)} if self.warnings else {}
         return json.dumps(content, indent=1) + "\n"
 
 
@@ -122,7 +126,17 @@ def certify(
     rest = any(getattr(limit, "rest", False) for limit in limits)
     ends = [_end_speeds(piece, limits) for _, _, piece in pieces]
     end_speed = max(map(max, ends)) if rest else max(ends[0][0], ends[-1][1])
-    return Certificate(rows, end_speed, rest, not_looked_at(trajectory, limits, rows, unheld, way=way))
+    unseen = not_looked_at(trajectory, limits, rows, unheld, way=way)
+    return Certificate(rows, end_speed, rest, unseen, _warnings(trajectory, limits))
+
+
+def _warnings(trajectory: Trajectory, limits: Sequence[Limit]) -> tuple[str, ...]:
+    """What limits say of this motion first of all; of a curve without accelerations nothing."""
+    found: list[str] = []
+    for limit in limits:
+        with contextlib.suppress(UsageError):
+            found += getattr(limit, "warned", lambda _: ())(trajectory)
+    return tuple(found)
 
 
 def _kept(row: Proof) -> tuple[float, float] | None:

@@ -139,7 +139,9 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     body = [[axis, *(proofs.get((axis, quantity), "–") for quantity in quantities)] for axis in axes]
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
-    parts = [table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")]
+    warnings = [paragraph(str(sentence), class_="alert") for sentence in certificate.get("warnings", ())]
+    proved = table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")
+    parts = [*warnings, *proved]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
         parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from etude.contracts import Array, Model, Motion
 from etude.limits.commands import CommandLimit, by_model
-from etude.limits.open_commands import OpenCommands, kept_at
+from etude.limits.open_commands import OpenCommands, kept_at, rest_at
 from etude.robots.arm.of_file import of_file
 from etude.robots.arm.physics.mean import FORCES, ArmPhysics
 from etude.robots.arm.physics.newton_euler import nominal_commands
@@ -16,6 +18,13 @@ NOMINAL = "the model file's masses"
 OPEN = (
     "Torques are those of the model file's masses alone: friction, rotors, and by how much the file is "
     "wrong, are not in them until a log was learned."
+)
+NO_MOTION = "No motion is possible by the numbers of the model file"
+"""How the sentence begins for which no motion is asked for, as long as it stands in the robot's `confirm`."""
+MEND = (
+    "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and take the "
+    "line about them out of confirm there; that alone, if the limits are not real (a placeholder, a weight "
+    "that springs carry): forces are then not looked at."
 )
 _known: dict[str, CommandLimit | OpenCommands] = {}
 
@@ -32,7 +41,23 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         return kept_at(own, home)
     if spec.model_file is None or spec.command_unit not in FORCES:
         return None
-    return of_file(_known, spec, lambda: kept_at(_nominal(spec), home))
+    return of_file(_known, spec, lambda: _unless_confirmed(kept_at(_nominal(spec), home), spec, home))
+
+
+def _unless_confirmed(
+    found: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
+) -> CommandLimit | OpenCommands:
+    """Open commands refuse every motion until a person has taken the line about them out of `confirm`."""
+    waits = any(line.startswith(NO_MOTION) for line in spec.confirm)
+    if not (waits and isinstance(found, OpenCommands) and found.limit is not None):
+        return found
+    asked = np.abs(found.limit.mean(rest_at(home, found.limit.orders))[0])
+    beyond = [
+        f"{name} takes {most:.4g} {found.limit.unit} of {end:.4g}"
+        for name, most, end in zip(spec.names, asked.tolist(), found.limit.upper.tolist(), strict=True)
+        if most > end
+    ]
+    return replace(found, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
 
 
 def _nominal(spec: ArmSpec) -> CommandLimit:

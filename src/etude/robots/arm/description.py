@@ -8,6 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from etude.contracts import Described
 from etude.errors import UsageError
 from etude.robots.arm.robot_file import read_robot, robot_to_toml
@@ -66,6 +68,7 @@ def describe(
         from etude.robots.arm.loading.lengths import check_lengths
         from etude.robots.arm.loading.load import load_arm
         from etude.robots.arm.loading.pack import packed
+        from etude.robots.arm.weight import sentences as weight_sentences
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
         loaded = load_arm(spec, mesh_roots=mesh_roots)
@@ -74,10 +77,11 @@ def describe(
         crowded = crowded_links(loaded, spec.lower, spec.upper)
         files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
         files |= meshes
-        spec = replace(spec, model_file=Path(name))
+        whole, spec = spec, replace(spec, model_file=Path(name))
         around, of_around = completed(spec, _loaded_from(spec, files), leave, assume_floor=floor)
-        confirm = (*confirm, *loaded.notes, *of_around)
         spec = replace(spec, around=around)
+        home = np.array(around.search.home) if around.search else 0.5 * (spec.lower + spec.upper)
+        confirm = (*confirm, *loaded.notes, *of_around, *weight_sentences(whole, home))
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
 

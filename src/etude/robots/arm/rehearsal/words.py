@@ -37,7 +37,8 @@ def too_heavy(spec: ArmSpec, gravity: Array, torque: Array) -> None:
             f"with the masses and efforts of its file {'; '.join(weak)}: it is not simulated",
             where=spec.name,
             next_step="Is the arm counterbalanced, is the base mounted otherwise, or is a limit wrong? "
-            "Correct the command limits in robot.toml or the masses in the model file.",
+            "Correct the command limits in robot.toml or the masses in the model file; or say in [[motor]] "
+            "what its drives give (torque), if the limits are no more than placeholders.",
         )
 
 

@@ -1,0 +1,129 @@
+"""Whether the command limits that a robot states fit its own weight, by the masses of its model file.
+
+Files state placeholders: 0, 1 or 1000 N m on every joint, numbers of another robot, or in another unit. One
+that is too small for the arm to stand still would leave no motion; one that is far too large lets every
+motion pass. Both are said when the robot is read, for a person to put right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array
+from etude.robots.arm.commands import NO_MOTION
+from etude.robots.arm.physics.geometry import Geometry, read_geometry
+from etude.robots.arm.physics.mean import FORCES
+from etude.robots.arm.physics.newton_euler import nominal_commands
+from etude.robots.arm.spec import ArmSpec
+
+POSES, SEED = 2048, 0
+"""Random poses from which the heaviest is looked for: a robot is always the same."""
+GRID, ROUNDS = 33, 3
+"""Positions of a joint that are tried, and how often each joint has its turn."""
+QUANTILE = 0.95
+"""Of what the limits of speed and acceleration ask over random poses, in any direction."""
+STRONG = 10.0
+"""Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """What the masses ask of the drives, in command units.
+
+    Attributes:
+        home: (J,) |command| at rest at home.
+        most: (J,) the largest at rest that was found within the position limits, and `at` (J, J): the pose.
+        moving: (J,) at the limits of speed and acceleration, which few poses exceed.
+    """
+
+    home: Array
+    most: Array
+    at: Array
+    moving: Array
+
+
+def weight_of(spec: ArmSpec, home: Array) -> Weight | None:
+    """At home (J,) and elsewhere; None where there is no model file, or commands are no forces."""
+    if spec.model_file is None or spec.command_unit not in FORCES:
+        return None
+    geometry = read_geometry(spec)
+    assert geometry is not None
+    rng = np.random.default_rng(SEED)
+    poses = rng.uniform(spec.lower, spec.upper, (POSES, spec.dof))
+    signs = rng.choice((-1.0, 1.0), poses.shape)
+    moving = np.abs(nominal_commands(geometry, poses, signs * spec.velocity, signs * spec.acceleration))
+    most, at = _heaviest(geometry, spec, np.concatenate([home[None], poses]))
+    return Weight(_at_rest(geometry, home[None])[0], most, at, np.quantile(moving, QUANTILE, axis=0))
+
+
+def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
+    """What a person should confirm: joints that cannot hold the arm, or limits that hold nothing back."""
+    weight = weight_of(spec, home)
+    if weight is None:
+        return ()
+    limit = np.minimum(spec.command, spec.torque)
+    weak, loaded = weight.most > limit, weight.moving > 0.0
+    found = [_weak(spec, limit, weight)] if weak.any() else []
+    factor = float((spec.command[loaded] / weight.moving[loaded]).min()) if loaded.any() else 0.0
+    return (*found, *((_strong(factor),) if factor > STRONG else ()))
+
+
+def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
+    """At home no motion is left; where the arm is held at home, some are."""
+    pose = ", ".join(f"{value:.2g}" for value in weight.at[int(np.argmax(weight.most / limit))].tolist())
+    ever = _joints(spec, weight.most, limit, f" (at [{pose}])")
+    if np.all(weight.home <= limit):
+        return (
+            "By the masses of the model file the arm cannot be held in all of its range: at worst "
+            f"{ever}. Motions stay where it can: correct command of [[axis]] in robot.toml if a limit is "
+            "wrong."
+        )
+    return (
+        f"{NO_MOTION}: at rest at home {_joints(spec, weight.home, limit)}; at worst {ever}. Correct "
+        "command (or torque) of [[axis]] in robot.toml and take this line out; that alone, if the limits are "
+        "not real (a placeholder, a weight that springs carry): forces are then not looked at."
+    )
+
+
+def _joints(spec: ArmSpec, asked: Array, limit: Array, of_first: str = "") -> str:
+    """Those that are asked for more than their limit, the worst of them first, and more of that one."""
+    order = np.argsort(-asked / limit, kind="stable")
+    units = ["N m" if axis.unit == "rad" else "N" for axis in spec.axes]
+    words = [
+        f"{spec.names[j]} takes {asked[j]:.4g} {units[j]} of {limit[j]:.4g}"
+        for j in order
+        if asked[j] > limit[j]
+    ]
+    return ", ".join([words[0] + of_first, *words[1:]])
+
+
+def _strong(factor: float) -> str:
+    return (
+        f"The command limits are at least {factor:.3g} times what the arm asks for at its limits of speed "
+        "and acceleration: placeholders, or in another unit? They hold back no motion, and scales of "
+        "friction and noise follow them: correct command of [[axis]] in robot.toml."
+    )
+
+
+def _at_rest(geometry: Geometry, q: Array) -> Array:
+    still = np.zeros_like(q)
+    return np.abs(nominal_commands(geometry, q, still, still))
+
+
+def _heaviest(geometry: Geometry, spec: ArmSpec, poses: Array) -> tuple[Array, Array]:
+    """(J,) the largest |command| at rest of each joint, and its pose (J, J): joints are moved in turn."""
+    dof = spec.dof
+    held = _at_rest(geometry, poses)
+    at = poses[held.argmax(axis=0)]
+    for _ in range(ROUNDS):
+        for i in range(dof):
+            tried = np.repeat(at, GRID + 1, axis=0)
+            grid = np.linspace(spec.lower[i], spec.upper[i], GRID)
+            tried[:, i] = np.concatenate([np.append(grid, at[j, i]) for j in range(dof)])
+            asked = _at_rest(geometry, tried).reshape(dof, GRID + 1, dof)
+            best = [int(asked[j, :, j].argmax()) for j in range(dof)]
+            at = np.array([tried[j * (GRID + 1) + k] for j, k in enumerate(best)])
+    found = _at_rest(geometry, at)
+    return np.diagonal(found).copy(), at
