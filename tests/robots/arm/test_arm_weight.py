@@ -164,7 +164,7 @@ WEAK = {"baxter": "left_s1 takes 5", "talos_left_arm": "arm_left_2_joint takes 2
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.file)
 def test_of_the_arms_of_others_only_those_with_wrong_numbers_are_named(arm: Arm) -> None:
-    """A UR3 with a UR10's efforts, servos of 2 N m with 35, a counterbalanced PR2, two that tire stretched."""
+    """A UR3 with a UR10's efforts, servos of 2 N m with 35, a balanced PR2, two that tire stretched."""
     spec = spec_from_model(arm.path(), joints=arm.joints).spec
     found = sentences(spec, 0.5 * (spec.lower + spec.upper))
     words = (PLACEHOLDERS | WEAK).get(arm.path().stem)

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from etude.errors import UsageError
 from etude.robots.arm.loading.hulls import THINNEST, hull, obj_text
-from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.slabs import SLABS, slabs, volume
 
@@ -147,8 +147,10 @@ def test_meshes_are_found_on_the_way_up_and_below_the_roots(
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()
     roots = (tmp_path / "elsewhere", tmp_path / "elsewhere/tool")
-    assert mesh_path(name, model, roots) == (None if place is None else tmp_path / place)
-    assert mesh_path(f"file://{tmp_path}/elsewhere/tool/b.stl", model) == tmp_path / "elsewhere/tool/b.stl"
+    assert MeshPaths(model, roots).find(name) == (None if place is None else tmp_path / place)
+    assert (
+        MeshPaths(model).find(f"file://{tmp_path}/elsewhere/tool/b.stl") == tmp_path / "elsewhere/tool/b.stl"
+    )
 
 
 def test_a_root_that_is_named_comes_first(tmp_path: Path) -> None:
@@ -156,8 +158,8 @@ def test_a_root_that_is_named_comes_first(tmp_path: Path) -> None:
         (tmp_path / folder / "arm").mkdir(parents=True)
         (tmp_path / folder / "arm/a.stl").touch()
     model = tmp_path / "near/arm.urdf"
-    assert mesh_path("package://arm/a.stl", model) == tmp_path / "near/arm/a.stl"
-    assert mesh_path("package://arm/a.stl", model, (tmp_path / "root",)) == tmp_path / "root/arm/a.stl"
+    assert MeshPaths(model).find("package://arm/a.stl") == tmp_path / "near/arm/a.stl"
+    assert MeshPaths(model, (tmp_path / "root",)).find("package://arm/a.stl") == tmp_path / "root/arm/a.stl"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 
 POINTS = [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 3)]
@@ -94,11 +94,11 @@ def test_what_is_no_ply_is_refused(tmp_path: Path, data: bytes) -> None:
 
 def test_a_converted_copy_is_taken_as_the_refusal_says(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_bytes(b"glTF")
-    found = mesh_path("a.gltf", tmp_path / "arm.urdf")
+    found = MeshPaths(tmp_path / "arm.urdf").find("a.gltf")
     assert found is not None
     with pytest.raises(UsageError, match=r"'\.gltf' are not read.*beside it and under the same name"):
         read_triangles(found)
     (tmp_path / "a.ply").write_bytes(ascii_ply())
-    assert mesh_path("a.gltf", tmp_path / "arm.urdf") == tmp_path / "a.ply"
+    assert MeshPaths(tmp_path / "arm.urdf").find("a.gltf") == tmp_path / "a.ply"
     (tmp_path / "a.stl").touch()  # one that is read is taken as it is
-    assert mesh_path("a.ply", tmp_path / "arm.urdf") == tmp_path / "a.ply"
+    assert MeshPaths(tmp_path / "arm.urdf").find("a.ply") == tmp_path / "a.ply"

@@ -10,7 +10,7 @@ from pathlib import Path
 from etude.errors import UsageError
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.loaded import refused
-from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.parsing import parsed
 from etude.robots.arm.loading.slabs import slabs
@@ -55,23 +55,24 @@ def _packed_urdf(
 ) -> dict[str, bytes]:
     """Replaces meshes by hulls; pictures stay where no collision shape does."""
     meshes: dict[str, bytes] = {}
+    named = tuple(mesh.get("filename", "") for link in root.findall("link") for mesh in link.iter("mesh"))
+    paths = MeshPaths(path, mesh_roots, named)
     for link in root.findall("link"):
         solid, drawn = link.findall("collision"), link.findall("visual")
         cut = link.get("name") in crowded
-        kept = [_pack_shape(link, shape, path, mesh_roots, meshes, cut) for shape in solid]
+        kept = [_pack_shape(link, shape, paths, meshes, cut) for shape in solid]
         for picture in drawn:
             if kept and all(kept):
                 link.remove(picture)
             else:
-                _pack_shape(link, picture, path, mesh_roots, meshes, False)
+                _pack_shape(link, picture, paths, meshes, False)
     return meshes
 
 
 def _pack_shape(
     link: ET.Element,
     shape: ET.Element,
-    path: Path,
-    mesh_roots: Sequence[Path],
+    paths: MeshPaths,
     meshes: dict[str, bytes],
     cut: bool,
 ) -> bool:
@@ -79,10 +80,10 @@ def _pack_shape(
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
-    found = mesh_path(mesh.get("filename", ""), path, mesh_roots)
+    found = paths.find(mesh.get("filename", ""))
     if found is None:
         return False
-    scale = scale_of(mesh, str(path))
+    scale = scale_of(mesh, str(paths.model))
     mesh.attrib.pop("scale", None)
     triangles = read_triangles(found) * scale
     names = []

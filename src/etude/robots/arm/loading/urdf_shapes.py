@@ -16,7 +16,7 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.robots.arm.loading.hulls import hull, obj_text
-from etude.robots.arm.loading.mesh_paths import mesh_path
+from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.urdf_checks import scale_of, vector
 from etude.robots.arm.loading.urdf_primitives import check_primitive
@@ -44,7 +44,7 @@ class _Meshes:
     """The meshes of one model file, each read once; `missing` are those that were not found."""
 
     model: Path
-    roots: Sequence[Path]
+    paths: MeshPaths
     assets: dict[str, bytes] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     _read: dict[Path, Array] = field(default_factory=dict)
@@ -52,7 +52,7 @@ class _Meshes:
     def add(self, mesh: ET.Element, link: str) -> str:
         """The name of an asset with the hull of a <mesh>; "" if there is no such file."""
         name = mesh.get("filename", "")
-        path = mesh_path(name, self.model, self.roots)
+        path = self.paths.find(name)
         if path is None:
             self.missing.append(name)
             return ""
@@ -70,7 +70,9 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
     Raises:
         UsageError: a mesh that is there cannot be read.
     """
-    meshes = _Meshes(path, mesh_roots)
+    links = tree.links.values()
+    named = tuple(mesh.get("filename", "") for link in links for mesh in link.iter("mesh"))
+    meshes = _Meshes(path, MeshPaths(path, mesh_roots, named))
     elements: dict[str, list[ET.Element]] = {}
     notes: list[str] = []
     unseen: list[str] = []
@@ -84,10 +86,12 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
         unseen += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
     if drawn:
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions.")
+    notes += meshes.paths.notes
     if meshes.missing:
+        names = ", ".join(map(meshes.paths.in_words, dict.fromkeys(meshes.missing)))
         notes.append(
-            f"Meshes are missing: {', '.join(dict.fromkeys(meshes.missing))}. Name the folder that holds "
-            "them, or their package, with --mesh-root."
+            f"Meshes are missing: {names}. Name the folder that holds them, or their package, with "
+            "--mesh-root."
         )
     return Shapes(elements, meshes.assets, tuple(notes), tuple(unseen))
 
