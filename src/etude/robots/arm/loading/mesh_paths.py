@@ -71,7 +71,7 @@ class MeshPaths:
     def _guess(self, name: str) -> Path | None:
         """The one file of that path, with its package or without, below a root or on the way up."""
         scheme, package, inside = _parts(name)
-        if not scheme or any(declared(one) for one in folders_of(package, self.model, self.roots)):
+        if not scheme or any(declared(one) == package for one in folders_of(package, self.model, self.roots)):
             return None  # the package is there, and such a mesh is not in it
         for starts in (self.roots, self.model.resolve().parents):
             places = [start / tail for start in starts for tail in (f"{package}/{inside}", inside) if tail]

@@ -1,6 +1,7 @@
 """Where the folder of a named ROS package is, without ROS.
 
-A folder is the package that its package.xml names; without one, the package of its own name.
+A folder is the package that its package.xml names, and the one of its own name: files that are installed
+without ROS are often named by their folder, whatever its package.xml says.
 """
 
 from __future__ import annotations
@@ -39,8 +40,7 @@ def folders_of(package: str, model: Path, roots: Sequence[Path] = ()) -> Iterato
 
 def is_package(folder: Path, package: str) -> bool:
     """Whether the folder is that package."""
-    own = declared(folder)
-    return own == package if own else folder.name == package and folder.is_dir()
+    return folder.is_dir() and package in (folder.name, declared(folder))
 
 
 @cache
