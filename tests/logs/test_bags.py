@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sqlite3
 from dataclasses import replace
@@ -192,6 +193,15 @@ def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) ->
     path = bags.storage(folder)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(DataError, match=r"the bag cannot be read.*cut, damaged"):
+        read(folder)
+
+
+def test_a_message_without_a_time_is_refused(tmp_path: Path) -> None:
+    """A damaged cell of SQLite may be empty."""
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    with contextlib.closing(sqlite3.connect(bags.storage(folder))) as storage, storage:
+        storage.execute("UPDATE messages SET timestamp = NULL WHERE id = 5")
+    with pytest.raises(DataError, match="holds no data, or no time"):
         read(folder)
 
 

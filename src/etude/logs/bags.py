@@ -170,8 +170,8 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: Stores, 
     if not known:
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
-        if not isinstance(data, bytes):  # a cell of SQLite may hold anything
-            raise ValueError("it holds no data")
+        if not isinstance(data, bytes) or not isinstance(received, int):  # a cell of SQLite may be empty
+            raise ValueError("it holds no data, or no time")
         message = stores.read(connection, decompressed(data, path))
         rows.add(received, stamp_of(message), blocks_of(message, connection.msgtype))
     except Exception as problem:  # of a damaged definition a message may be anything
