@@ -197,10 +197,10 @@ def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) ->
 
 
 def test_a_message_without_a_time_is_refused(tmp_path: Path) -> None:
-    """A damaged cell of SQLite may be empty."""
+    """A damaged cell of SQLite may be empty, or text."""
     folder = bags.write_bag(tmp_path / "run", bags.joint_states())
     with contextlib.closing(sqlite3.connect(bags.storage(folder))) as storage, storage:
-        storage.execute("UPDATE messages SET timestamp = NULL WHERE id = 5")
+        storage.execute("UPDATE messages SET timestamp = 'x' WHERE id = 5")
     with pytest.raises(DataError, match="holds no data, or no time"):
         read(folder)
 
