@@ -63,6 +63,15 @@ def test_a_right_log_is_green_with_and_without_a_robot(right: Path, robot: Path)
     assert "guessed from the headers, q (hip, knee)" in guessed.findings[0].sentence
 
 
+def test_a_log_that_was_cut_is_worth_a_look(right: Path, robot: Path) -> None:
+    data = right.read_bytes()
+    right.write_bytes(data[: data.rindex(b",")])
+    found = {f.check: f for f in inspect(right, robot).findings}
+    assert found["end"].light == "yellow"
+    assert "was cut in the middle of a line" in found["end"].sentence
+    assert "was cut" not in found["columns"].sentence
+
+
 def step(rows: Rows, row: slice, column: int | slice, value: float) -> Rows:
     rows = rows.copy()
     rows[row, column] = value

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
+from etude.campaign.folder import Campaign
 from etude.campaign.news import bad_news
 from etude.campaign.state import CHANGED, Round, State
 from etude.campaign.stopping import judge
+from etude.cli import main
 from etude.contracts import Finding
+from etude.models.choice import TOO_FEW
+from etude.models.short import UNCERTAIN
 
 OUTPUTS = ("hip", "knee")
 GOOD = {"nmse": [0.01, 0.02], "z2": [1.0, 1.0], "coverage": [0.95, 0.93]}
@@ -51,6 +57,45 @@ def test_scores(change: dict[str, Any], told: tuple[str, str] | None, words: str
     assert [(finding.check, finding.light) for finding in found] == ([told] if told else [])
     assert all(words in finding.sentence and "hip" not in finding.sentence for finding in found)
     assert all(finding.step for finding in found)
+
+
+def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None:
+    told = [
+        "hip: of 9 s in all there is too little motion to be believed, so " + UNCERTAIN + "; tell another."
+    ]
+    told += [
+        f"knee: the process erred 3 times as much as linear regression, but {TOO_FEW}; tell another one."
+    ]
+    own = state(GOOD)
+    rounds = {3: replace(own.rounds[3], trained=own.rounds[3].trained | {"warnings": [*told, "No battery."]})}
+    found = bad_news(replace(own, rounds=rounds), OUTPUTS, 2)
+    assert [(f.check, f.light) for f in found] == [
+        ("too little motion", "yellow"),
+        ("linear regression", "yellow"),
+    ]
+    assert [f.step for f in found] == ["Tell another.", "Tell another one."]
+    assert found[0].sentence.endswith(UNCERTAIN)
+    later = Round(4, told={"robot_seconds": 60.0}, trained=own.rounds[3].trained | {"order": 2})
+    assert bad_news(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
+
+
+def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsys: Any) -> None:
+    """Of `status` and of the report, with what to do; and nobody is told to use the model."""
+    path = write_log(tmp_path / "short.csv", random_motion(campaign, 1), 1, start=0.0)
+    lines = path.read_text().splitlines()
+    path.write_text(
+        "\n".join([lines[0], *(line for line in lines[1:] if float(line.split(",")[0]) < 6.0)]) + "\n"
+    )
+    assert main(["tell", str(campaign.path), str(path), "--foreign"]) == 0
+    capsys.readouterr()
+    assert main(["status", str(campaign.path)]) == 0
+    said = capsys.readouterr().out
+    assert said.splitlines()[0].startswith("Look: all commands: of ")
+    assert said.splitlines()[0].endswith(f"{UNCERTAIN}. Tell another log that moves it.")
+    assert "Stop:" not in said
+    assert main(["report", str(campaign.path)]) == 0
+    page = (campaign.path / "report.html").read_text()
+    assert page.index(UNCERTAIN) < page.index("<h2")
 
 
 def test_red_comes_before_yellow() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sqlite3
 from dataclasses import replace
@@ -174,7 +175,17 @@ def test_an_mcap_that_was_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
         log = read(place)
         assert 0.3 < len(log) / len(LOG) < 0.7
         np.testing.assert_array_equal(log["q"], LOG["q"][: len(log)])
-        assert any("The bag was cut" in sentence for sentence in log.repairs)
+        cut = next(sentence for sentence in log.repairs if "The bag was cut" in sentence)
+        assert cut.endswith(f"{np.ptp(log.t):.3g} s of it are left.")
+
+
+def test_a_bag_that_was_cut_before_its_topics_says_so(tmp_path: Path) -> None:
+    """One packed chunk, of which nothing can be unpacked: joint states were there, but nobody can tell."""
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states(), "MCAP", "STORAGE")
+    path = bags.storage(folder)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"no topic with joint states\. The bag was cut"):
+        read(path)
 
 
 def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) -> None:
@@ -182,6 +193,15 @@ def test_a_sqlite_bag_that_was_cut_is_refused_or_read_in_part(tmp_path: Path) ->
     path = bags.storage(folder)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(DataError, match=r"the bag cannot be read.*cut, damaged"):
+        read(folder)
+
+
+def test_a_message_without_a_time_is_refused(tmp_path: Path) -> None:
+    """A damaged cell of SQLite may be empty, or text."""
+    folder = bags.write_bag(tmp_path / "run", bags.joint_states())
+    with contextlib.closing(sqlite3.connect(bags.storage(folder))) as storage, storage:
+        storage.execute("UPDATE messages SET timestamp = 'x' WHERE id = 5")
+    with pytest.raises(DataError, match="holds no data, or no time"):
         read(folder)
 
 

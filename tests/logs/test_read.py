@@ -207,6 +207,16 @@ def test_cut_csv_loses_its_last_line_only(tmp_path: Path) -> None:
     path.write_bytes(data[: data.rfind(b",")])
     log = read(path)
     np.testing.assert_array_equal(log.t, LOG.t[:-1])
+    said = "The log was cut in the middle of a line, which was dropped."
+    assert log.repairs == (f"{said} {np.ptp(log.t):.3g} s of it are left.",)
+
+
+def test_a_last_line_without_an_end_may_be_whole(tmp_path: Path) -> None:
+    """Its last number may lack digits, so that it goes; that more is missing nobody can tell."""
+    path = write_csv(tmp_path / "run.csv", columns_of(LOG))
+    path.write_bytes(path.read_bytes().rstrip())
+    log = read(path)
+    np.testing.assert_array_equal(log.t, LOG.t[:-1])
     assert log.repairs == ("The last line has no end (a cut file?) and was dropped.",)
 
 

@@ -10,6 +10,7 @@ from log_examples import vector
 
 from etude.contracts import Channel
 from etude.errors import DataError, UsageError
+from etude.logs.cut import cut_sentences
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 from etude.logs.ulog import turned
@@ -156,9 +157,24 @@ def test_a_log_cut_in_a_record_is_read_up_to_there(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     log = read_log(path, CHANNELS, rate=200.0)
     assert 0.4 < len(log) / len(ulogs.T) < 0.6
+    (cut,) = cut_sentences(log)
+    left = float(cut.removesuffix(" s of it are left.").rpartition(" ")[2])
+    assert left == pytest.approx(np.ptp(log.t), abs=0.05)
     path.write_bytes(path.read_bytes()[:60])
     with pytest.raises(DataError):
         read_raw(path)
+
+
+def test_only_a_whole_log_is_taken_for_one(tmp_path: Path) -> None:
+    """Cut at any byte of its last message. Between two messages nobody can tell: ULog has no end."""
+    path = ulogs.write_ulog(tmp_path / "flight.ulg")
+    data = path.read_bytes()
+    assert not cut_sentences(read_raw(path))
+    motors = data.rindex(b"D\x02\x00") - 2  # size, kind and topic of the last message
+    assert motors + 3 + int.from_bytes(data[motors : motors + 2], "little") == len(data)
+    for size in range(motors + 1, len(data)):
+        path.write_bytes(data[:size])
+        assert cut_sentences(read_raw(path)), size
 
 
 def test_damage_that_leads_in_a_circle_is_refused(tmp_path: Path) -> None:

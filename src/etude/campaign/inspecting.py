@@ -15,6 +15,7 @@ from etude.campaign.folder import open_campaign
 from etude.campaign.questions import judged_commands
 from etude.contracts import Channel, Finding, Kind, Log
 from etude.errors import EtudeError
+from etude.logs.cut import cut_sentences, end_findings, with_rest_told
 from etude.logs.doctor import drop_unreadable, order_rows
 from etude.logs.guess import guessed_channels
 from etude.logs.health.clock import clock_findings
@@ -124,11 +125,12 @@ def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[st
     t, said = read_time(raw, known.rate, path.name)
     names = [name for name in raw.values if not is_time(name)]
     channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))
-    return Log(t, channels, values, path.name, (*raw.repairs, *said)), set()  # type: ignore[arg-type]
+    log = Log(t, channels, values, path.name, (*raw.repairs, *said))  # type: ignore[arg-type]
+    return with_rest_told(log), set()
 
 
 def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
-    health = [_columns(log, known), *_tried("clock", lambda: clock_findings(log))]
+    health = [_columns(log, known), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
     health += _tried("columns", lambda: column_findings(log, known.limits))
     judged = _judged(log, known, stated)
     if known.kind and not judged.refused:  # tell mends it, with a sentence below
@@ -162,7 +164,8 @@ def _columns(log: Log, known: _Known) -> Finding:
         return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
     matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
     guessed = "" if known.kind else "guessed from the headers, "
-    return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *log.repairs]))
+    said = [sentence for sentence in log.repairs if sentence not in cut_sentences(log)]
+    return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *said]))
 
 
 def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:

@@ -11,6 +11,8 @@ from etude.campaign.findings import kept_findings
 from etude.campaign.rounds import measured, summary
 from etude.campaign.state import CHANGED, Round, State
 from etude.contracts import Finding
+from etude.models.choice import TOO_FEW
+from etude.models.short import UNCERTAIN
 
 LEAST_COVERAGE = 0.8
 """Of the 95 % intervals, below which a model is surer of an output than it should be."""
@@ -18,6 +20,8 @@ NO_BETTER = 1.0
 """nMSE from which a constant would predict as well."""
 BEATEN, WORSE = 1.1, 1.1
 """Error over that of linear regression, and over that of the round before, from which it is told."""
+TOLD_BY_TRAINING = {UNCERTAIN: "too little motion", TOO_FEW: "linear regression"}
+"""Words of a training's warnings that are told here, and of which check they are."""
 FEEDBACK = ("pd", "pid")
 """Simulated baselines without any model."""
 
@@ -29,7 +33,7 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, 
         outputs: names of the commands.
         axes: how many coordinates the path has.
     """
-    found = [*_of_logs(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
+    found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda finding: finding.light != "red"))
 
 
@@ -42,6 +46,21 @@ def _of_logs(state: State) -> list[Finding]:
                 continue
             sentence = f"log {r.number}: {finding.sentence.rstrip('.')}"
             found.append(Finding(finding.check, finding.light, sentence, finding.step, finding.flag))
+    return found
+
+
+def _of_training(state: State) -> list[Finding]:
+    """What the newest training says of what is in use: nothing to be believed, or no better than linear.
+
+    Other warnings say what was done about it, or are of inputs.
+    """
+    newest = (state.trained[-1].trained or {}) if state.trained else {}
+    found = []
+    for sentence in newest.get("warnings", ()):
+        check = next((name for words, name in TOLD_BY_TRAINING.items() if words in sentence), None)
+        if check is not None:
+            fact, _, step = sentence.rstrip(".").rpartition("; ")
+            found.append(Finding(check, "yellow", fact, f"{step[:1].upper()}{step[1:]}."))
     return found
 
 

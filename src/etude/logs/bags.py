@@ -63,7 +63,7 @@ class BagReader:
             with opened(path) as (readers, repairs):
                 listed = {c.topic: c.msgtype for reader in readers for c in reader.connections}
                 stores = Stores(path)
-                wanted = _asked(listed, topics, path) or _with_joints(readers, stores, listed, path)
+                wanted = _asked(listed, topics, path) or _with_joints(readers, stores, listed, path, repairs)
                 found, cut = _read(readers, stores, wanted, path, bool(topics))
         except EtudeError:
             raise
@@ -87,15 +87,15 @@ def _asked(listed: Mapping[str, str], topics: Sequence[str], path: Path) -> tupl
 
 
 def _with_joints(
-    readers: Sequence[Any], stores: Stores, listed: Mapping[str, str], path: Path
+    readers: Sequence[Any], stores: Stores, listed: Mapping[str, str], path: Path, repairs: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Names of the topics that hold joint states."""
+    """Names of the topics that hold joint states; `repairs` may say why there are none."""
     connections = {c.topic: c for reader in readers for c in reader.connections}
     found = tuple(name for name, c in connections.items() if _may_hold_joints(c, stores))
     if found:
         return found
     raise DataError(
-        "the bag has no topic with joint states",
+        " ".join(["the bag has no topic with joint states.", *repairs]).rstrip("."),
         where=str(path),
         next_step=f"Name topics with --topic; it has {_list(listed)}.",
     )
@@ -138,7 +138,7 @@ def _read(
             except StopIteration:
                 break
             except Exception as problem:  # damage in the middle of a storage: what came before is whole
-                cut = f"The bag is damaged, and was read as far as that ({_first_line(problem)})."
+                cut = f"The bag was cut or is damaged, and was read as far as that ({_first_line(problem)})."
                 break
             if connection.topic in foreign:
                 continue
@@ -170,8 +170,8 @@ def _add(rows: Rows, connection: Any, received: int, data: Any, stores: Stores, 
     if not known:
         raise unknown_type(connection.topic, connection.msgtype, str(path))
     try:
-        if not isinstance(data, bytes):  # a cell of SQLite may hold anything
-            raise ValueError("it holds no data")
+        if not isinstance(data, bytes) or not isinstance(received, int):  # a cell of SQLite may be empty
+            raise ValueError("it holds no data, or no time")
         message = stores.read(connection, decompressed(data, path))
         rows.add(received, stamp_of(message), blocks_of(message, connection.msgtype))
     except Exception as problem:  # of a damaged definition a message may be anything

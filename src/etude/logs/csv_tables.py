@@ -55,9 +55,16 @@ def csv_log(path: Path) -> Log:
         raise DataError(_nothing(path), where=str(path), next_step=AGAIN)
     form, body, repairs = _form(first, path)
     log = _read(chain([body], rest), form, path)
-    if blocks.cut:
-        repairs = (*repairs, "The last line has no end (a cut file?) and was dropped.")
-    return log.repaired(*repairs)
+    return log.repaired(*repairs, *_end(blocks.rest, form))
+
+
+def _end(rest: bytes, form: _Form) -> tuple[str, ...]:
+    """What is to be said of a last line without an end: some programs write none after the last row."""
+    if not rest.strip():
+        return ()
+    if rest.count(form.separator.encode()) < len(form.names) - 1:
+        return ("The log was cut in the middle of a line, which was dropped.",)
+    return ("The last line has no end (a cut file?) and was dropped.",)
 
 
 def _nothing(path: Path) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import Matching, match_columns
+from etude.logs.cut import cut_sentences, with_rest_told
 from etude.logs.doctor import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
 from etude.logs.headers import Column
 from etude.logs.log_file import is_log_file, read_log_file
@@ -120,7 +121,7 @@ def _consistent(log: Log) -> Log:
 
 def ending(log: Log) -> str:
     """The sentence that says why and where a run broke off, or nothing."""
-    return " ".join(sentence for sentence in log.repairs if "was cut" in sentence)
+    return " ".join(cut_sentences(log))
 
 
 def _is_stored(path: Path) -> bool:
@@ -180,7 +181,7 @@ def _recorded(
         repairs=tuple(repairs),
     )
     stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
-    return log, stated
+    return with_rest_told(log), stated
 
 
 def _matched(raw: Log, channels: Sequence[Channel], where: str) -> Matching:

@@ -22,11 +22,11 @@ class TextBlocks:
 
     Attributes:
         path: the file.
-        cut: whether its last line had no end; it is left out, since part of its last number may be lost.
+        rest: the last line, if it has no end; it is left out, since part of its last number may be lost.
     """
 
     path: Path
-    cut: bool = False
+    rest: bytes = b""
 
     def __iter__(self) -> Iterator[bytes]:
         """DataError: the file is binary."""
@@ -51,7 +51,7 @@ class TextBlocks:
                     left += rest
                 if len(left) > LONGEST_LINE:
                     raise self._binary()
-        self.cut = bool(left.strip())
+        self.rest = left
 
     def _decoded(self, decoder: codecs.IncrementalDecoder, data: bytes) -> bytes:
         try:

@@ -22,6 +22,10 @@ from etude.logs.frames import raw_log
 from etude.logs.ulog_motors import MOTORS, Dataset, motors_of, moves
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
+HEADER = 3
+"""Bytes before a message: its size and kind."""
+DAMAGED = "The log is damaged in places, which were left out."
+CUT = "The log was cut: its last message is not whole, and what followed is missing."
 AXES = ("x", "y", "z")
 GYRO = ("vehicle_angular_velocity", "sensor_combined")
 FORCE = ("sensor_combined", "vehicle_acceleration")
@@ -42,7 +46,7 @@ class UlogReader:
             DataError: no ULog, no such topic, or none of those that tell what the body and the motors did.
             UsageError: pyulog is not installed.
         """
-        ulog = _parsed(path, topics or _needed())
+        ulog, cut = _parsed(path, topics or _needed())
         found: dict[str, list[Any]] = {}
         for one in ulog.data_list:
             if len(one.data.get("timestamp", ())):
@@ -50,7 +54,7 @@ class UlogReader:
         missing = [topic for topic in topics if topic not in found]
         if missing:
             raise _unknown(path, missing[0])
-        said = ("The log is damaged in places, which were left out.",) if ulog.file_corruption else ()
+        said = (DAMAGED,) * ulog.file_corruption + (CUT,) * cut
         if topics:
             return {name: _log(found[name][0], dict(found[name][0]), path, said) for name in topics}
         return _flight(found, ulog.initial_parameters, path, said)
@@ -63,11 +67,14 @@ class UlogReader:
 class _Patient:
     """A file that is read a bounded number of times: in some damaged ones pyulog goes round for ever.
 
-    It reads a message in two parts, and after damage tries every byte as a beginning.
+    It reads a message in two parts, its size and kind and what it says, and after damage tries every byte as
+    a beginning. That a message is not whole it keeps to itself.
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+        self.cut = False
+        """Whether the last message is not whole."""
+        self._file, self._announced = file, -1
         self._left = 1000 + 3 * file.seek(0, io.SEEK_END)
         file.seek(0)
 
@@ -76,7 +83,12 @@ class _Patient:
         self._left -= 1
         if self._left < 0:
             raise RuntimeError("damage in it leads round in a circle")
-        return self._file.read(size)
+        data = self._file.read(size)
+        if size == HEADER:
+            self.cut, self._announced = 0 < len(data) < size, int.from_bytes(data[:2], "little")
+        elif size == self._announced:
+            self.cut = len(data) < size
+        return data
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
@@ -86,8 +98,8 @@ def _needed() -> list[str]:
     return sorted({*MOTORS, *(name for names, _ in SIGNALS for name in names)})
 
 
-def _parsed(path: Path, topics: Sequence[str]) -> Any:
-    """The file as pyulog reads it; what pyulog prints is not shown."""
+def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
+    """The file as pyulog reads it, and whether its end is missing; what pyulog prints is not shown."""
     library = needed("pyulog", "px4", path)
     with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
         if file.read(len(MAGIC)) != MAGIC:
@@ -95,7 +107,8 @@ def _parsed(path: Path, topics: Sequence[str]) -> Any:
                 "this is no ULog", where=str(path), next_step="Download the .ulg of the flight again."
             )
         try:
-            return library.ULog(_Patient(file), list(topics) or None)
+            patient = _Patient(file)
+            return library.ULog(patient, list(topics) or None), patient.cut
         except Exception as problem:  # pyulog fails with anything
             first = (str(problem).strip().splitlines() or [type(problem).__name__])[0][:200]
             raise DataError(
@@ -117,7 +130,7 @@ def _lacks(path: Path, missing: Sequence[str], found: Iterable[str] = ()) -> Dat
 
 
 def _unknown(path: Path, topic: str) -> DataError:
-    every = {one.name for one in _parsed(path, ()).data_list}
+    every = {one.name for one in _parsed(path, ())[0].data_list}
     return DataError(
         f"the log has no topic {topic}",
         where=str(path),

@@ -11,6 +11,7 @@ from etude.models.fit import Folds
 from etude.models.held_out import HeldOut, fold_mean
 from etude.models.parts import PHYSICAL
 
+TOO_FEW = "one trajectory is too little to fall back to that"
 TRAJECTORIES = 2
 """From so many on linear regression competes, and physics have no advantage. Stretches of a single trajectory
 are no evidence: they are all near each other, and a regression that fits them best may err without bound on
@@ -133,5 +134,5 @@ def _outcome(folds: Folds, rung: str) -> str:
     if rung == "linear+gp":
         return ", so the process now learns only what linear regression leaves"
     if folds.trajectories < TRAJECTORIES:
-        return ", but one trajectory is too little to fall back to that; tell another one"
+        return f", but {TOO_FEW}; tell another one"
     return ", which may be chance"

@@ -13,6 +13,7 @@ from etude.models.rows import seconds_of
 LEAST_STRETCHES, LEAST_MOVING = 2.0, 0.5
 """Motion that errors can be judged by, in stretches of `ModelConfig.stretch_s`, each held out of the other:
 of the whole, and of a command's own joint."""
+UNCERTAIN = "the model says that it is uncertain everywhere"
 DOUBT = 0.1
 """Part of a command's limit that is the least deviation before that."""
 
@@ -55,5 +56,5 @@ def notes(folds: Folds) -> tuple[str, ...]:
     names = "all commands" if few.all() else ", ".join(np.array(folds.commands)[few].tolist())
     return (
         f"{names}: of {seconds_of(folds.samples):.0f} s in all there is too little motion to be believed, so "
-        "the model says that it is uncertain everywhere; tell another log that moves it.",
+        f"{UNCERTAIN}; tell another log that moves it.",
     )

@@ -1,0 +1,37 @@
+"""Logs that lack their end: what a reader says of one, and how much of it is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from etude.contracts import Finding, Log
+
+WAS_CUT = "was cut"
+"""In the sentence of a reader which says that the end of a file is missing."""
+
+
+def cut_sentences(log: Log) -> tuple[str, ...]:
+    """Those that say that something is missing."""
+    return tuple(sentence for sentence in log.repairs if WAS_CUT in sentence)
+
+
+def with_rest_told(log: Log) -> Log:
+    """The log; of one that was cut its sentence also says how many seconds are left.
+
+    Args:
+        log: as it was read; times in s, rows as recorded.
+    """
+    told, cut = log.t[np.isfinite(log.t)], cut_sentences(log)
+    if not cut or len(told) < 2:
+        return log
+    left = f"{cut[0]} {np.ptp(told):.3g} s of it are left."
+    return replace(log, repairs=tuple(left if one == cut[0] else one for one in log.repairs))
+
+
+def end_findings(log: Log) -> tuple[Finding, ...]:
+    """What is to be said of the end of a recording; nothing of one that nobody knows to be cut."""
+    cut = cut_sentences(log)
+    step = "Copy or record it again, if the rest is needed; what is left teaches as it is."
+    return (Finding("end", "yellow", " ".join(cut), step),) if cut else ()
