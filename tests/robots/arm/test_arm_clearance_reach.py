@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from clearance_examples import random_chain
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from etude.robots.arm.clearance.confirmed import excess
@@ -79,13 +79,15 @@ def test_no_distance_changes_faster_than_its_reach(seed: int, joints: int) -> No
 
 @settings(max_examples=6)
 @CHAINS
+@example(seed=56, joints=3)  # MuJoCo 4.0.0 gives 15 mm for a capsule whose middle is inside a box
 def test_tracking_takes_no_more_than_is_said(seed: int, joints: int) -> None:
     gaps, rng = chain(seed, joints), np.random.default_rng(seed)
     poses, error = gaps.skeleton.random_poses(rng, 25), rng.uniform(0.0, 0.03, joints)
     distances = gaps.of_poses(poses)
     taken = lost(gaps, poses, distances, error, np.full(len(gaps.list), 0.05))
     assert np.all(taken <= (gaps.reach @ error)[None] + 1e-12)
-    apart = distances > 0.0
+    apart = distances - excess(gaps, poses) > 0.0  # as in the proof: what no slab confirms is no distance
+    assert apart.mean() > 0.5
     for _ in range(20):
         signs = np.where(rng.random(poses.shape) < 0.5, rng.choice([-1.0, 1.0], poses.shape), 1.0)
         signs = signs * np.where(rng.random(poses.shape) < 0.3, rng.random(poses.shape), 1.0)

@@ -60,7 +60,6 @@ def all_keep(
     """
     most = gaps.reach @ error
     spare = distances - share * most - sought
-    spare = distances - share * most - sought
     doubtful = ~(distances - share * most >= sought)
     if not doubtful.any():
         return True
