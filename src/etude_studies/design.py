@@ -1,8 +1,9 @@
 """etude study design: what design is worth, by paired seeds, with scaled random motions always beside it.
 
-The parts: the oracle bound (best, mean and worst of 20 candidates in hindsight), the first motion, seconds to
-a given error by the length of segments, tasks, and a fast arm of seven joints that served for no choice of
-settings. A cell is a part, an arm and a seed; each is a file, so that an interrupted study goes on.
+The parts: the oracle bound (best, mean and worst of 20 candidates in hindsight), the first motion and those
+after it, seconds to a given error by the length of segments, tasks, a fast arm of seven joints that served
+for no choice of settings, and flights of 15 and 30 s. A cell is a part, an arm and a seed; each is a file,
+so that an interrupted study goes on.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def rows_of(folder: Path, seeds: Sequence[int]) -> list[Row]:
 
 
 def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
-    unit = "%" if arm == "seven" else "deg"
+    unit = UNITS.get(arm, "deg")
     rows = []
     for key in cells[0]:
         found = [c[key] for c in cells]
@@ -71,6 +72,8 @@ def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
     return rows + (seconds_rows(arm, cells) if part == "lengths" else [])
 
 
+UNITS = {"seven": "%", "quadrotor_rough": "m"}
+"""Of errors, where they are no angles."""
 AGAINST: dict[str, tuple[str, ...]] = {
     "designed": ("random", "repeated"),
     "without": ("random",),
@@ -79,8 +82,10 @@ AGAINST: dict[str, tuple[str, ...]] = {
     "random": ("repeated",),
     "best": ("mean",),
     "worst": ("mean",),
+    "15-s": ("30-s",),
 }
-"""What is held against what: random motions, one that is repeated; of an oracle the mean."""
+"""What is held against what: random motions, one that is repeated; of an oracle the mean;
+of short flights long ones."""
 
 
 def _beside(key: str, cell: Cell) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from etude.contracts import Array, Log, Trajectory
 from etude.trajectories.moves import PointToPoint
 from etude_studies.design_arms import Arm, arm_of
+from etude_studies.design_flights import flights
 from etude_studies.world import one_period
 
 Cell = dict[str, float]
@@ -72,21 +73,22 @@ def first(name: str, seed: int) -> Cell:
     return found
 
 
-def second(name: str, seed: int) -> Cell:
-    """Two minutes: two random motions; or one from the limits, then one designed from what it taught."""
+def later(name: str, seed: int) -> Cell:
+    """Two and three minutes: random motions; or one from the limits, then those that its lessons call for."""
     arm = arm_of(name)
     tests = arm.tests(stream(seed, TEST))
-    runs = {what: [run_of(arm, motion, seed, 1)] for what, motion in _firsts(arm, seed).items()}
-    model = arm.learned(runs["designed"], "gp", stream(seed, FIT))
-    seconds = {
-        "random": arm.random(stream(seed, MOTION, 2), 1)[0],
-        "designed": arm.designed(model, stream(seed, MOTION, 3), 1),
-    }
     found: Cell = {}
-    for what, motion in seconds.items():
-        own = [*runs[what], run_of(arm, motion, seed, 2)]
-        model = arm.learned(own, "gp", stream(seed, FIT))
-        found[f"{what} 120 s gp"] = arm.errors(model, tests, stream(seed, TEST, 1))
+    for what, motion in _firsts(arm, seed).items():
+        runs = [run_of(arm, motion, seed, 1)]
+        for number in (2, 3):
+            if what == "random":
+                motion = arm.random(stream(seed, MOTION, number), 1)[0]
+            else:
+                model = arm.learned(runs, "gp", stream(seed, FIT))
+                motion = arm.designed(model, stream(seed, MOTION, number + 1), 1)
+            runs.append(run_of(arm, motion, seed, number))
+            model = arm.learned(runs, "gp", stream(seed, FIT))
+            found[f"{what} {60 * number} s gp"] = arm.errors(model, tests, stream(seed, TEST, 1))
     return found
 
 
@@ -188,9 +190,10 @@ def pick_and_place(arm: Arm, rng: np.random.Generator) -> PointToPoint:
 PARTS: dict[str, tuple[Callable[[str, int], Cell], tuple[str, ...]]] = {
     "chain": (chain, ("seven",)),
     "first": (first, ("arm4_rough", "arm4")),
-    "second": (second, ("arm4_rough",)),
+    "later": (later, ("arm4_rough",)),
     "tasks": (tasks, ("arm4_rough",)),
     "lengths": (lengths, ("arm4_rough",)),
     "oracle": (oracle, ("arm4_rough",)),
+    "flights": (flights, ("quadrotor_rough",)),
 }
 """By name: what one cell measures, and of which arms."""

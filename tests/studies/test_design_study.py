@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.trajectories.chain import segment_starts
-from etude_studies import design
+from etude_studies import design, design_flights
 from etude_studies.design import cell, ratio_rows, rows_of, seconds_rows
 from etude_studies.design_arms import arm_of
 from etude_studies.design_parts import PARTS, pick_and_place
@@ -75,3 +75,22 @@ def test_a_pick_and_place_lasts_about_a_minute_inside_the_limits() -> None:
         q, qd, _ = task.motion(np.linspace(0.0, task.duration, 2000)).orders
         spec = arm.world.spec
         assert np.all((q > spec.lower) & (q < spec.upper) & (np.abs(qd) < spec.velocity))
+
+
+def test_flights_are_compared_at_equal_seconds_and_the_later_lean(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(design_flights, "LENGTHS", (5.0, 10.0))
+    monkeypatch.setattr(design_flights, "SECONDS", 10.0)
+    found = design_flights.flights("quadrotor_rough", 3)
+    errors = {key for key in found if "after" in key}
+    assert errors == {"5-s after 5 s", "5-s after 10 s", "10-s after 10 s"}
+    assert all(0.0 < found[key] < 5.0 for key in errors)
+    assert found["5-s farthest 2"] < found["5-s farthest 1"]  # the second is flown with the drag of the first
+
+
+def test_short_flights_are_held_against_long_ones_in_metres(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        found = {"15-s after 30 s": 0.1 * seed, "30-s after 30 s": 0.4 * seed}
+        (tmp_path / f"flights_quadrotor_rough_{seed:04d}.json").write_text(json.dumps(found))
+    rows = {row.metric: row for row in rows_of(tmp_path, (1, 2))}
+    assert rows["flights_quadrotor_rough_15-s_after_30_s"].unit == "m"
+    assert rows["flights_quadrotor_rough_15-s_after_30_s_over_30-s"].value == pytest.approx(0.25)
