@@ -2,7 +2,7 @@
 
 The parts: the oracle bound (best, mean and worst of 20 candidates in hindsight), the first motion and those
 after it, seconds to a given error by the length of segments, tasks, a fast arm of seven joints that served
-for no choice of settings, and flights of 15 and 30 s. A cell is a part, an arm and a seed; each is a file,
+for no choice of settings, flights of 15 and 30 s and the room they take. A cell is a part, an arm and a seed; each is a file,
 so that an interrupted study goes on.
 """
 
@@ -60,7 +60,7 @@ def rows_of(folder: Path, seeds: Sequence[int]) -> list[Row]:
 
 
 def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
-    unit = UNITS.get(arm, "deg")
+    unit = UNITS.get(part, "deg")
     rows = []
     for key in cells[0]:
         found = [c[key] for c in cells]
@@ -72,7 +72,7 @@ def _part_rows(part: str, arm: str, cells: list[Cell]) -> list[Row]:
     return rows + (seconds_rows(arm, cells) if part == "lengths" else [])
 
 
-UNITS = {"seven": "%", "quadrotor_rough": "m"}
+UNITS = {"chain": "%", "flights": "m", "room": "1"}
 """Of errors, where they are no angles."""
 AGAINST: dict[str, tuple[str, ...]] = {
     "designed": ("random", "repeated"),

@@ -1,16 +1,28 @@
-"""The part of the study of design about flights: is 30 s of flight better spent on two than on one?"""
+"""The parts of the study of design about flights: is 30 s better spent on two flights than on one, and is the
+room enough that is kept for what tracking takes?
+"""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 
+from etude.campaign.create import create_campaign
+from etude.campaign.folder import Campaign
+from etude.campaign.simulate import simulate
 from etude.contracts import Array, Controller, Log
+from etude.logs.log_file import read_log_file
 from etude.robots.quadrotor.controller import leaning
 from etude_studies.flight_world import Flights
 
 LENGTHS = (15.0, 30.0)
 SECONDS = 60.0
 """s of flight in all."""
+FLIGHTS = 4
+"""Of a campaign."""
 MOTION, RUN, FIT, TEST = range(4)
 """Streams of random numbers."""
 
@@ -57,3 +69,29 @@ def _judged(own: Flights, controller: Controller, logs: list[Log], seed: int) ->
     ]
     length = own.world.config.trajectory.duration
     return {f"{length:g}-s after {length * len(logs):g} s": float(np.mean(errors))}
+
+
+def room(name: str, seed: int) -> dict[str, float]:
+    """How many of a campaign's flights left their room, and how far each left its plan, in parts of what the
+    certificate kept for it.
+    """
+    with TemporaryDirectory() as folder:
+        campaign, _ = create_campaign(Path(folder) / "campaign", name, seed=seed)
+        for _ in simulate(campaign, FLIGHTS):
+            pass
+        rounds = campaign.state().rounds.values()
+        found = {"left": float(sum(r.abandoned for r in rounds)), "flights": float(len(rounds))}
+        told = [r.number for r in rounds if not r.abandoned]
+        return found | {
+            f"of margin {place}": _of_margin(campaign, n) for place, n in enumerate(told, start=1)
+        }
+
+
+def _of_margin(campaign: Campaign, number: int) -> float:
+    """Largest distance from the plan along x, y or z in parts of what is kept there between plan and wall."""
+    log = read_log_file(campaign.path / "runs" / f"{number:04d}.parquet")
+    proposal = campaign.path / "proposals" / f"{number:04d}" / "certificate.json"
+    rows = [row for row in json.loads(proposal.read_bytes())["rows"] if row["quantity"] == "position"]
+    kept = np.asarray(campaign.spec.upper) - [row["upper"] for row in rows]
+    away: Array = np.abs(log["position_des"] - log["position"]).max(axis=0)
+    return float((away / kept).max())

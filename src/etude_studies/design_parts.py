@@ -10,7 +10,7 @@ import numpy as np
 from etude.contracts import Array, Log, Trajectory
 from etude.trajectories.moves import PointToPoint
 from etude_studies.design_arms import Arm, arm_of
-from etude_studies.design_flights import flights
+from etude_studies.design_flights import flights, room
 from etude_studies.world import one_period
 
 Cell = dict[str, float]
@@ -195,5 +195,6 @@ PARTS: dict[str, tuple[Callable[[str, int], Cell], tuple[str, ...]]] = {
     "lengths": (lengths, ("arm4_rough",)),
     "oracle": (oracle, ("arm4_rough",)),
     "flights": (flights, ("quadrotor_rough",)),
+    "room": (room, ("quadrotor_rough",)),
 }
 """By name: what one cell measures, and of which arms."""

@@ -94,3 +94,12 @@ def test_short_flights_are_held_against_long_ones_in_metres(tmp_path: Path) -> N
     rows = {row.metric: row for row in rows_of(tmp_path, (1, 2))}
     assert rows["flights_quadrotor_rough_15-s_after_30_s"].unit == "m"
     assert rows["flights_quadrotor_rough_15-s_after_30_s_over_30-s"].value == pytest.approx(0.25)
+
+
+def test_flights_are_judged_by_what_their_certificates_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(design_flights, "FLIGHTS", 1)
+    found = design_flights.room("quadrotor_rough", 3)
+    assert set(found) == {"left", "flights", "of margin 1"}
+    assert found["flights"] - found["left"] == 1.0
+    away = found["of margin 1"] * 1.0  # m: what the vehicle's file keeps before any log
+    assert 0.2 < away < 5.0
