@@ -2,8 +2,8 @@
 
 The parts: the oracle bound (best, mean and worst of 20 candidates in hindsight), the first motion and those
 after it, seconds to a given error by the length of segments, tasks, a fast arm of seven joints that served
-for no choice of settings, flights of 15 and 30 s and the room they take. A cell is a part, an arm and a seed; each is a file,
-so that an interrupted study goes on.
+for no choice of settings, flights of 15 and 30 s and the room they take. A cell is a part, an arm and a
+seed; each is a file, so that an interrupted study goes on.
 """
 
 from __future__ import annotations
