@@ -162,8 +162,12 @@ def cross(a: Operand, b: Operand) -> Operand:
     """
     if isinstance(a, Value) or isinstance(b, Value):
         return _cycled(a, 1) * _cycled(b, 2) - _cycled(a, 2) * _cycled(b, 1)
-    parts = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
-    return np.stack(parts, axis=-1)
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    found = np.empty((*x.shape, 3), x.dtype)  # np.stack alone takes as long as all of this
+    found[..., 0] = x
+    found[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    found[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return found
 
 
 def _cycled(v: Operand, by: int) -> Operand:

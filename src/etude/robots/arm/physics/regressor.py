@@ -18,17 +18,19 @@ Array = NDArray[np.float64]
 
 def _skew(v: Array) -> Array:
     """(n, 3, 3) matrices with skew(v) w = v x w."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    found = np.zeros((len(v), 3, 3))
+    found[:, (2, 0, 1), (1, 2, 0)] = v
+    found[:, (1, 2, 0), (2, 0, 1)] = -v
+    return found
 
 
 def _inertia_map(w: Array) -> Array:
     """(n, 3, 6) matrices with L(w) [Ixx Iyy Izz Ixy Ixz Iyz] = I w."""
-    zero = np.zeros(len(w))
-    x, y, z = w.T
-    rows = [x, zero, zero, y, z, zero, zero, y, zero, x, zero, z, zero, zero, z, zero, x, y]
-    return np.stack(rows, axis=1).reshape(-1, 3, 6)
+    found = np.zeros((len(w), 3, 6))
+    found[:, (0, 1, 2), (0, 1, 2)] = w
+    found[:, (0, 0, 1), (3, 4, 5)] = w[:, (1, 2, 2)]
+    found[:, (1, 2, 2), (3, 4, 5)] = w[:, (0, 0, 1)]
+    return found
 
 
 def body_wrench_map(acceleration: Array, omega: Array, alpha: Array) -> Array:
