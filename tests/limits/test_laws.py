@@ -181,7 +181,7 @@ def test_margins_learned_by_form_are_kept_off() -> None:
     rows = limit.prove(still)
     assert [(row.lower, row.upper, row.margin, row.confidence) for row in rows] == [
         (-0.9, 0.9, 0.1, 0.95),
-        (-0.95, 0.95, 0.05, 1.0),  # what its owner keeps: no log speaks of it
+        (-0.95, 0.95, 0.05, 0.0),  # what its owner keeps: no log shows that it is enough
     ]
     speed = NormLimit("speed", 1, (0, 1), 1.0, margins=margins)
     row = speed.prove(still)[0]

@@ -161,8 +161,7 @@ class NormLimit(Convex):
         """Lower and upper less the margin, the margin, and its confidence."""
         learned, confidence = tracked(0.0, self.margins, form, self.order, list(self.axes))
         margin = max(self.margin, float(np.linalg.norm(learned)))
-        unmeasured = confidence.min() == 0.0 and margin <= self.margin
-        sure = 1.0 if unmeasured else float(confidence.min())
+        sure = 0.0 if self.margin > 0.0 and not np.any(learned > 0.0) else float(confidence.min())
         return None if self.lower is None else self.lower + margin, self.upper - margin, margin, sure
 
     def check_room(self, form: str) -> None:

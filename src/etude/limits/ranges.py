@@ -93,16 +93,16 @@ def tracked(
 ) -> tuple[Array, Array]:
     """(n,) what is kept for the tracking error, and (n,) with which confidence.
 
-    The larger of a fixed margin and that of motions of that form. A fixed one is its owner's word, 1, unless
-    logs speak of it; one that nobody measured adds nothing to the word of an owner who kept more.
+    The larger of a fixed margin and that of motions of that form. A fixed one is its owner's word, which is
+    assumed until logs speak of it.
     """
     fixed = np.broadcast_to(np.asarray(margin, dtype=float), (len(axes),))
+    unmeasured = np.where(fixed > 0.0, 0.0, 1.0)
     table, confidence = margins.get(form, (np.zeros((0, 0)), 1.0))
     if order >= len(table):
-        return fixed, np.ones(len(axes))
+        return fixed, unmeasured
     own, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
-    silent = np.isnan(own) | ((sure == 0.0) & (own <= fixed))
-    return np.fmax(fixed, own), np.where(silent, 1.0, sure)
+    return np.fmax(fixed, own), np.where(np.isnan(own), unmeasured, sure)
 
 
 def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
