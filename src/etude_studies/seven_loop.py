@@ -23,7 +23,7 @@ STIFF, DAMPED = 10.0, 0.05
 
 @dataclass(frozen=True, eq=False)
 class SevenLoop:
-    """Stands in for a simulated robot: `run`, `inverse`, `spec`, `world`."""
+    """Stands in for a simulated robot: `run`, `inverse`, `inverse_along`, `spec`, `world`."""
 
     arm: SevenJoints
 
@@ -40,6 +40,10 @@ class SevenLoop:
     def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, 7) exact torques, N m."""
         return self.arm.inverse(q, qd, qdd) + ARMATURE * qdd
+
+    def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T, 7) the same: its friction remembers nothing."""
+        return self.inverse(q, qd, qdd)
 
     def run(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
         """Follows the motion by PD control and what the controller plans, for as long as the motion lasts."""

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from etude.robots.arm.controller import PerfectController
+from etude.trajectories.moves import PointToPoint
 from etude_studies.closed_loops import CONTROLS, FORMS, ROBOTS, ROWS, RUNS, Case, cases, run_row, summary
+from etude_studies.seven_loop import seven_loop
 
 
 def test_a_thousand_loops_have_margins() -> None:
@@ -26,6 +29,18 @@ def test_the_table_counts_what_is_outside_and_what_was_covered() -> None:
     assert lines[1].split()[-6:] == ["1", "0.0", "100.0", "100.0", "100.0", "0.0"]
     assert lines[2].split()[-6:] == ["2", "50.0", "50.0", "50.0", "100.0", "50.0"]
     assert len(lines) == 5
+
+
+def test_the_arm_of_seven_joints_follows_better_with_its_exact_inverse() -> None:
+    arm, rng = seven_loop(), np.random.default_rng(4)
+    middle, size = 0.5 * (arm.spec.upper + arm.spec.lower), 0.2 * (arm.spec.upper - arm.spec.lower)
+    motion = PointToPoint(np.stack([middle, middle + size]), arm.spec.velocity, 0.1, arm.spec.acceleration)
+    errors = []
+    for controller in (None, PerfectController(arm)):
+        log = arm.run(motion, controller, rng)
+        planned = motion.motion(np.maximum(log.t, 0.0), 1).orders[0]
+        errors.append(np.abs(log["q_true"] - planned)[log.t > 0.0].max())
+    assert errors[1] < 0.5 * errors[0]
 
 
 @pytest.mark.slow
