@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.contracts import Array, Log, Samples, Trajectory
+from etude.contracts import Array, Controller, Log, Samples, Trajectory
 from etude.design.candidates import Source
 from etude.design.chain import design_chain, linked
 from etude.design.prior import prior_latents
@@ -132,8 +132,7 @@ class Arm:
         """
         if hasattr(self.made, "error"):
             controller = self.world.kind.controller(self.world.spec, self.world.config, model)
-            logs = [self.made.run(test, controller, rng) for test in tests]
-            return float(np.mean([self.made.error(log)[0] for log in logs]))
+            return self.tracked(controller, tests, rng)
         found = []
         for test in tests:
             t = np.arange(0.0, test.duration, 0.05)
@@ -143,6 +142,13 @@ class Arm:
             wrong = np.abs(model.predict(log)[0] - self.made.inverse(q, qd, qdd))
             found.append(wrong / self.world.kind.limit(self.world.spec))
         return 100.0 * float(np.mean(np.concatenate(found)))
+
+    def tracked(
+        self, controller: Controller | None, tests: Sequence[Trajectory], rng: np.random.Generator
+    ) -> float:
+        """Mean tracking error on the tests, deg, of an arm that is simulated in its loop."""
+        logs = [self.made.run(test, controller, rng) for test in tests]
+        return float(np.mean([self.made.error(log)[0] for log in logs]))
 
     def tests(self, rng: np.random.Generator) -> list[Trajectory]:
         """The kind's tests; of an arm that follows exactly, more of them and random motions too."""
