@@ -156,3 +156,16 @@ def test_refusals() -> None:
         Prior(np.zeros(2), np.zeros(2))
     with pytest.raises(UsageError, match="differ"):
         Prior(np.zeros(2), np.ones(3))
+
+
+@METHODS
+def test_a_joint_that_turned_one_way_claims_no_boundless_force_when_it_turns_back(method) -> None:
+    X, y = arm_like(40)
+    one_way = X[:, 2] > 0.1
+    X_told, y_told = X[one_way], y[one_way]
+    assert 0.0 < np.ptp(X_told[:, 6]) < 1e-7  # tanh(qd / v0) is 1 up to its last digits
+    gp = fit(initial_gp(KERNELS[1], X_told, y_told, noise_floor=0.5), X_told, y_told, method=method)
+    mean, variance = gp.condition(X_told, y_told).predict(X)
+    size = np.abs(y).max()
+    assert np.sqrt(variance).max() < 10.0 * size
+    assert np.abs(mean).max() < 10.0 * size

@@ -16,6 +16,8 @@ LENGTH_DEVIATION = 1.5
 AMPLITUDE_DEVIATION = 1.0
 SLOPE_DEVIATION = 1.5
 NOISE_DEVIATION = 1.5
+LEAST_VARIATION = 1e-3
+"""Half range of an input that varies, as a fraction of its size."""
 NOISE_FRACTION = 0.1
 """Centre of the noise prior as a fraction of the outputs' deviation."""
 
@@ -61,9 +63,12 @@ def weak_prior(kernel: Kernel, X: Array, y: Array) -> Prior:
 def data_scales(X: Array, y: Array) -> tuple[Array, float]:
     """Half range (D,) of each input and deviation of the centred outputs; 1 where the data do not vary.
 
-    y (n,), or (n, m) for the deviation of all its columns.
+    y (n,), or (n, m) for the deviation of all its columns. What saturates, as the friction input of a joint
+    that turns one way, does not vary by its last digits: a length of 1e-12 would claim any force when it turns
+    back.
     """
     half_range = 0.5 * (X.max(axis=0) - X.min(axis=0))
     y = y.T.ravel()
     scale = float(np.sqrt(np.mean(y * y)))
-    return np.where(half_range > 0.0, half_range, 1.0), scale if scale > 0.0 else 1.0
+    varies = half_range > LEAST_VARIATION * np.abs(X).max(axis=0)
+    return np.where(varies, half_range, 1.0), scale if scale > 0.0 else 1.0
