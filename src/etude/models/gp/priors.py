@@ -64,7 +64,7 @@ def data_scales(X: Array, y: Array) -> tuple[Array, float]:
     """Half range (D,) of each input and deviation of the centred outputs; 1 where the data do not vary.
 
     y (n,), or (n, m) for the deviation of all its columns. What saturates, as the friction input of a joint
-    that turns one way, does not vary by its last digits: a length of 1e-12 would claim any force when it turns
+    that turns one way, does not vary by its last digits: a length of 1e-12 claims any force when it turns
     back.
     """
     half_range = 0.5 * (X.max(axis=0) - X.min(axis=0))
