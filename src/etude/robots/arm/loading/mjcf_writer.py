@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.attached import Additions, Attached, tip
+from etude.robots.arm.loading.attached import Additions, Attached, free_name, tip
 from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mjcf_additions import add_carried, mounted
@@ -168,8 +168,9 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     writer.geoms(world, 0, shapes.get(0, ()))
     for b in range(1, model.nbody):
         elements[b] = writer.body(elements[int(model.body_parentid[b])], b, shapes)
+    bodies = [name_of(model, b) for b in range(model.nbody)]
     for what, one in added.carried:
-        add_carried(elements[_carrier(model, choice, what, one)], what, one)
+        add_carried(elements[_carrier(model, choice, what, one)], free_name(what, bodies), one)
     for name in writer.assets:
         ET.SubElement(asset, "mesh", name=name.removesuffix(".obj"), file=name)
     if drives:
