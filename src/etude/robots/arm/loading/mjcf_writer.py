@@ -28,13 +28,14 @@ NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
 
 @dataclass(frozen=True)
 class Written:
-    """The new file. Attributes as of `loaded.Loaded`."""
+    """The new file. `shapes` by name are geoms of the model; other attributes as of `loaded.Loaded`."""
 
     xml: str
     assets: Mapping[str, bytes]
     notes: tuple[str, ...]
     unseen: tuple[str, ...]
     excluded: tuple[tuple[str, str], ...]
+    shapes: Mapping[str, int]
 
 
 @dataclass
@@ -178,7 +179,9 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
 
         add_drives(model, choice.joints, root, elements)
     xml = ET.tostring(root, encoding="unicode")
-    return Written(xml, writer.assets, notes, tuple(writer.unseen), _excluded(model, writer.names))
+    names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}
+    excluded = _excluded(model, writer.names)
+    return Written(xml, writer.assets, notes, tuple(writer.unseen), excluded, names)
 
 
 def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:
