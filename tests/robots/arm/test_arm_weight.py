@@ -172,6 +172,7 @@ def test_one_limit_in_another_unit_is_named_and_no_other(name: str, times: float
         assert joint in said[0]
         assert not any(other in said[0] for other in spec.names if odd and other != joint)
         assert times < 1.0 or odd
+        assert not (odd and any(f"{joint} takes" in sentence for sentence in found)), "once is enough"
 
 
 def test_one_number_for_joints_of_all_sizes_is_named() -> None:
