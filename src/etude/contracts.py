@@ -660,14 +660,34 @@ class Choosing(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Thing:
+    """Something beside a robot, as flat faces.
+
+    Attributes:
+        name: that a person gave it.
+        kind: "solid": the robot stays out of it; "plane": one face without end, of which the points show a
+            part about the robot, which stays on one side; "inside": it stays in there; "carried" by it;
+            "stand": a line from its base down to the floor.
+        points: (T, P, 3) m in the world along the poses of a figure, T = 1 for what stands still.
+        faces: convex polygons, each the numbers of its points in order.
+    """
+
+    name: str
+    kind: Literal["solid", "plane", "inside", "carried", "stand"]
+    points: Array
+    faces: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Figure:
     """A robot as sticks: points (T, P, 3) m in the world along T poses; sticks (S, 2) pairs of points; tips:
-    the points at its ends.
+    the points at its ends; things: what stands around it and what it carries.
     """
 
     points: Array
     sticks: Index
     tips: tuple[int, ...]
+    things: tuple[Thing, ...] = ()
 
 
 class Drawn(Protocol):

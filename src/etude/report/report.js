@@ -22,18 +22,19 @@
   // a figure of sticks: plays at its own speed while it is in sight, and stands where less motion is asked for
   const less = window.matchMedia("(prefers-reduced-motion: reduce)");
   document.querySelectorAll(".stage").forEach((stage) => {
-    const { step, sticks, pixels } = JSON.parse(stage.dataset.motion);
-    const [button, range, output, limb] = ["button", "input", "output", ".robot path"].map((what) => stage.querySelector(what));
+    const { step, sticks, carried, pixels } = JSON.parse(stage.dataset.motion);
+    const [button, range, output] = ["button", "input", "output"].map((what) => stage.querySelector(what));
+    const [limb, ...held] = stage.querySelectorAll(".robot path");
     const end = Number(range.max);
     const width = Math.round(pixels.length / (Math.round(end / step) + 1));
     let time = 0, playing = false, inSight = false, last = null;
     const draw = () => {
       const frame = Math.min(Math.floor(time / step), pixels.length / width - 2);
       const share = Math.min(time / step - frame, 1);
-      const at = (i) => (0.1 * (pixels[frame * width + i] * (1 - share) + pixels[(frame + 1) * width + i] * share)).toFixed(1);
-      let line = "";
-      sticks.forEach((point, k) => { line += (k % 2 ? "L" : "M") + at(2 * point) + " " + at(2 * point + 1); });
-      limb.setAttribute("d", line);
+      const number = (i) => (0.1 * (pixels[frame * width + i] * (1 - share) + pixels[(frame + 1) * width + i] * share)).toFixed(1);
+      const at = (point) => number(2 * point) + " " + number(2 * point + 1);
+      limb.setAttribute("d", sticks.map((point, k) => (k % 2 ? "L" : "M") + at(point)).join(""));
+      held.forEach((path, k) => path.setAttribute("d", carried[k].map((face) => "M" + face.map(at).join("L") + "Z").join("")));
       range.value = time;
       output.textContent = time.toFixed(1) + " s";
     };

@@ -206,7 +206,7 @@ def test_a_floor_is_assumed_where_the_base_can_stand_on_one(tmp_path, height: fl
     from etude.robots.arm.clearance.of_robot import completed
     from etude.robots.arm.loading.load import load_arm
 
-    around, confirm = completed(spec, load_arm(spec), assume_floor=True)
+    around, confirm = completed(spec, load_arm(spec), whole_file=True)
     assert (around.floor == Floor(0.0)) == assumed
     assert ("A floor is assumed" in confirm[0]) == assumed
     assert ("No floor is assumed" in confirm[0]) != assumed

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rehearsal_examples import ARM, GRAVITY, LEVER, spec_of
+from robots_of_others import robot_of
 from test_loading_arms import ARMS, Arm
 
 import etude
@@ -155,6 +156,39 @@ def test_a_motion_beyond_what_drives_hold_is_drawn_back(tmp_path: Path) -> None:
     assert max(-row.proved_lower, row.proved_upper) <= 20.0
     with pytest.raises(UnsafeTrajectoryError, match="torque of 'lift' may reach"):
         require_certified(reaching_out(), etude.open_campaign(tmp_path / "lab").limits())
+
+
+@pytest.mark.parametrize("name", ["panda", "z1", "tiago"])
+@pytest.mark.parametrize("times", [1000.0, 0.001])
+def test_one_limit_in_another_unit_is_named_and_no_other(name: str, times: float) -> None:
+    spec = robot_of(name)
+    home = 0.5 * (spec.lower + spec.upper)
+    assert not any("apart" in sentence for sentence in sentences(spec, home))
+    for j, joint in enumerate(spec.names):
+        found = sentences(replace_command(spec, j, times * spec.command[j]), home)
+        odd = [sentence for sentence in found if "apart from those of the other joints" in sentence]
+        said = odd or [sentence for sentence in found if f"{joint} takes" in sentence]
+        assert said, (joint, found)
+        assert joint in said[0]
+        assert not any(other in said[0] for other in spec.names if odd and other != joint)
+        assert times < 1.0 or odd
+        assert not (odd and any(f"{joint} takes" in sentence for sentence in found)), "once is enough"
+
+
+def test_one_number_for_joints_of_all_sizes_is_named() -> None:
+    spec = robot_of("ur10")
+    home = 0.5 * (spec.lower + spec.upper)
+    assert sentences(spec, home) == ()
+    for command, named in ((1000.0, True), (150.0, False)):
+        for j in range(spec.dof):
+            spec = replace_command(spec, j, command)
+        assert any("state the same command limit" in sentence for sentence in sentences(spec, home)) == named
+
+
+def test_limits_in_two_groups_of_one_size_are_nobodys_fault(tmp_path: Path) -> None:
+    spec = arm(tmp_path, 60.0)
+    assert sentences(replace_command(spec, 0, 1e5), np.zeros(3)) == ()  # one of two hinges: which is it?
+    assert sentences(replace_command(spec, 2, 1e5), np.zeros(3)) == ()  # a slide has a unit of its own
 
 
 PLACEHOLDERS = {"ur3_robot": "placeholders", "so100": "placeholders", "pr2": NO_MOTION}

@@ -81,7 +81,8 @@ def test_shapes_are_what_collides_by_the_name_of_its_body(mjcf: Path) -> None:
     assert sorted(names) == ["a#0", "b#0", "c#0", "f1#0", "f2#0"]
     assert model.body(int(model.geom_bodyid[names.index("f1#0")])).name == "c"
     assert loaded.excluded == (("a#0", "c#0"),)
-    assert any("plane" in note for note in loaded.notes)
+    assert [plane.point for plane in loaded.planes] == [(0.0, 0.0, 0.0)]
+    assert loaded.beside == {}
     np.testing.assert_allclose(np.ptp(model.mesh_vert, axis=0), [0.2, 0.2, 0.2], atol=1e-6)
     np.testing.assert_allclose(np.sum(model.body_mass), np.sum(original().body_mass))
 

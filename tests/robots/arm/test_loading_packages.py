@@ -164,3 +164,59 @@ def test_a_file_of_a_package_is_found_in_its_share(tmp_path: Path) -> None:
     assert found is not None
     assert found.is_file()
     assert MeshPaths(tmp_path / "panda.urdf").find(name) is None
+
+
+def relative(folder: Path, name: str = BASE) -> Path:
+    """A model whose meshes are named without a package, in a folder of its own."""
+    model = two(folder, "arm")
+    model.write_text(model.read_text().replace(f"package://arm/{BASE}", name))
+    return model
+
+
+@pytest.mark.parametrize("name", [BASE, f"./{BASE}"])
+def test_a_relative_name_is_meant_from_the_model_file_and_else_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    model = relative(tmp_path, name)
+    package(tmp_path / "arm", "", LONG)  # in the folder above
+    found, said = lengths(model)
+    assert found == [0.7, 0.7, 0.7]
+    sentence = (
+        f"Not found from arm.urdf itself: for {name} what lies below {tmp_path / 'arm'} is taken. If that"
+    )
+    assert said.count(sentence) == 1
+    assert main(["init", str(tmp_path / "lab"), "--robot", str(model)]) == 0
+    assert sentence in capsys.readouterr().out
+    package(tmp_path / "arm/urdf")  # where it is meant
+    assert lengths(model) == ([0.2, 0.2, 0.2], lengths(model)[1])
+    assert "Not found" not in lengths(model)[1]
+
+
+def test_of_two_files_that_a_relative_name_may_be_none_is_taken(tmp_path: Path) -> None:
+    model = relative(tmp_path)
+    package(tmp_path / "arm", "")
+    package(tmp_path, "", LONG)
+    found, said = lengths(model)
+    assert not {0.2, 0.7} & set(found)
+    assert f"Meshes are missing: {BASE} ({tmp_path / 'arm' / BASE} or {tmp_path / BASE})" in said
+    assert "--mesh-root" in said
+    assert lengths(model, tmp_path / "arm")[0] == [0.2, 0.2, 0.2]
+    assert "Meshes are missing" not in lengths(model, tmp_path / "arm")[1]
+
+
+def test_names_that_go_up_are_where_they_say(tmp_path: Path) -> None:
+    model = relative(tmp_path, f"../{BASE}")
+    package(tmp_path / "arm", "", LONG)
+    found, said = lengths(model)
+    assert found == [0.7, 0.7, 0.7]
+    assert "Not found" not in said
+
+
+def test_many_names_are_one_sentence(tmp_path: Path) -> None:
+    for k in range(8):
+        (tmp_path / f"m{k}.obj").write_text(CUBE)
+    (tmp_path / "deep").mkdir()
+    paths = MeshPaths(tmp_path / "deep/arm.urdf")
+    assert all(paths.find(f"m{k}.obj") for k in range(8))
+    (sentence,) = paths.notes
+    assert "m0.obj, m1.obj, m2.obj, m3.obj, m4.obj and 3 more" in sentence

@@ -72,13 +72,13 @@ def describe(
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
         loaded = load_arm(spec, mesh_roots=mesh_roots)
-        if floor := path.suffix.lower() != ".toml":
+        if whole_file := path.suffix.lower() != ".toml":
             check_lengths(loaded)
         crowded = crowded_links(loaded, spec.lower, spec.upper)
         files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
         files |= meshes
         whole, spec = spec, replace(spec, model_file=Path(name))
-        around, of_around = completed(spec, _loaded_from(spec, files), leave, assume_floor=floor)
+        around, of_around = completed(spec, _loaded_from(spec, files), leave, whole_file=whole_file)
         spec = replace(spec, around=around)
         home = np.array(around.search.home) if around.search else 0.5 * (spec.lower + spec.upper)
         confirm = (*confirm, *loaded.notes, *of_around, *weight_sentences(whole, home))

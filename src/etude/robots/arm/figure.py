@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Figure
+from etude.robots.arm.drawn import carried_things, standing_things
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.physics.geometry import read_geometry
 from etude.robots.arm.physics.kinematics import body_motion
@@ -14,6 +15,8 @@ from etude.robots.arm.spec import ArmSpec
 
 def figure(spec: ArmSpec, q: Array) -> Figure:
     """Points: the base, the joints in the robot's order, then the tips of what carries no joint.
+
+    Around it what the robot file says of the room, and what the arm carries.
 
     Raises:
         UsageError: the model file cannot be loaded.
@@ -25,7 +28,8 @@ def figure(spec: ArmSpec, q: Array) -> Figure:
     bodies, carried_by = tree.joint_body.tolist(), tree.parent.tolist()
     before = [_joint_before(j, bodies, carried_by) for j in range(spec.dof)]
     last = sorted(set(range(spec.dof)) - set(before))
-    reaches = tips(load_arm(spec, shapes=False), [spec.names[j] for j in last])
+    loaded = load_arm(spec, shapes=False)
+    reaches = tips(loaded, [spec.names[j] for j in last])
     hands = [
         motion.position[bodies[j]] + motion.rotation[bodies[j]] @ reach
         for j, reach in zip(last, reaches, strict=True)
@@ -35,7 +39,8 @@ def figure(spec: ArmSpec, q: Array) -> Figure:
     ends = range(spec.dof + 1, spec.dof + 1 + len(hands))
     sticks = [(before[j] + 1, j + 1) for j in range(spec.dof)]
     sticks += [(j + 1, end) for j, end in zip(last, ends, strict=True)]
-    return Figure(points, np.array(sticks), tuple(ends))
+    things = (*standing_things(spec.around, spec.mounting), *carried_things(spec, loaded, q))
+    return Figure(points, np.array(sticks), tuple(ends), things)
 
 
 def _joint_before(j: int, bodies: list[int], carried_by: list[int]) -> int:

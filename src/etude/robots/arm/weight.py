@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Mask
 from etude.robots.arm.commands import NO_MOTION
 from etude.robots.arm.physics.geometry import Geometry, read_geometry
 from etude.robots.arm.physics.mean import FORCES
@@ -26,6 +26,10 @@ QUANTILE = 0.95
 """Of what the limits of speed and acceleration ask over random poses, in any direction."""
 STRONG = 10.0
 """Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
+APART, FAR = 10.0, 100.0
+"""Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
+MOST = 0.75
+"""Of the joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +70,10 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
     limit = np.minimum(spec.command, spec.torque)
     weak, loaded = weight.most > limit, weight.moving > 0.0
     found = [_weak(spec, limit, weight)] if weak.any() else []
-    factor = float((spec.command[loaded] / weight.moving[loaded]).min()) if loaded.any() else 0.0
-    return (*found, *((_strong(factor),) if factor > STRONG else ()))
+    factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
+    factor = float(factors.min()) if loaded.any() else 0.0
+    found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
+    return (*found, *_odd(spec, factors, weak))
 
 
 def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
@@ -105,6 +111,51 @@ def _strong(factor: float) -> str:
         "and acceleration: placeholders, or in another unit? They hold back no motion, and scales of "
         "friction and noise follow them: correct command of [[axis]] in robot.toml."
     )
+
+
+def _same(spec: ArmSpec, factors: Array) -> list[str]:
+    """One number for joints of all sizes, far above what most of them ask for."""
+    same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST) > STRONG
+    return [
+        f"All joints state the same command limit, {limit:.4g}, of which most ask for less than a tenth at "
+        "their limits of speed and acceleration: a placeholder? Correct command of [[axis]] in robot.toml."
+        for limit in spec.command[:1]
+        if same
+    ]
+
+
+def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
+    """Limits that lie apart from those of the other joints, and do not fit what the arm asks for either."""
+    said = []
+    for unit in dict.fromkeys(axis.unit for axis in spec.axes):
+        own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
+        for j, times in _apart(spec.command[own]):
+            k, sign = int(own[j]), "N m" if unit == "rad" else "N"
+            if not weak[k] and (max(times, 1.0 / times) > FAR or _unfit(times, factors[k], factors)):
+                said.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
+    if not said:
+        return []
+    return [
+        f"Command limits lie apart from those of the other joints: {'; '.join(said)}. In another unit? "
+        "Correct command of [[axis]] in robot.toml."
+    ]
+
+
+def _unfit(times: float, factor: float, factors: Array) -> bool:
+    """Whether a limit that is `times` the others' does not fit what the arm asks of that joint either."""
+    return factor > STRONG if times > 1.0 else factor < min(1.0, float(np.median(factors)) / APART)
+
+
+def _apart(limits: Array) -> list[tuple[int, float]]:
+    """The fewer of the joints on either side of a gap of `APART`, and their limits by the next beyond it."""
+    order = np.argsort(limits, kind="stable")
+    found = []
+    for k in range(1, len(order)):
+        low, high = limits[order[k - 1]], limits[order[k]]
+        if high > APART * low and 2 * k != len(order):
+            fewer, nearest = (order[:k], high) if 2 * k < len(order) else (order[k:], low)
+            found += [(int(j), float(limits[j] / nearest)) for j in fewer]
+    return found
 
 
 def _at_rest(geometry: Geometry, q: Array) -> Array:

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from etude.contracts import Array, Margins, Proof
-from etude.robots.arm.clearance.gaps import Gaps
+from etude.robots.arm.clearance.floor import with_floor
+from etude.robots.arm.clearance.in_file import from_file
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL, Settled, settled
-from etude.robots.arm.clearance.skeleton import Skeleton
+from etude.robots.arm.clearance.settled import Settled, settled
+from etude.robots.arm.clearance.skeleton import BOX, Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
-from etude.robots.arm.clearance.surroundings import Floor, Surroundings
+from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.of_file import of_file
 from etude.robots.arm.spec import ArmSpec
 
-NO_FLOOR = "No floor is assumed at height 0 m, since {}: add [floor] with its height."
-BELOW = 0.005
-"""m: a base that reaches deeper below its own zero does not stand on a floor there."""
+PLANE = "A plane of the model file is left out: name the floor in [floor] of robot.toml."
 _known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
 
 
@@ -36,7 +33,7 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
         return None
     loaded, complete, proofs = found
     home, lower, upper = search_of(spec)
-    unseen = not_looked_at(loaded, complete.around)
+    unseen = (*beside_base(complete.gaps.skeleton), *not_looked_at(loaded, complete.around))
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     known = {} if margins else proofs
@@ -56,14 +53,15 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
 
 
 def completed(
-    spec: ArmSpec, loaded: Loaded, leave: Pairs = frozenset(), *, assume_floor: bool
+    spec: ArmSpec, loaded: Loaded, leave: Pairs = frozenset(), *, whole_file: bool
 ) -> tuple[Surroundings, tuple[str, ...]]:
     """The robot's surroundings with nothing left open, and what a person should confirm of them.
 
     Args:
         spec: of the robot. loaded: its model.
         leave: pairs of links that an SRDF disables.
-        assume_floor: at height 0, if none is given and nothing of the base is below that.
+        whole_file: take the room that the model file holds, and a floor at 0 where it has none and nothing of
+            the base is below that; else a robot file has said what stands around.
 
     Raises:
         UsageError: as `settled`.
@@ -71,14 +69,14 @@ def completed(
     around, confirm = spec.around, []
     if not around.collision.look:
         return around, ()
-    bare = gaps_of(loaded, spec.lower, spec.upper, Surroundings(floor=Floor(0.0)))
-    if not bare.skeleton.shapes:
+    if not gaps_of(loaded, spec.lower, spec.upper, Surroundings()).skeleton.shapes:
         return around, ()
-    if assume_floor and around.floor is None:
-        around, sentence = _on_a_floor(bare.skeleton, around)
-        if around.floor is not None and (sunk := _sunk(bare)):
-            around, sentence = spec.around, NO_FLOOR.format(f"{', '.join(sunk)} would always be in it")
-        confirm.append(sentence)
+    if whole_file:
+        around, said = from_file(loaded, spec.lower, spec.upper, around)
+        around, of_floor = with_floor(loaded, spec.lower, spec.upper, around)
+        confirm += [*of_floor, *said]
+    elif loaded.planes and around.floor is None:
+        confirm.append(PLANE)
     found = settled(loaded, spec.lower, spec.upper, around, leave)
     return found.around, (*confirm, *found.confirm)
 
@@ -94,6 +92,16 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
     return (*ignored, *(sentence[0].upper() + sentence[1:] + "." for sentence in loaded.unseen), unknown)
 
 
+def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
+    """A sentence for links that hang on the base, where more than their foot is fixed to it: a table."""
+    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.name.startswith(BOX))
+    shaped = {shape.part for shape in skeleton.shapes}
+    first = [skeleton.parts[p] for p in sorted(shaped) if p and skeleton.parent[p] == 0]
+    if len(fixed) < 2 or not first:
+        return ()
+    return (f"The distance of {', '.join(first)} from what is fixed to the base: {', '.join(fixed)}.",)
+
+
 def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] | None:
     if spec.model_file is None or not spec.around.collision.look:
         return None
@@ -104,44 +112,3 @@ def _of(spec: ArmSpec) -> tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]] |
         return loaded, settled(loaded, spec.lower, spec.upper, spec.around, disabled(file)), {}
 
     return of_file(_known, spec, made)
-
-
-def _on_a_floor(skeleton: Skeleton, around: Surroundings) -> tuple[Surroundings, str]:
-    """The surroundings with a floor, if the base can stand on one, and a sentence that says so."""
-    lowest = _lowest(skeleton)
-    if lowest < -BELOW:
-        return around, NO_FLOOR.format(f"the base reaches {-lowest:.3g} m below it")
-    sentence = "A floor is assumed at height 0 m, where the base stands: correct [floor], or take it out."
-    return replace(around, floor=Floor(0.0)), sentence
-
-
-def _sunk(bare: Gaps) -> list[str]:
-    """Links that a floor at height 0 would hold in nearly every pose: the arm hangs, or stands on something.
-
-    A foot that turns on the floor, and so keeps its distance, is none of them.
-
-    Args:
-        bare: the robot's, with that floor as its only wall.
-    """
-    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), FEW))
-    held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
-    return list(
-        dict.fromkeys(gap.names[0] for gap, is_held in zip(bare.walled, held, strict=True) if is_held)
-    )
-
-
-def _lowest(skeleton: Skeleton) -> float:
-    """m, of the shapes that no joint moves; 0 if there are none."""
-    import mujoco
-
-    data = mujoco.MjData(skeleton.model)
-    mujoco.mj_kinematics(skeleton.model, data)
-    heights = [
-        float(
-            (shape.points @ data.geom_xmat[shape.geom].reshape(3, 3)[2]).min() + data.geom_xpos[shape.geom][2]
-        )
-        - shape.radius
-        for shape in skeleton.shapes
-        if shape.part == 0
-    ]
-    return min(heights, default=0.0)

@@ -16,7 +16,7 @@ from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.clearance.gaps import CUTOFF, Gap, Gaps
 from etude.robots.arm.clearance.skeleton import BOX, Skeleton, skeleton_of
-from etude.robots.arm.clearance.surroundings import Box, Column, Surroundings, Wall
+from etude.robots.arm.clearance.surroundings import Column, Surroundings, Wall
 from etude.robots.arm.loading.loaded import Loaded, refused
 
 
@@ -30,7 +30,7 @@ def gaps_of(loaded: Loaded, lower: Array, upper: Array, around: Surroundings) ->
     Raises:
         UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
     """
-    spec = _spec(loaded, around.box)
+    spec = _spec(loaded, around)
     skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper)
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}
@@ -45,8 +45,8 @@ def gaps_of(loaded: Loaded, lower: Array, upper: Array, around: Surroundings) ->
     return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
 
 
-def _spec(loaded: Loaded, boxes: Sequence[Box]) -> Any:
-    """The robot's with all geoms named, without sensors, and with the boxes."""
+def _spec(loaded: Loaded, around: Surroundings) -> Any:
+    """The robot's with all geoms named, without sensors and what boxes stand for, and with the boxes."""
     import mujoco
 
     spec = loaded.spec()
@@ -54,7 +54,8 @@ def _spec(loaded: Loaded, boxes: Sequence[Box]) -> Any:
         spec.delete(sensor)
     for i, geom in enumerate(spec.geoms):
         geom.name = geom.name or f"{geom.parent.name or 'base'}#{i}"
-    for box in boxes:
+    _take_out(spec, around.collision.boxed)
+    for box in around.box:
         turn = [math.cos(0.5 * box.turn), 0.0, 0.0, math.sin(0.5 * box.turn)]
         half = [0.5 * edge for edge in box.size]
         # contacts are none of its business: it takes part through sensors alone
@@ -63,6 +64,19 @@ def _spec(loaded: Loaded, boxes: Sequence[Box]) -> Any:
             name=BOX + box.name, type=kind, size=half, pos=box.centre, quat=turn, contype=0, conaffinity=0
         )
     return spec
+
+
+def _take_out(spec: Any, boxed: Sequence[str]) -> None:
+    shapes = {geom.name: geom for geom in spec.geoms}
+    lost = [name for name in boxed if name not in shapes]
+    if lost:
+        raise UsageError(
+            f"the model file has no shape {', '.join(lost)}",
+            where="collision.boxed",
+            next_step="Take out of it what boxes no longer stand for.",
+        )
+    for name in boxed:
+        spec.delete(shapes[name])
 
 
 def _compiled(spec: Any, loaded: Loaded) -> Any:

@@ -3,6 +3,7 @@
 [collision]
 margin = 0.01               # m, kept beyond what tracking needs
 ignore = [["link1", "link3"]]   # links whose distance is nobody's business
+boxed = ["table#0"]         # shapes of the model file that do not count: boxes of this file stand for them
 look = true                 # false: no distance is looked at
 [floor]
 height = 0.0                # m, in the room that the base is mounted in; the robot stays above
@@ -50,11 +51,13 @@ class Collision:
     Attributes:
         margin: m, kept beyond what tracking needs; half of a pair's distance at home if that is less.
         ignore: pairs of links, as in the model file, whose distance is not looked at.
+        boxed: shapes of the model file, "link#k", that do not count: boxes of the robot file stand for them.
         look: False: no distance is.
     """
 
     margin: float = MARGIN
     ignore: tuple[tuple[str, str], ...] = ()
+    boxed: tuple[str, ...] = ()
     look: bool = True
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from etude.contracts import Index
 from etude.errors import UsageError
+from etude.robots.arm.clearance.surroundings import Wall
 
 if TYPE_CHECKING:
     import mujoco
@@ -32,6 +33,8 @@ class Loaded:
         unseen: one sentence for each thing that a certificate did not look at: shapes guessed, a base taken
             to be fixed, joints taken to be held.
         excluded: pairs of geoms that an MJCF excludes from contact, by name.
+        planes: of an MJCF's world, in the frame of the file; they are no shapes of the model.
+        beside: shape -> a name for it, of what an MJCF's world holds apart from the robot.
         source: the file, for messages.
     """
 
@@ -42,6 +45,8 @@ class Loaded:
     notes: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
+    planes: tuple[Wall, ...] = ()
+    beside: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
 
     def spec(self) -> Any:

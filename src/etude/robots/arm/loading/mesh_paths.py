@@ -3,7 +3,8 @@
 `package://arm_description/meshes/a.stl` names a package, which is looked for by its name (`packages`). Where
 there is none, a file of the same path on the way up from the model file may be what is meant: a folder that
 was renamed. Or it is another package's mesh, of which many are called meshes/base.stl. So it is taken only if
-there is one, which no other name means, and it is said which.
+there is one, which no other name means, and it is said which. `meshes/a.stl` without a package is meant from
+the model file; where it is not there, the same holds of files of that path on the way up.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from pathlib import Path
 
 from etude.robots.arm.loading.mesh_readers import READERS
 from etude.robots.arm.loading.packages import declared, folders_of
+
+FEW = 5
+"""Names that are written out."""
 
 
 @dataclass
@@ -43,11 +47,11 @@ class MeshPaths:
         by_folder: dict[tuple[str, Path], list[str]] = {}
         for name, path in self._guessed.items():
             scheme, package, inside = _parts(name)
-            key = f"{scheme}://{package}", _holder(path, inside)
+            key = f"{scheme}://{package}" if scheme else "", _holder(path, inside)
             by_folder.setdefault(key, []).append(inside)
         return tuple(
-            f"{package} is not found: for its {', '.join(dict.fromkeys(inside))} what lies below {folder} is "
-            "taken. If that is another's, name the folder that is meant with --mesh-root."
+            f"{_lacking(package, self.model)} {_few(list(dict.fromkeys(inside)))} what lies below {folder} "
+            "is taken. If that is another's, name the folder that is meant with --mesh-root."
             for (package, folder), inside in by_folder.items()
         )
 
@@ -63,7 +67,7 @@ class MeshPaths:
         if absolute.is_absolute() and absolute.is_file():
             return absolute
         if not scheme:
-            starts = (*self.roots, *self.model.resolve().parents)
+            starts = (*self.roots, self.model.resolve().parent)
             return next((start / name for start in starts if (start / name).is_file()), None)
         folders = folders_of(package, self.model, self.roots) if package else ()
         return next((one / inside for one in folders if (one / inside).is_file()), None)
@@ -71,10 +75,11 @@ class MeshPaths:
     def _guess(self, name: str) -> Path | None:
         """The one file of that path, with its package or without, below a root or on the way up."""
         scheme, package, inside = _parts(name)
-        if not scheme or any(declared(one) == package for one in folders_of(package, self.model, self.roots)):
+        if scheme and any(declared(one) == package for one in folders_of(package, self.model, self.roots)):
             return None  # the package is there, and such a mesh is not in it
+        tails = dict.fromkeys((f"{package}/{inside}" if package else inside, inside))
         for starts in (self.roots, self.model.resolve().parents):
-            places = [start / tail for start in starts for tail in (f"{package}/{inside}", inside) if tail]
+            places = [start / tail for start in starts for tail in tails if tail]
             files = {path.resolve(): path for path in places if path.is_file()}
             free = [path for own, path in files.items() if own not in self._meant]
             if len(free) > 1:
@@ -92,6 +97,16 @@ class MeshPaths:
         return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
 
 
+def _lacking(package: str, model: Path) -> str:
+    """What is not where a name says, as the beginning of a sentence."""
+    return f"{package} is not found: for its" if package else f"Not found from {model.name} itself: for"
+
+
+def _few(names: list[str]) -> str:
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return f"{', '.join(names[:FEW])}{more}"
+
+
 def _parts(name: str) -> tuple[str, str, str]:
     """Scheme, package and path of "scheme://package/path"; a path without scheme has no package."""
     scheme, found, rest = name.partition("://")
@@ -103,7 +118,7 @@ def _parts(name: str) -> tuple[str, str, str]:
 
 def _holder(path: Path, inside: str) -> Path:
     """The folder that the path `inside` begins in."""
-    return Path(str(path).removesuffix(inside))
+    return Path(str(path).removesuffix(str(Path(inside))))
 
 
 def _readable(path: Path) -> Path:

@@ -10,6 +10,7 @@ from etude.errors import UsageError
 from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.loading.mjcf_beside import beside, planes_of
 from etude.robots.arm.loading.mjcf_compiled import compiled
 from etude.robots.arm.loading.mjcf_couplings import check_loops, notes_of, unseen_of
 from etude.robots.arm.loading.mjcf_joints import BALL, FREE, HINGE, SLIDE, moving
@@ -36,7 +37,9 @@ def load_mjcf(
     unseen = (base, *stays, *choice.unseen, *lost, *unseen_of(model, choice), *new.unseen, *added.unseen())
     lying = [f"Bodies that lie free are taken to stay where the file puts them: {', '.join(bodies)}."]
     notes = (*choice.notes, *(lying if bodies else ()), *found.notes, *notes_of(model, choice), *new.notes)
-    return Loaded(new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded, str(path))
+    room = {"planes": planes_of(model), "beside": beside(model, choice, new.shapes)}
+    head = (new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded)
+    return Loaded(*head, **room, source=str(path))  # type: ignore[arg-type]
 
 
 def chosen_in(

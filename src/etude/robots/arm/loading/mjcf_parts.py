@@ -31,8 +31,9 @@ def shapes_of_bodies(
             drawn.append(name_of(model, part))
         if part and not geoms:
             unseen.append(f"the shape of body '{name_of(model, part)}': the file has none")
-        if any(int(model.geom_type[g]) == PLANE for b in bodies for g in geoms_of(model, b)):
-            notes.append("A plane of the file is left out: it is the room, not the robot.")
+        moving = [b for b in bodies if model.body_weldid[b]]  # what never moves is the room's: mjcf_beside
+        if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
+            notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
     if drawn and model.geom_contype.any():  # a file in which nothing collides means nothing by it
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
     return kept, tuple(notes)

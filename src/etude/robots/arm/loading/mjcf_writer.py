@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.attached import Additions, Attached, tip
+from etude.robots.arm.loading.attached import Additions, Attached, free_name, tip
 from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mjcf_additions import add_carried, mounted
@@ -28,13 +28,14 @@ NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
 
 @dataclass(frozen=True)
 class Written:
-    """The new file. Attributes as of `loaded.Loaded`."""
+    """The new file. `shapes` by name are geoms of the model; other attributes as of `loaded.Loaded`."""
 
     xml: str
     assets: Mapping[str, bytes]
     notes: tuple[str, ...]
     unseen: tuple[str, ...]
     excluded: tuple[tuple[str, str], ...]
+    shapes: Mapping[str, int]
 
 
 @dataclass
@@ -168,8 +169,9 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     writer.geoms(world, 0, shapes.get(0, ()))
     for b in range(1, model.nbody):
         elements[b] = writer.body(elements[int(model.body_parentid[b])], b, shapes)
+    bodies = [name_of(model, b) for b in range(model.nbody)]
     for what, one in added.carried:
-        add_carried(elements[_carrier(model, choice, what, one)], what, one)
+        add_carried(elements[_carrier(model, choice, what, one)], free_name(what, bodies), one)
     for name in writer.assets:
         ET.SubElement(asset, "mesh", name=name.removesuffix(".obj"), file=name)
     if drives:
@@ -177,7 +179,9 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
 
         add_drives(model, choice.joints, root, elements)
     xml = ET.tostring(root, encoding="unicode")
-    return Written(xml, writer.assets, notes, tuple(writer.unseen), _excluded(model, writer.names))
+    names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}
+    excluded = _excluded(model, writer.names)
+    return Written(xml, writer.assets, notes, tuple(writer.unseen), excluded, names)
 
 
 def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:

@@ -62,7 +62,7 @@ def load_urdf(
     xml = ET.tostring(new, encoding="unicode")
     notes = (*choice.notes, *masses.notes, *shapes.notes)
     unseen = (*_base(tree), *choice.unseen, *shapes.unseen, *added.unseen())
-    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen, (), str(path))
+    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen, source=str(path))
 
 
 def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.attached import Additions, Attached, tip
+from etude.robots.arm.loading.attached import Additions, Attached, free_name, tip
 from etude.robots.arm.loading.inertia import ENTRIES
 from etude.robots.arm.loading.urdf_tree import UrdfTree, child
 
@@ -20,11 +20,11 @@ def add_to_urdf(new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: A
         UsageError: a link that is not there, or none is named and the arm has several ends.
     """
     if added.mounting is not None:
-        ET.SubElement(new, "link", name=_free("room", tree))
+        ET.SubElement(new, "link", name=free_name("room", tree.links))
         at, turn = added.mounting.position, added.mounting.rotation
-        _fix(new, _free("room", tree), tree.root, xyz=_text(at), rpy=_text(turn))
+        _fix(new, free_name("room", tree.links), tree.root, xyz=_text(at), rpy=_text(turn))
     for what, one in added.carried:
-        name = _free(what, tree)
+        name = free_name(what, tree.links)
         new.append(_link(name, one))
         _fix(new, one.link or _tip_link(tree, joints, what), name)
         if one.link and one.link not in tree.links:
@@ -38,13 +38,6 @@ def add_to_urdf(new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: A
 def _tip_link(tree: UrdfTree, joints: Sequence[str], what: str) -> str:
     last = tip(tree.moving(), joints, what)
     return next(child(joint) for joint in tree.joints if joint.get("name") == last)
-
-
-def _free(name: str, tree: UrdfTree) -> str:
-    """A name that no link has."""
-    while name in tree.links:
-        name = f"own_{name}"
-    return name
 
 
 def _fix(new: ET.Element, carrier: str, link: str, **origin: str) -> None:
