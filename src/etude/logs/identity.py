@@ -143,7 +143,9 @@ def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) 
         longest = LONGEST_LAG if shifted <= PERFECT else LONGEST_MARKED_LAG
         late = -2.0 * step <= best <= longest
         return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
-    spans = abs(t[0]) <= 1.5 * step and abs(t[-1] - plan.duration) <= 2.5 * step
+    over = float(t[-1]) - plan.duration
+    # a recorder that was started with the proposal also ends with it; one that began a little early ends late
+    spans = abs(t[0]) <= 1.5 * step and abs(over) <= 2.5 * step and abs(over) <= abs(over - best)
     return spans and -2.0 * step <= best <= LONGEST_LAG
 
 
