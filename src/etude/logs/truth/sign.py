@@ -1,8 +1,8 @@
 """The sign of a command by its power: over a closed motion conservative power cancels, friction's is lost.
 
 rho_j = sum(command qd) / sum(|command qd|) over moving samples. A reversed time axis turns it too, in every
-joint; `rates` tells the two apart where velocities are logged. Over a short motion even conservative power has
-a sign, by chance: what counts as one is more than that.
+joint; `rates` tells the two apart where velocities are logged. Over a short motion even conservative power
+has a sign, by chance: what counts as one is more than that.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _question(seen: Seen, rho: Array, opposed: Mask, rest: str) -> Finding:
     by_power = inverted(seen)
     wrong = by_power | opposed
     told = powered(seen) != 0.0
-    everywhere = by_power.sum() > max(1, told.sum() / 2) and seen.logged is None and not opposed.any()
+    everywhere = by_power.sum() >= max(2, told.sum() / 2) and seen.logged is None and not opposed.any()
     cause = "the sign of these commands is inverted, or the rows run backwards in time"
     turned = " If the rows run backwards, turn the file round instead." if everywhere else ""
     guess = cause if everywhere else "their sign is inverted"

@@ -19,7 +19,8 @@ from etude.logs.truth.sign import SURE
 from etude.logs.truth.words import Mendable, accepted, named
 
 CHECK = "swapped"
-MARGIN = 10.0  # log likelihood: right logs of arms stay below 3
+MARGIN = 10.0  # log likelihood: whole right logs of arms have none, stretches of 5 s and more stay below
+DOUBT = 3.0  # log likelihood, one in twenty: above, the order is not called right either
 APART_S = 0.5  # s between independent samples, at least
 LEAST_ROWS = 20
 
@@ -47,6 +48,11 @@ class Order:
     def named(self) -> bool:
         """Whether the order is known, and not only that the one given is wrong."""
         return self.margin > MARGIN and bool(self.rubbed[self.moved].all())
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another order is likelier, so that the commands' signs and units say nothing."""
+        return self.margin > DOUBT
 
 
 def order_of(seen: Seen, torque: Array | None = None) -> Order | None:
@@ -127,23 +133,33 @@ def _rubbed(seen: Seen, best: Index) -> Mask:
 
 def swap_finding(seen: Seen, torque: Array | None = None) -> Finding:
     """Whether columns of commands are exchanged; a question, with the order where it is known."""
-    found = order_of(seen, torque)
+    return finding_of(order_of(seen, torque), seen.parts)
+
+
+def finding_of(found: Order | None, parts: tuple[str, ...]) -> Finding:
+    """What is said of the likeliest order of the commands of these joints."""
     if found is None:
-        return Finding(
-            CHECK,
-            "cannot tell",
-            "Fewer than two joints move under a command for long enough to tell whether commands are swapped.",
-        )
-    if found.margin <= MARGIN:
+        fact = "Fewer than two joints move under a command for long enough to tell whether any are swapped."
+        return Finding(CHECK, "cannot tell", fact)
+    if not found.doubtful:
         return Finding(CHECK, "green", "Every command fits the joint that it is named after.")
-    moved, names = found.moved, named(seen.parts, found.moved)
+    if found.margin <= MARGIN:
+        fact = (
+            f"The commands of {named(parts, found.moved)} fit each other's joints a little better "
+            f"(likelihood e^{found.margin:.0f}), which in so short or slow a motion may be chance."
+        )
+        step = "Check the order of the columns, or record a longer motion."
+        return Finding(CHECK, "cannot tell", fact, step)
+    return _question(found, parts)
+
+
+def _question(found: Order, parts: tuple[str, ...]) -> Finding:
+    moved, names = found.moved, named(parts, found.moved)
     if not found.named:
         fact = f"The commands of some of {names} seem to be swapped; which, friction is too small to tell."
         step = f"Check the order of the columns; {accepted(CHECK)}."
         return Finding(CHECK, "yellow", fact, step, flag=CHECK)
-    pairs = ", ".join(
-        f"{seen.parts[j]} fits the column of {seen.parts[found.best[j]]}" for j in np.flatnonzero(moved)
-    )
+    pairs = ", ".join(f"{parts[j]} fits the column of {parts[found.best[j]]}" for j in np.flatnonzero(moved))
     return Mendable(
         CHECK,
         "yellow",
