@@ -10,7 +10,7 @@ from made_motion import COMMAND, RATE, moved
 
 from etude.contracts import Array, Log
 from etude.logs.truth import sign, swapped
-from etude.logs.truth.judge import commanded
+from etude.logs.truth.judge import commanded, judge_commands
 from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import Seen
 
@@ -110,3 +110,29 @@ def test_joints_that_move_for_a_moment_say_nothing_of_the_order() -> None:
     found = swapped.swap_finding(seen_of(held))
     assert found.light == "cannot tell"
     assert "long enough" in found.sentence
+
+
+def test_an_order_in_doubt_is_called_neither_right_nor_wrong_and_tells_no_sign() -> None:
+    log = moved(10.0)
+    exchanged = log.put(COMMAND, log["command"][:, [1, 0, 2]])
+    order = swapped.order_of(seen_of(exchanged))
+    assert order is not None
+    assert swapped.DOUBT < order.margin < swapped.MARGIN
+    assert not order.named
+    found = {finding.check: finding for finding in judge_commands(exchanged)}
+    assert found["swapped"].light == found["sign"].light == "cannot tell"
+    assert "hip and knee fit each other's joints a little better" in found["swapped"].sentence
+    assert "neither is a sign" in found["sign"].sentence
+    assert not found["swapped"].flag
+    right = {finding.check: finding.light for finding in judge_commands(log)}
+    assert right["swapped"] == "green"
+
+
+def test_rows_backwards_are_offered_where_half_of_the_signs_are_wrong() -> None:
+    """Without velocities; of four joints two may have been wrong before the rows were turned."""
+    three, four = seen_of(moved(20.0, velocities=False)), [0, 1, 2, 0]
+    values = {name: getattr(three, name)[:, four] for name in ("q", "qd", "qdd", "moving")}
+    one = replace(three, **values, parts=("a", "b", "c", "d"), units=("rad",) * 4)
+    for signs, offered in (([-1, -1, 1, 1], True), ([-1, 1, 1, 1], False)):
+        found = sign.sign_finding(replace(one, command=np.sign(one.qd) * signs))
+        assert ("backwards" in found.sentence) == offered
