@@ -11,7 +11,9 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.contracts import Log
 from etude.errors import DataError
+from etude.logs.columns import match_columns
 from etude.logs.controllers import doubles, plain
+from etude.logs.guess import guessed_channels
 from etude.logs.read import read_log
 
 LOG = make_log()
@@ -95,6 +97,13 @@ def test_another_count_of_joints_is_refused(tmp_path: Path) -> None:
     }
     with pytest.raises(DataError, match="numbered 0, 1, which are not the 3 parts"):
         read(written(tmp_path / "run.csv", own))
+
+
+def test_without_a_robot_joints_are_numbered() -> None:
+    own = list(table("[{}]", "feedback", "reference", "output"))
+    q, command = guessed_channels(own)
+    assert q.parts == command.parts == ("joint_0", "joint_1", "joint_2")
+    assert match_columns([name for name in own if "/header/" not in name][1:], (q, command), "").channels
 
 
 @pytest.mark.parametrize(
