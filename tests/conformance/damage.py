@@ -115,6 +115,31 @@ def _lists(folder: Path) -> Path:
     return folder / "run.parquet"
 
 
+def _unnamed(folder: Path) -> Path:
+    """Lists in text without names, and dates with a comma."""
+    own = {
+        word: [str(row) for row in LOG[c].tolist()] for word, c in (("position", "q"), ("effort", "command"))
+    }
+    times = [f"2024-05-06 12:30:{t:09.6f}".replace(".", ",") for t in LOG.t]
+    pl.DataFrame({"t": times, **own}).write_csv(folder / "run.csv")
+    return folder / "run.csv"
+
+
+def _controller(folder: Path) -> Path:
+    topic = "/arm_controller/controller_state"
+    own = {"__time": 1.7e9 + LOG.t}
+    for i in range(len(JOINTS)):
+        own[f"{topic}/feedback/positions[{i}]"] = own[f"{topic}/actual/positions[{i}]"] = LOG["q"][:, i]
+        own[f"{topic}/output/effort[{i}]"] = LOG["command"][:, i]
+    pl.DataFrame(own).write_csv(folder / "run.csv")
+    return folder / "run.csv"
+
+
+def _mat4(folder: Path) -> Path:
+    savemat(folder / "run.mat", {"t": LOG.t, "q": LOG["q"], "tau": LOG["command"]}, format="4")
+    return folder / "run.mat"
+
+
 def _mat(compressed: bool) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         own = {"t": LOG.t, "q": LOG["q"], "state": {"tau": LOG["command"]}}
@@ -171,6 +196,9 @@ FORMATS: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "echo": ("csv", _echo),
     "parquet": ("parquet", _parquet),
     "lists": ("parquet", _lists),
+    "unnamed": ("csv", _unnamed),
+    "controller": ("csv", _controller),
+    "mat4": ("mat", _mat4),
     "mat": ("mat", _mat(False)),
     "mat-zlib": ("mat", _mat(True)),
     "lerobot": ("lerobot", _lerobot),

@@ -13,6 +13,7 @@ from scipy.io import loadmat, savemat
 
 from etude.contracts import Log
 from etude.errors import DataError
+from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import variables
 from etude.logs.read import read_log
 
@@ -33,6 +34,36 @@ def test_matrices_of_a_mat_file(compressed: bool, tmp_path: Path) -> None:
     np.testing.assert_array_equal(log["q"], LOG["q"])
     np.testing.assert_array_equal(log["command"], LOG["command"])
     assert any("left out: gains" in sentence for sentence in log.repairs)
+
+
+def test_matrices_of_version_4(tmp_path: Path) -> None:
+    """As SciPy writes them; complex numbers and text are left out."""
+    own = {"t": LOG.t, "q": LOG["q"], "tau": LOG["command"].T, "note": "run 3", "roots": np.ones(3) * 1j}
+    savemat(tmp_path / "run.mat", own, format="4")
+    log = read(tmp_path / "run.mat")
+    np.testing.assert_array_equal(log["q"], LOG["q"])
+    np.testing.assert_array_equal(log["command"], LOG["command"])
+
+
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "<i4", ">i2", "<u2", "|u1"])
+def test_numbers_of_version_4(dtype: str) -> None:
+    values = np.arange(6).reshape(2, 3).astype(dtype)
+    machine = 1000 * (dtype[0] == ">")
+    kind = machine + 10 * ("f8", "f4", "i4", "i2", "u2", "u1").index(dtype[1:])
+    head = np.array([kind, 2, 3, 0, 2], dtype=">i4" if machine else "<i4").tobytes()
+    data = head + b"q\0" + values.tobytes(order="F")
+    assert is_mat4(data)
+    np.testing.assert_array_equal(variables4(data * 2)["q"], values)
+    with pytest.raises(ValueError, match="longer than what is left"):
+        variables4(data[:-1])
+    with pytest.raises(ValueError, match=r"byte .* begins no variable"):
+        variables4(data + b"\1" * 30)
+
+
+def test_version_5_is_not_taken_for_version_4(tmp_path: Path) -> None:
+    savemat(tmp_path / "run.mat", {"t": LOG.t})
+    assert not is_mat4((tmp_path / "run.mat").read_bytes())
+    assert not is_mat4(b"")
 
 
 def test_structs_of_a_mat_file(tmp_path: Path) -> None:

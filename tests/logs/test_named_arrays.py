@@ -1,4 +1,4 @@
-"""Joint states as arrays: names beside decide, whatever their order; without names nothing is guessed."""
+"""Joint states as arrays: names beside decide, whatever their order; without names their count has to fit."""
 
 from __future__ import annotations
 
@@ -98,9 +98,49 @@ def test_lists_in_text_cells(tmp_path: Path) -> None:
     assert_right(read(written(tmp_path / "run.csv", frame)))
 
 
-def test_lists_without_names_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="no column for channel 'q'"):
-        read(written(tmp_path / "run.parquet", lists().drop("name")))
+def unnamed(width: int = 3) -> pl.DataFrame:
+    """Lists in the robot's order, without names, of which the last is `ee` or whatever."""
+    values = {word: np.pad(LOG[c], ((0, 0), (0, width - 3))) for word, c in SIGNALS.items()}
+    return pl.DataFrame({"t": LOG.t, **{word: rows.tolist() for word, rows in values.items()}})
+
+
+SIGNALS = {"position": "q", "effort": "command"}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_lists_without_names_are_in_the_robots_order_if_they_are_as_many(suffix: str, tmp_path: Path) -> None:
+    frame = unnamed()
+    if suffix == ".csv":
+        frame = frame.with_columns(
+            pl.Series(w, [f"array('d', {c})" for c in frame[w].to_list()]) for w in SIGNALS
+        )
+    log = read(written(tmp_path / f"run{suffix}", frame))
+    assert_right(log)
+    said = " ".join(log.repairs)
+    assert "Columns position, effort hold lists without names; their entries were numbered from 0." in said
+    assert "were taken for pan_joint, lift_joint, elbow_joint, in this order" in said
+
+
+def test_lists_without_names_of_another_count_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"numbered 0, 1, 2, 3, which are not the 3 parts"):
+        read(written(tmp_path / "run.parquet", unnamed(4)))
+
+
+def test_lists_without_names_whose_length_changes_say_nothing(tmp_path: Path) -> None:
+    frame = unnamed()
+    cells = [cell[: 2 + row % 2] for row, cell in enumerate(frame["position"].to_list())]
+    with pytest.raises(
+        DataError, match=r"no column for channel 'q'.*position hold lists of no numbers or of many"
+    ):
+        read(written(tmp_path / "run.parquet", frame.with_columns(pl.Series("position", cells))))
+
+
+def test_a_list_without_names_that_is_cut_in_a_row_costs_that_row(tmp_path: Path) -> None:
+    frame = unnamed()
+    cells = frame["position"].to_list()
+    cells[40] = cells[40][:1]
+    log = read(written(tmp_path / "run.parquet", frame.with_columns(pl.Series("position", cells))))
+    np.testing.assert_array_equal(log.t, np.delete(LOG.t, 40))
 
 
 def test_a_missing_name_is_refused(tmp_path: Path) -> None:

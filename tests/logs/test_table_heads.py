@@ -78,6 +78,11 @@ def test_empty_columns_at_the_end_have_no_name(tmp_path: Path) -> None:
     assert_right(read(written(tmp_path, f"{NAMES},,\n{rows}\n")))
 
 
+def clock(t: float, mark: str) -> str:
+    """30:59.98 before noon or so."""
+    return f"{30 + int(t) // 60:02d}:{t % 60:09.6f}".replace(".", mark)
+
+
 def dated(form: str) -> list[str]:
     instants = (
         np.datetime64("2024-05-06T12:30:00") + np.round(LOG.t * 1e9).astype("timedelta64[ns]")
@@ -96,6 +101,14 @@ TIMES = {
     "MATLAB seconds": [f"{t:g} sec" for t in LOG.t],
     "MATLAB dates": dated("matlab"),
     "slashes": dated("slashes"),
+    "logging's comma": [f'"2024-05-06 12:{clock(t, ",")}"' for t in LOG.t],
+    "compact": [f"20240506T12{clock(t, '.').replace(':', '')}Z" for t in LOG.t],
+    "day first": [f"31.12.2024 23:{clock(t, '.')}" for t in LOG.t],
+    "of a spreadsheet": [f"5/6/2024 1:{clock(t, '.')} PM" for t in LOG.t],
+    "day first, slashes": [f"25/6/2024 01:{clock(t, '.')}" for t in LOG.t],
+    "half a day": [f"01:{clock(t, '.')} PM" for t in LOG.t],
+    "milliseconds behind a colon": [f"12:{clock(t, ':')}" for t in LOG.t],
+    "minutes": [clock(t, ".") for t in LOG.t],
     "dates": dated("iso"),
 }
 

@@ -101,6 +101,22 @@ def test_ros2_topic_echo(tmp_path: Path) -> None:
     assert any("ros2 topic echo --csv" in sentence for sentence in log.repairs)
 
 
+def test_ros2_topic_echo_of_messages_without_names(tmp_path: Path) -> None:
+    """Three arrays of as many values as the robot has joints, in its order, which is said."""
+    stamps = [(int(t), round(1e9 * (t % 1.0))) for t in LOG.t]
+    rows = np.hstack([LOG["q"], np.gradient(LOG["q"], LOG.t, axis=0), LOG["command"]])
+    lines = [
+        f"{s},{n},," + ",".join(map(str, row)) for (s, n), row in zip(stamps, rows.tolist(), strict=True)
+    ]
+    (tmp_path / "run.csv").write_text("\n".join(lines) + "\n")
+    log = read(tmp_path / "run.csv")
+    assert_right(log)
+    assert any("in this order" in sentence for sentence in log.repairs)
+    (tmp_path / "two.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n")
+    with pytest.raises(DataError, match="without names of joints has 8 values"):
+        read(tmp_path / "two.csv")
+
+
 def test_ros2_topic_echo_with_two_values_a_joint_is_asked_about(tmp_path: Path) -> None:
     """Position and velocity, or position and effort? Its header line is in the message."""
     path = tmp_path / "run.csv"
@@ -194,9 +210,9 @@ def test_a_date_that_there_is_not_is_an_empty_cell(tmp_path: Path) -> None:
 
 
 def test_what_was_read_is_said_where_columns_are_missing(tmp_path: Path) -> None:
-    lists = {"q": LOG["q"].tolist(), "tau": LOG["command"].tolist()}
+    lists = {"q": [[[cell] for cell in row] for row in LOG["q"].tolist()], "tau": [["no"]] * len(LOG)}
     pl.DataFrame({"t": LOG.t, **lists}).write_parquet(tmp_path / "run.parquet")
-    with pytest.raises(DataError, match=r"no column.*What was read: Columns q, tau hold lists without names"):
+    with pytest.raises(DataError, match=r"no column.*What was read: Columns q, tau hold lists of no numbers"):
         read(tmp_path / "run.parquet")
 
 

@@ -17,14 +17,17 @@ def echo_names(cells: Sequence[str], where: str) -> list[str]:
     """Headers for the cells of a first line that is such a message; none for any other line.
 
     Raises:
-        DataError: each joint has two values, of which the second may be either of two things.
+        DataError: each joint has two values, of which the second may be either of two things; or there are
+            no names and the values are not three a joint.
     """
     if len(cells) < 5 or not (cells[0].isdigit() and cells[1].isdigit() and int(cells[1]) < 10**9):
         return []
     numbers = [is_number(cell) for cell in cells[3:]]
     joints = numbers.index(True) if True in numbers else 0
     values = len(numbers) - joints
-    if not joints or is_number(cells[2]) or not all(numbers[joints:]) or values % joints:
+    if not joints:
+        return [] if is_number(cells[2]) or not all(numbers) else _nameless(len(numbers), where)
+    if is_number(cells[2]) or not all(numbers[joints:]) or values % joints:
         return []
     arrays = values // joints
     if arrays == 2:
@@ -39,6 +42,19 @@ def echo_names(cells: Sequence[str], where: str) -> list[str]:
     if arrays > len(ARRAYS):
         return []
     return [*STAMP, *(f"{word}[{i}]" for word in ("name", *ARRAYS[:arrays]) for i in range(joints))]
+
+
+def _nameless(values: int, where: str) -> list[str]:
+    """Headers of a message without names: three arrays, of which the count of joints is to be right."""
+    joints, left = divmod(values, len(ARRAYS))
+    if left:
+        raise DataError(
+            f"a message without names of joints has {values} values, which are not position, velocity and "
+            "effort of each",
+            where=where,
+            next_step=f"Add a header row: {','.join(STAMP)}, then position[0],position[1],... and so on.",
+        )
+    return [*STAMP, *(f"{word}[{i}]" for word in ARRAYS for i in range(joints))]
 
 
 def is_number(text: str) -> bool:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from etude.contracts import Channel
+from etude.logs.controllers import plain
 from etude.logs.headers import words_of
 from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_unit
 
@@ -45,6 +46,7 @@ def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
     found = []
     for header in [header for header in headers if not is_time(header)]:
         text = normal(split_unit(header)[0])
+        text = plain(text) or text
         left = {part for word in words if (part := _left(text, word))}
         found += [sorted(left, key=lambda part: (-len(part), part))] if left else []
     return found

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from etude.contracts import Channel
 from etude.errors import DataError
+from etude.logs.controllers import doubles, plain
 from etude.logs.words import (
     COMMANDS,
     PREFIXES,
@@ -58,7 +59,11 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     named, words = _named(channels), _words(channels)
     bare = _bare(channels)
     found = Found()
+    again = doubles(headers)
     for header in headers:
+        if header in again:
+            found.ignored.append(header)
+            continue
         text, unit = split_unit(header)
         rests = _rests(normal(text))
         hit = next((named[rest] for rest in rests if rest in named), None)
@@ -88,7 +93,7 @@ def _note(place: dict[str, dict[str, list[Column]]], channel: str, part: str, co
 def _rests(text: str) -> list[str]:
     rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
     named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
-    return [*rests, named] if named else rests
+    return [*rests, *(rest for rest in (named, plain(text)) if rest)]
 
 
 def words_of(channel: Channel) -> tuple[str, ...]:

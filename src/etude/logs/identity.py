@@ -9,22 +9,14 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Log, Trajectory
 from etude.errors import DataError
+from etude.logs.overlap import CLEAR_MATCH, LARGEST_MISMATCH, LEAST_COVERAGE, Overlap, allowed
 from etude.logs.read import ending
 from etude.logs.smoothing import median_rate
 from etude.logs.starts import LONGEST_LAG, Plan, best_start, covered_seconds
 from etude.logs.stopped import CLOSE, LEAST_S, goes_on_without, noted, standstill, waits_at_start
 from etude.logs.units import start_at_zero
 
-# Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
-# a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
-LARGEST_MISMATCH = 0.85
-CLEAR_MATCH = 0.5
-LARGEST_OF_FEW, FEW = (
-    0.7,
-    3,
-)  # of so few coordinates other motions that repeat themselves fit better by chance
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
-LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
 PERFECT = 0.05  # mismatch below which nobody asks whether the run was stopped
 LIKELIER = 0.8  # mismatch of a stopped run over that of a whole one, with which the stop is believed
@@ -96,13 +88,13 @@ class _Aligned:
 def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, DataError | None]:
     """The log at its likeliest start, and why it is not the proposal's, if it is not."""
     best = best_start(log.t, measured, plan)
-    shifted, own = (_Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
+    shifted, own = (Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
     start = 0.0 if _clock_holds(log.t, plan, best, shifted.pooled, own.pooled) else best
     aligned = _Aligned(_moved(log, start), shifted.pooled)
     covered = covered_seconds(log.t - best, plan.duration)
     try:
         _check_match(
-            shifted, own, _allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log
+            shifted, own, allowed(covered / plan.duration, len(plan.scale)), log.channels[path].parts, log
         )
         _check_coverage(aligned.log, plan.duration)
     except DataError as error:
@@ -118,7 +110,7 @@ def _stopped(log: Log, measured: Array, plan: Plan, path: str) -> _Aligned | Non
         return None
     t, motion = log.t[cut], measured[cut]
     best = best_start(t, motion, plan, begun=True)
-    overlap, own = (_Overlap.of(t - start, motion, plan) for start in (best, 0.0))
+    overlap, own = (Overlap.of(t - start, motion, plan) for start in (best, 0.0))
     held = _clock_holds(log.t, plan, best, overlap.pooled, own.pooled) and own.pooled <= CLOSE
     start, mismatch = (0.0, own.pooled) if held else (best, overlap.pooled)
     strange = _cause(own if held else overlap, log.channels[path].parts)
@@ -151,55 +143,29 @@ def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) 
         longest = LONGEST_LAG if shifted <= PERFECT else LONGEST_MARKED_LAG
         late = -2.0 * step <= best <= longest
         return own <= LARGEST_MISMATCH and (late or shifted > BETTER * own)
-    spans = abs(t[0]) <= 1.5 * step and abs(t[-1] - plan.duration) <= 2.5 * step
+    over = float(t[-1]) - plan.duration
+    # a recorder that was started with the proposal also ends with it; one that began a little early ends late
+    spans = abs(t[0]) <= 1.5 * step and abs(over) <= 2.5 * step and abs(over) <= abs(over - best)
     return spans and -2.0 * step <= best <= LONGEST_LAG
 
 
-@dataclass(frozen=True)
-class _Overlap:
-    """motion, wanted (n, k) at the log's times within the proposal; their root mean square deviation over
-    the proposal's spread, pooled in parts of the scale and for each coordinate.
-    """
-
-    motion: Array
-    wanted: Array
-    pooled: float
-    each: Array
-
-    @staticmethod
-    def of(t: Array, measured: Array, plan: Plan) -> _Overlap:
-        inside = plan.inside(t)
-        motion, wanted = measured[inside], plan.at(t[inside])
-        if not inside.any():
-            return _Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf))
-        error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
-        spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
-        return _Overlap(motion, wanted, float(np.linalg.norm(error) / np.linalg.norm(spread)), error / spread)
-
-
-def _allowed(coverage: float, coordinates: int) -> float:
-    """The largest mismatch of a log that holds that part of the proposal: a part alone fits by chance."""
-    largest = LARGEST_OF_FEW if coordinates <= FEW else LARGEST_MISMATCH
-    lacking = min(max((1.0 - coverage) / (1.0 - LEAST_COVERAGE), 0.0), 1.0)
-    return largest - (largest - CLEAR_MATCH) * lacking
-
-
-def _check_match(best: _Overlap, unshifted: _Overlap, allowed: float, parts: Sequence[str], log: Log) -> None:
+def _check_match(best: Overlap, unshifted: Overlap, most: float, parts: Sequence[str], log: Log) -> None:
     """Refuses another motion. A wrong sign or order spoils the alignment; the log's own clock may show it."""
     cause = _cause(best, parts)
     if best.pooled > CLEAR_MATCH and not cause:
         cause = _cause(unshifted, parts)
-    if best.pooled <= allowed and not cause:
+    if best.mismatch <= most and not cause:
         return
+    what = "the motion deviates" if best.pooled > most or cause else "its rates deviate"
+    by = best.pooled if best.pooled > most or cause else best.mismatch
     raise DataError(
-        "this is not the log of the proposed trajectory: the motion deviates from it by "
-        f"{best.pooled:.2g} times its spread{cause}",
+        f"this is not the log of the proposed trajectory: {what} from it by {by:.2g} times its spread{cause}",
         where=log.source,
         next_step="Tell the log of this proposal, or the number of the proposal that was run.",
     )
 
 
-def _cause(overlap: _Overlap, parts: Sequence[str]) -> str:
+def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
     """A guess in words (sign, degrees, exchanged joints) for the first coordinate that has one."""
     if len(overlap.motion) < 2:
         return ""

@@ -1,4 +1,4 @@
-"""MATLAB's files (version 5 to 7.2) as raw logs: vectors are columns, matrices several, structs paths."""
+"""MATLAB's files (version 4 to 7.2) as raw logs: vectors are columns, matrices several, structs paths."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
+from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import Variable, variables
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
@@ -76,7 +77,8 @@ def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
 
 def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
-        return variables(path.read_bytes())
+        data = path.read_bytes()
+        return variables4(data) if is_mat4(data) else variables(data)
     except (ValueError, struct.error, zlib.error) as problem:
         raise DataError(
             f"the file cannot be read as MAT ({problem})",

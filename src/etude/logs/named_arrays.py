@@ -1,4 +1,5 @@
-"""Arrays of joints in a table: values mapped by the names that stand beside them, never by their order.
+"""Arrays of joints in a table: values mapped by the names that stand beside them; entries without names
+are numbered, and matched as numbered columns are: only if there is one for each joint.
 
 A recorder of joint states writes lists, `name` and `position`, or a column for each entry, `name[0]` and
 `position[0]`. The order may change from row to row.
@@ -22,8 +23,10 @@ from etude.logs.words import normal
 if TYPE_CHECKING:
     import polars as pl
 
-NAMES = re.compile(r"(?P<prefix>(?:.*_)??)(?:joint_?)?names?")
+NAMES = re.compile(r"(?P<prefix>(?:.*?_)??)(?:joint_?)?names?")
 ENTRY = re.compile(r"(?P<stem>.*?[a-z])_?(?P<index>\d+)")
+MOST_JOINTS = 100
+SAME_LENGTH = 0.9  # of the rows: lists without names are as long in all others than damaged ones
 LEAST_ROWS = 0.5  # part of the rows that a name must stand in: the others are damaged cells
 
 
@@ -55,7 +58,8 @@ def named_columns(
     sentences: list[str] = []
     for arrays in (*_lists(columns), *_numbered(columns)):
         if arrays.names is None:
-            sentences.append(f"Columns {', '.join(arrays.used)} hold lists without names; they were ignored.")
+            found |= _entries(arrays.values)
+            sentences += _said(arrays)
         elif arrays.values:
             rows = _by_name(arrays.names, where)
             for stem, values in arrays.values.items():
@@ -63,6 +67,22 @@ def named_columns(
             sentences.append(f"Columns {', '.join(arrays.values)} were mapped to joints by the names beside.")
         used.update(arrays.used)
     return found, used, tuple(sentences)
+
+
+def _entries(values: Mapping[str, Array]) -> dict[str, Array]:
+    """`position[0]` -> (T,) of lists without names."""
+    return {f"{stem}[{i}]": column for stem, rows in values.items() for i, column in enumerate(rows.T)}
+
+
+def _said(arrays: _Arrays) -> list[str]:
+    left = [header for header in arrays.used if header not in arrays.values]
+    sentences = (
+        [f"Columns {', '.join(left)} hold lists of no numbers or of many; they were ignored."] if left else []
+    )
+    if arrays.values:
+        own = ", ".join(arrays.values)
+        sentences.append(f"Columns {own} hold lists without names; their entries were numbered from 0.")
+    return sentences
 
 
 def _by_name(names: Any, where: str) -> dict[str, Any]:
@@ -134,4 +154,18 @@ def _lists(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
         found.append(_Arrays(matrix(lists[header], str), values, (header, *own)))
         taken.update((header, *own))
     alone = tuple(h for h in lists if h not in taken)
-    return [*found, *([_Arrays(None, {}, alone)] if alone else [])]
+    values = {h: rows for h in alone if (rows := _unnamed(lists[h])) is not None}
+    return [*found, *([_Arrays(None, values, alone)] if alone else [])]
+
+
+def _unnamed(cells: list[Any]) -> Array | None:
+    """(T, n) of lists without names; None if they differ in length, which hides whose each entry is, hold no
+    numbers, or more than any robot has joints.
+    """
+    lengths = Counter(len(cell) for cell in cells if cell)
+    (width, rows), *_ = lengths.most_common(1) or [(0, 0)]
+    if not 0 < width <= MOST_JOINTS or rows < SAME_LENGTH * len(cells):
+        return None
+    values = np.asarray(matrix([cell if cell and len(cell) == width else None for cell in cells], float))
+    values = values if values.shape[1] == width else np.full((len(cells), width), np.nan)
+    return values if np.isfinite(values).any() else None

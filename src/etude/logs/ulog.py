@@ -230,8 +230,9 @@ def _place(data: Dataset) -> dict[str, Array]:
 
 
 def _battery(data: Dataset) -> dict[str, Array]:
+    """Without a power module PX4 writes 0 V and -1 A, which nobody measured."""
     own = {"voltage_v": "battery_voltage [V]", "current_a": "battery_current [A]"}
-    return {header: data[name] for name, header in own.items() if name in data}
+    return {header: data[name] for name, header in own.items() if np.any(data.get(name, np.zeros(1)) > 0.0)}
 
 
 def _held(data: Dataset, columns: dict[str, Array], others: Iterable[Dataset]) -> Dataset:

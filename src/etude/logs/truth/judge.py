@@ -90,9 +90,9 @@ def judge_commands(
     assert path is not None
     states = None if body is None else _states(motion, path)
     torque = None if body is None or states is None else body.predict(states)
-    order = swapped.swap_finding(motion, torque)
-    found = (order, _sign(motion, order, torque))
-    if body is None or states is None or torque is None or order.light == "yellow":
+    order = swapped.order_of(motion, torque)
+    found = (swapped.finding_of(order, motion.parts), _sign(motion, order, torque))
+    if body is None or states is None or torque is None or (order is not None and order.doubtful):
         return found
     reach = np.full(len(motion.parts), np.inf) if limit is None else limit
     return (*found, *scale_findings(motion, torque, body.static(states), reach))
@@ -112,16 +112,15 @@ def _states(motion: Seen, path: Channel) -> Log:
     return log
 
 
-def _sign(motion: Seen, order: Finding, torque: Array | None) -> Finding:
+def _sign(motion: Seen, order: swapped.Order | None, torque: Array | None) -> Finding:
     """Signs of the commands in the order that fits; exchanged ones say nothing."""
-    if order.light != "yellow":
+    if order is None or not order.doubtful:
         return sign.sign_finding(motion, torque)
-    found = swapped.order_of(motion, torque)
-    if found is None or motion.command is None or not found.named:
+    if motion.command is None or not order.named:
         fact = "Which command is whose is not known, so neither is a sign."
         return Finding(sign.CHECK, "cannot tell", fact)
-    own = sign.sign_finding(replace(motion, command=motion.command[:, found.best]), torque)
+    own = sign.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
     if not isinstance(own, Mendable):
         return own
     # of the columns as they stand in the log
-    return replace(own, by=tuple(own.by[j] for j in np.argsort(found.best)))
+    return replace(own, by=tuple(own.by[j] for j in np.argsort(order.best)))

@@ -1,7 +1,8 @@
 """The sign of a command by its power: over a closed motion conservative power cancels, friction's is lost.
 
 rho_j = sum(command qd) / sum(|command qd|) over moving samples. A reversed time axis turns it too, in every
-joint; `rates` tells the two apart where velocities are logged.
+joint; `rates` tells the two apart where velocities are logged. Over a short motion even conservative power
+has a sign, by chance: what counts as one is more than that.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Finding, Mask
+from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable, both, named
 
@@ -41,10 +43,24 @@ def lifted(seen: Seen) -> Array:
     return np.where(size.mean(axis=0) * way > CLOSED, size.max(axis=0) * way, 0.0)
 
 
+def by_chance(seen: Seen) -> Array:
+    """(k,) the standard error of rho: what the sum of as many independent powers of any sign comes to.
+
+    On stretches of 5 to 12 s of torques without friction in them (Panda) rho reaches -0.55 and never once its
+    error; of real and simulated arms' whole logs every sign stays told.
+    """
+    if seen.command is None:
+        return np.zeros(len(seen.parts))
+    power = np.where(seen.moving, seen.command * seen.qd, 0.0)
+    sums = power.std(axis=0) * np.sqrt(len(power) * memory(power, seen.step) / seen.step)
+    return np.asarray(sums / np.maximum(np.abs(power).sum(axis=0), np.finfo(float).tiny))
+
+
 def powered(seen: Seen) -> Array:
     """(k,) -1 where the command takes power out of the motion, 1 where it drives it, 0 where nobody knows."""
     rho = np.nan_to_num(agreement(seen))
-    return np.where(np.abs(rho) > SURE + lifted(seen), np.sign(rho), 0.0)
+    least = np.maximum(SURE + lifted(seen), by_chance(seen))
+    return np.where(np.abs(rho) > least, np.sign(rho), 0.0)
 
 
 def inverted(seen: Seen) -> Mask:
@@ -97,7 +113,7 @@ def _question(seen: Seen, rho: Array, opposed: Mask, rest: str) -> Finding:
     by_power = inverted(seen)
     wrong = by_power | opposed
     told = powered(seen) != 0.0
-    everywhere = by_power.sum() > max(1, told.sum() / 2) and seen.logged is None and not opposed.any()
+    everywhere = by_power.sum() >= max(2, told.sum() / 2) and seen.logged is None and not opposed.any()
     cause = "the sign of these commands is inverted, or the rows run backwards in time"
     turned = " If the rows run backwards, turn the file round instead." if everywhere else ""
     guess = cause if everywhere else "their sign is inverted"
