@@ -141,6 +141,10 @@ def test_the_drawing_holds_what_is_near_and_says_what_is_not() -> None:
     near = made(square("shelf", "solid", 0.9, 0.1), square("floor", "plane", -0.8, 50.0))
     room = room_around(near)
     assert (room.lower[2], room.upper[2]) == (-0.8, 0.9)
+    on_it = made(square("floor", "plane", -0.5, 50.0), square("pit", "solid", -0.7, 0.1))
+    assert room_around(on_it).lower[2] == -0.5, "no strip below the floor that looks like another"
+    deep = made(square("floor", "plane", -2.0, 50.0))
+    assert (room_around(deep).lower[2], beyond(deep)) == (-2.0, [])
     assert room.upper[:2] == alone.upper[:2]
     assert beyond(near) == []
     far = made(square("hall", "solid", 0.0, 0.1, x=9.0), square("floor", "plane", -5.0, 50.0))

@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 
 BEYOND = 0.5
 """Of the robot's own extent: how much farther out things are drawn, which may be as large as a hall."""
+DEEPER = 4.0
+"""Times that, of a floor, a wall, and the line from a base down to its floor."""
+SLACK = 1e-3
+"""m that a robot may be in its floor for rounding."""
 LINE_PX = 16.0
 """Between two names, so that none lies on another."""
 STYLES = {"solid": "c5", "plane": "c7", "inside": "c8", "stand": "c8", "carried": "c3"}
@@ -32,14 +36,22 @@ def room_around(figure: Figure) -> Room:
     lower, upper = low - spare, high + spare
     reach = BEYOND * float((high - low).max())
     for thing in figure.things:
-        near = _near(thing, low - reach, high + reach)
+        # planes and what the robot stands on take no width of the drawing, and tell what the rest hangs above
+        own = reach * (DEEPER if thing.kind in ("plane", "stand") else 1.0)
+        near = _near(thing, low - own, high + own)
         if len(near):
             lower, upper = np.minimum(lower, near.min(axis=0)), np.maximum(upper, near.max(axis=0))
-    known_floor = any(thing.kind == "plane" and thing.name == "floor" for thing in figure.things)
-    if not known_floor and low[2] > -1e-3:
-        lower[2] = min(0.0, float(high[2]))
+    lower[2] = _bottom(figure, float(low[2]), float(lower[2]))
     (x0, y0, z0), (x1, y1, z1) = lower.tolist(), upper.tolist()
     return Room((x0, y0, z0), (x1, y1, z1))
+
+
+def _bottom(figure: Figure, lowest: float, lower: float) -> float:
+    """m: the drawing's floor is the robot's, where that is drawn and nothing of the robot is below it."""
+    floors = [one for one in figure.things if one.kind == "plane" and one.name == "floor"]
+    height = float(floors[0].points[0, 0, 2]) if floors else 0.0
+    shown = not floors or height >= lower - SLACK
+    return height if shown and lowest > height - SLACK else lower
 
 
 def _near(thing: Thing, lower: Array, upper: Array) -> Array:
