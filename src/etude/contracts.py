@@ -645,8 +645,9 @@ class Kind(Protocol):
 class Choosing(Protocol):
     """Capability of a `Kind` whose descriptions may hold more than one robot needs: `described` of the
     joints that move (names or patterns; none: those that the file's one robot has), with others held at
-    given positions, folders in which to look for meshes first, and limits (joint or pattern -> "lower",
-    "upper", "velocity", "command") in place of the file's. Who lacks the method has none.
+    given positions, folders in which to look for meshes first, limits (joint or pattern -> "lower",
+    "upper", "velocity", "command") in place of the file's, and the floor's height, m. Who lacks the method
+    has none.
     """
 
     def chosen(
@@ -656,6 +657,7 @@ class Choosing(Protocol):
         held: Mapping[str, float],
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
+        floor: float | None = None,
     ) -> Described: ...
 
 

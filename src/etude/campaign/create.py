@@ -28,6 +28,7 @@ class Part:
     held: Mapping[str, float] = field(default_factory=dict)
     mesh_roots: tuple[Path, ...] = ()
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    floor: float | None = None
 
 
 WHOLE = Part()
@@ -84,9 +85,11 @@ def _chosen(kind: Kind, description: Path, part: Part) -> Described:
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",
             where=str(description),
-            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity and --command out.",
+            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --command and --floor out.",
         )
-    found: Described = kind.chosen(description, part.joints, part.held, part.mesh_roots, part.limits)
+    found: Described = kind.chosen(
+        description, part.joints, part.held, part.mesh_roots, part.limits, part.floor
+    )
     return found
 
 

@@ -42,6 +42,8 @@ class Init(Common):
     has none."""
     command: tuple[str, ...] = ()
     """The largest commands, joint=limit in N m or N ("*=40" for all), in place of the file's."""
+    floor: float | None = None
+    """Height of the floor in m, the base at 0; if not said, the model file's, or one at 0 is assumed."""
     mesh_root: tuple[Path, ...] = ()
     """Folders to look for meshes in first, with their package's name or without."""
 
@@ -51,7 +53,9 @@ class Init(Common):
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        part = Part(_split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits())
+        part = Part(
+            _split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits(), self.floor
+        )
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
         lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
         if confirm:

@@ -16,6 +16,7 @@ from etude.robots.arm.robot_file import read_robot, robot_to_toml
 from etude.robots.arm.spec import ArmSpec
 
 if TYPE_CHECKING:
+    from etude.robots.arm.clearance.surroundings import Floor
     from etude.robots.arm.loading.loaded import Loaded
 
 ROBOT_FILE = "robot.toml"
@@ -53,13 +54,20 @@ def describe(
     held: Mapping[str, float] | None = None,
     mesh_roots: Sequence[Path] = (),
     limits: Mapping[str, Mapping[str, float]] | None = None,
+    floor: float | None = None,
 ) -> Described:
     """robot.toml and a whole copy of the model file that it points to, with its meshes.
+
+    Args:
+        path, joints, held, limits: as of `read`. mesh_roots: folders to look for meshes in first.
+        floor: its height, m, which the owner knows; else the model file's, or one at 0 is assumed.
 
     Raises:
         UsageError: no robot, or a model file that cannot be read or completed.
     """
     spec, confirm = read(path, joints, held, limits)
+    if floor is not None:
+        spec = replace(spec, around=replace(spec.around, floor=_floor(path, floor)))
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
         from etude.robots.arm.clearance.of_robot import completed
@@ -84,6 +92,19 @@ def describe(
         confirm = (*confirm, *loaded.notes, *of_around, *weight_sentences(whole, home))
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
+
+
+def _floor(path: Path, height: float) -> Floor:
+    """UsageError: a robot file says where its own is, or it is no number."""
+    from etude.robots.arm.clearance.surroundings import Floor
+
+    if path.suffix.lower() == ".toml":
+        raise UsageError(
+            "a robot file says itself where the floor is",
+            where=str(path),
+            next_step="Write [floor] in it, or in the campaign's robot.toml.",
+        )
+    return Floor(height)
 
 
 def _loaded_from(spec: ArmSpec, files: Mapping[str, bytes]) -> Loaded:

@@ -99,11 +99,12 @@ class ArmKind:
         held: Mapping[str, float],
         mesh_roots: Sequence[Path],
         limits: Mapping[str, Mapping[str, float]],
+        floor: float | None = None,
     ) -> Described:
-        """The same of a part of a larger robot, with meshes from these folders and these limits."""
+        """The same of a part of a larger robot, meshes of these folders, these limits and floor."""
         from etude.robots.arm.description import describe
 
-        return describe(path, joints or None, held, mesh_roots, limits)
+        return describe(path, joints or None, held, mesh_roots, limits, floor)
 
     def spec(self, path: Path) -> ArmSpec:
         """The robot of a robot file, a URDF or an MJCF. UsageError if it cannot be one."""
