@@ -5,6 +5,7 @@ PUBLIC = (
     "dictionary_stream",
     "downsampled",
     "exact",
+    "fixed_inducing",
     "inducing",
     "inducing_training",
     "kernel_algebra",
