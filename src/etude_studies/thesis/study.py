@@ -12,6 +12,7 @@ from etude.errors import UsageError
 from etude.report.live import Pages, digest_of
 from etude_studies.collected import Results, collect
 from etude_studies.engines.schedule import Report
+from etude_studies.thesis.again import Again, again
 from etude_studies.thesis.catalogue import Run, run_named
 from etude_studies.thesis.choosing import GROUPS, entries_of, ids, ledger, runs_of, unknown
 from etude_studies.thesis.computing import Chosen, Say
@@ -95,11 +96,11 @@ class ThesisStudy:
             return text, _counted(report, own)
         collect(store, own.by_run, store / COLLECTED)
         results = Results.load(store / COLLECTED)
-        told = _counted(report, own)
-        text = "\n".join(
-            [_shown(id, results, added), *(f"{n} failed: {why}" for n, why in told["failed"].items())]
-        )
-        return text, {**told, "rows": _rows(id, results, added)}
+        told, beside = _counted(report, own), _beside(report, own, results)
+        lines = [_shown(id, results, added), *(one.sentence for one in beside)]
+        lines += [f"{name} failed: {why}" for name, why in told["failed"].items()]
+        committed = {one.run: one.as_dict() for one in beside}
+        return "\n".join(lines), {**told, "rows": _rows(id, results, added), "committed": committed}
 
     def show(self, id: str) -> tuple[str, dict[str, Any]]:
         """What is committed of a claim, a figure, a table or a run."""
@@ -170,6 +171,14 @@ def _renewed(store: Path) -> None:
     kept_results.cache_clear()
     kept_verdicts.cache_clear()
     write_thesis_page()
+
+
+def _beside(report: Report, chosen: Chosen, results: Results) -> list[Again]:
+    """What was computed now, beside what is committed of it."""
+    ran, kept = set(report.ran), kept_results()
+    seeds = {run: [spec.seed for spec in own if spec in ran] for run, own in chosen.by_run.items()}
+    found = [again(run, own, results, kept) for run, own in seeds.items()]
+    return [one for one in found if one is not None]
 
 
 def _methods(runs: Sequence[Run], method: str) -> list[Run]:

@@ -13,6 +13,7 @@ from etude_studies.collected import Results
 from etude_studies.measured import KEYS, comparable
 from etude_studies.run_file import result_path
 from etude_studies.spec import Spec, run_one
+from etude_studies.thesis.again import STEADY
 from etude_studies.thesis.catalogue import catalogue
 from etude_studies.thesis.kept import (
     FOLDER,
@@ -34,8 +35,6 @@ LONG = "mP2"
 REL = 0.03
 """Training ends a little elsewhere with another BLAS: 25 line searches carry its rounding on. Another seed,
 setting or test changes most figures by tens of per cent."""
-STEADY = ("error", "mae", "variance", "kernel_rms", "speed", "nearest")
-"""Figures that such an end hardly moves; not ranks, densities or lengths in flat directions."""
 
 
 def computed(spec: Spec) -> pl.DataFrame:

@@ -1,0 +1,90 @@
+"""What was computed here beside what is committed of the same seeds: how far apart their figures are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from etude_studies.collected import Results
+from etude_studies.measured import KEYS
+
+if TYPE_CHECKING:
+    import polars as pl
+
+STEADY = ("error", "mae", "variance", "kernel_rms", "speed", "nearest", "seconds_until")
+"""Figures that tables and claims rest on; the others are ranks, densities, or lengths in flat directions."""
+SAME = 1e-6
+"""Relative; figures are kept in single precision."""
+LEAST = 1e-6
+"""In a figure's own unit, or less is no difference: simulators converge so far."""
+SHORT = 9
+"""Digits of a commit that people read."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """One run, computed here and committed.
+
+    Attributes:
+        run: its name. seeds: compared. commits: that made the committed ones.
+        figures: compared. mean, largest: relative distance of one here from the committed one.
+        missing: figures that only one of both has.
+    """
+
+    run: str
+    seeds: tuple[int, ...]
+    commits: str
+    figures: int
+    mean: float
+    largest: float
+    missing: int
+
+    @property
+    def sentence(self) -> str:
+        """What came out, for people."""
+        many = f"{len(self.seeds)} seeds" if len(self.seeds) > 1 else f"seed {self.seeds[0]}"
+        lacks = f"; {self.missing} that only one of both has" if self.missing else ""
+        if self.largest <= SAME:
+            return f"{self.run}, {many}: {self.figures} figures, the same as those committed{lacks}"
+        return (
+            f"{self.run}, {many}: {self.figures} figures, {self.mean:.2%} from those committed (by {self.commits}) "
+            f"in the mean, {self.largest:.2%} at most{lacks}"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"figures": self.figures, "mean": self.mean, "largest": self.largest, "missing": self.missing}
+
+
+def again(run: str, seeds: Sequence[int], here: Results, kept: Results) -> Again | None:
+    """The steady figures of some seeds of a run, here and committed; None where nothing is in both."""
+    import polars as pl
+
+    shared = sorted({*seeds} & {*here.seeds(run)} & {*kept.seeds(run)})
+    if not shared:
+        return None
+    own, old = (_figures(results, run, shared) for results in (here, kept))
+    both = own.join(old, on=["seed", *KEYS], suffix="_kept", how="inner")
+    if not len(both):
+        return None
+    gap = (pl.col("value") - pl.col("value_kept")).abs()
+    size = pl.max_horizontal(pl.col("value").abs(), pl.col("value_kept").abs())
+    away = both.select(pl.when(gap <= LEAST).then(0.0).otherwise(gap / size)).to_series().to_numpy()
+    return Again(
+        run=run,
+        seeds=tuple(shared),
+        commits=", ".join(name[:SHORT] for name in kept.made(run)["commit"].split(", ")),
+        figures=len(both),
+        mean=float(away.mean()),
+        largest=float(away.max()),
+        missing=len(own) + len(old) - 2 * len(both),
+    )
+
+
+def _figures(results: Results, run: str, seeds: Sequence[int]) -> pl.DataFrame:
+    import polars as pl
+
+    table = results.tables[run]
+    chosen = pl.col("seed").is_in(list(seeds)) & pl.col("measure").is_in(STEADY) & pl.col("value").is_finite()
+    return table.filter(chosen).with_columns(pl.col("value").cast(pl.Float64))
