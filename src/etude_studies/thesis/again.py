@@ -48,8 +48,8 @@ class Again:
         if self.largest <= SAME:
             return f"{self.run}, {many}: {self.figures} figures, the same as those committed{lacks}"
         return (
-            f"{self.run}, {many}: {self.figures} figures, {self.mean:.2%} from those committed (by {self.commits}) "
-            f"in the mean, {self.largest:.2%} at most{lacks}"
+            f"{self.run}, {many}: {self.figures} figures, {self.mean:.2%} from those committed "
+            f"(by {self.commits}) in the mean, {self.largest:.2%} at most{lacks}"
         )
 
     def as_dict(self) -> dict[str, Any]:
