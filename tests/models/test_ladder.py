@@ -27,6 +27,7 @@ from etude.models.config import RUNGS, ModelConfig
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.ladder import OFFERED, prequential
+from etude.models.recipes import CANDIDATES
 from etude.models.score import score
 
 AUTO = replace(SMALL, rung="auto")
@@ -312,3 +313,15 @@ def test_what_cannot_be_trained_is_refused(data) -> None:
 def test_impossible_configurations_are_refused(change, message) -> None:
     with pytest.raises(UsageError, match=message):
         replace(SMALL, **change)
+
+
+def test_more_commands_have_more_samples_for_their_hyperparameters(data, monkeypatch) -> None:
+    usual = replace(SMALL, fit_points=300)
+    assert [usual.for_commands(n).fit_points for n in (1, 4, 6, 7, 14)] == [300, 300, 450, 525, 1050]
+    assert CANDIDATES["gip_lin"].config(usual.for_commands(7)) == CANDIDATES["gip_lin"].config(usual)
+    few = replace(SMALL, fit_points=10, fit_spacing_s=0.0)
+    four, twice = train(data, few), train(data, replace(few, fit_points=20))
+    monkeypatch.setattr("etude.models.config.USUAL_COMMANDS", 1)  # of the two that these data have
+    more = train(data, few)
+    same([p.theta for p in posteriors(more)], [p.theta for p in posteriors(twice)])
+    assert any((a.theta != b.theta).any() for a, b in zip(posteriors(more), posteriors(four), strict=True))

@@ -21,7 +21,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "points": "samples each process is conditioned on, at most",
         "inducing": "of twice as many samples all teach, through so many; 0: points alone",
         "basis": "inducing, spectral or basis points, at most, of a process that has them",
-        "fit_points": "of these, samples that hyperparameters are fitted to, at most",
+        "fit_points": "of these, samples for hyperparameters, at most; of over 4 commands in proportion",
         "fit_spacing_s": "these are at least so many s apart",
         "candidates": "processes that are averaged for each output; docs/models.md says what each is worth",
         "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',

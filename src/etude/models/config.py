@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from etude import plugins
@@ -29,6 +29,8 @@ SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 """Members that stand for the squared exponential kernel alone."""
 OFFERED = ("default", "standing", "gip_lin", "all_lin")
 """Names of `candidates`."""
+USUAL_COMMANDS = 4
+"""Of the robots on which `fit_points` was settled; what more of them gain says docs/real_logs.md."""
 LEAST = {
     "points": 2,
     "fit_points": 2,
@@ -63,7 +65,7 @@ class ModelConfig:
         inducing: where twice as many samples count, exact processes learn from all of them through so many
             evenly spread ones; else, and with 0, from `points` alone.
         basis: inducing inputs, spectral points or basis points of a process that has such, at most.
-        fit_points: samples for the hyperparameters, at most.
+        fit_points: samples for the hyperparameters, at most, of up to four commands; see `for_commands`.
         fit_spacing_s: the latter are at least this far apart: nearer ones repeat each other, and the
             likelihood then takes their agreement for precision. With an arm's kernels an eightieth of what
             the trajectories last, where that is less.
@@ -137,6 +139,10 @@ class ModelConfig:
         _plugin("process", self.process, "etude.models")
         self._check_numbers()
         self._check_kernel()
+
+    def for_commands(self, commands: int) -> ModelConfig:
+        """The same for a robot of so many: an arm's hyperparameters grow in number with its joints."""
+        return replace(self, fit_points=max(self.fit_points, self.fit_points * commands // USUAL_COMMANDS))
 
     @property
     def floors(self) -> tuple[float, ...]:

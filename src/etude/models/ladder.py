@@ -148,7 +148,7 @@ def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) 
             next_step="Repair the log, or turn the input off that it lacks.",
         )
     fold = fold_numbers(samples, config.stretch_s)
-    return Folds(samples, inputs, X, fold, limit, config, commands)
+    return Folds(samples, inputs, X, fold, limit, config.for_commands(len(commands)), commands)
 
 
 def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
