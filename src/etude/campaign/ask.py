@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.controls import require_same, required
+from etude.campaign.controls import require_learned, require_same, required
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
@@ -110,6 +110,7 @@ def ask(
             kept = kept_then(campaign.round(number).asked)
             require_same(control, campaign.round(number).asked, number)
         else:
+            require_learned(under, state)
             number, kept = state.next_number, kept_now(campaign, state, under)
             made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
         found = present(campaign, number, kept, made, speed)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from etude.campaign.folder import Campaign
+from etude.campaign.state import State
 from etude.errors import UsageError
 
 FEEDBACK, FILE, LEARNED = "feedback", "file", "learned"
@@ -52,6 +53,16 @@ def require_same(control: str, asked: Mapping[str, Any] | None, number: int) -> 
             f"trajectory {number} is open, and its margins are those of {in_words(own)}",
             where="--control",
             next_step="Tell its log first, or ask for another one with --new.",
+        )
+
+
+def require_learned(control: str, state: State) -> None:
+    """UsageError if a motion is asked for that is fed forward what was learned, and nothing was."""
+    if control == LEARNED and not state.trained:
+        raise UsageError(
+            f"nothing has been learned yet that could be the {IN_WORDS[LEARNED]}",
+            where="--control",
+            next_step="Run the first motions under feedback alone, and tell their logs.",
         )
 
 
