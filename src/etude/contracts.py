@@ -271,8 +271,8 @@ class Cone:
 @dataclass(frozen=True)
 class Proof:
     """One row of the certificate: the interval that holds `quantity`, and its limit less tracking's
-    margin with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". What is
-    not looked at is a row too, its numbers NaN.
+    margin with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". control: which
+    one the margin is of, in words. What is not looked at is a row too, its numbers NaN.
     """
 
     axis: str
@@ -286,6 +286,7 @@ class Proof:
     margin: float = 0.0
     confidence: float = 1.0
     where: str = ""
+    control: str = ""
 
 
 class Limit(Protocol):

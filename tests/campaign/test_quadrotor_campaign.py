@@ -8,6 +8,7 @@ import pytest
 
 from etude.campaign import simulate as simulating
 from etude.campaign.ask import ask
+from etude.campaign.controls import asked_under
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.learn import told_samples
@@ -90,7 +91,8 @@ def test_replay_is_live_and_asking_is_pure(flown, tmp_path):
     assert not ask(campaign, go_on=True).new
     again = made(tmp_path / "lab")
     for number in (1, 2):
-        ask(again, go_on=True)
+        (control,) = asked_under(campaign.round(number).asked)
+        ask(again, go_on=True, control=control)
         tell(again, campaign.path / "simulated" / f"{number:04d}.parquet", number=number)
     other = ask(again, go_on=True)
     assert (other.folder / "trajectory.json").read_bytes() == (first.folder / "trajectory.json").read_bytes()

@@ -12,10 +12,11 @@ from small_robot import make_campaign, stub_learner, write_log
 from etude.campaign.ask import ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.kept import kept_then
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
-from etude.campaign.tracking import kept_now, kept_then
+from etude.campaign.tracking import kept_now
 from etude.contracts import Proof
 from etude.errors import UsageError
 from etude.trajectories.fourier import FourierTrajectory

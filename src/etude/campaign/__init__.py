@@ -3,6 +3,7 @@
 PUBLIC = (
     "config",
     "config_file",
+    "controls",
     "create",
     "folder",
     "foretold",

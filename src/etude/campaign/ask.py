@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from etude.campaign.controls import require_learned, require_same, required
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
 from etude.campaign.journal import require_intact
+from etude.campaign.kept import Kept, kept_then
 from etude.campaign.proposals import FULL, speed_folder, stored_trajectory
 from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.stored import is_learned, newest_model
-from etude.campaign.tracking import Kept, kept_now, kept_then
+from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
@@ -70,6 +72,7 @@ def ask(
     formats: Sequence[str] = (),
     effort: bool = False,
     start: str = "",
+    control: str = "",
     learner: Learner | None = None,
     say: Say = lambda _: None,
 ) -> Proposal:
@@ -85,24 +88,30 @@ def ask(
         effort: with the learned command where the format has a place for it.
         start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
             way there and back is then written too, and other formats hold approach, motion and return.
+        control: that it is to be run under, `campaign.controls`: its margins are those of logs of that one;
+            "": learned feedforward with `effort`, else feedback alone.
         learner: how logs are learned; only tests give another one.
         say: receives one sentence per step.
 
     Raises:
         StopRuleReached: another trajectory is not worth its robot time.
-        UsageError: a file of the open proposal is missing, or is not what was committed; an unknown format.
+        UsageError: a file of the open proposal is missing, or is not what was committed, or it is for another
+            control; an unknown format.
         UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
     """
     motions = _tasks(campaign, tasks)
     _require(formats)
+    under = required(control, effort)
     with campaign.writing():
         _learn(campaign, learner, say)
         state = campaign.state()
         if state.proposals and not new:
             number, made = state.proposals[-1].number, None
             kept = kept_then(campaign.round(number).asked)
+            require_same(control, campaign.round(number).asked, number)
         else:
-            number, kept = state.next_number, kept_now(campaign, state)
+            require_learned(under, state)
+            number, kept = state.next_number, kept_now(campaign, state, under)
             made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
         found = present(campaign, number, kept, made, speed)
         motion = stored_trajectory(campaign, number, speed)
@@ -202,7 +211,8 @@ def _propose(
 def _files(
     campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
 ) -> TrajectoryFiles:
-    return render(trajectory, campaign.kind, campaign.spec, campaign.config, limits, kept.unheld)
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    return render(trajectory, kind, spec, config, limits, kept.unheld, control=kept.control)
 
 
 def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:

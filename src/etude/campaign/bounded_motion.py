@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from etude.campaign.controls import LEARNED
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import require_intact
 from etude.campaign.proposals import stored_trajectory
-from etude.campaign.tracking import kept_now, kept_then
+from etude.campaign.tracking import kept_now, kept_under
 from etude.contracts import Trajectory
 from etude.deploy.along import Bounded
 from etude.errors import UsageError
@@ -15,7 +16,7 @@ from etude.trajectories.json_text import from_json
 
 
 def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -> Bounded:
-    """A motion with its limits, less the margins of tracking.
+    """A motion with its limits, less the margins of tracking with the learned feedforward.
 
     Args:
         motion: a trajectory.json, or it read; None: the newest proposal.
@@ -32,8 +33,8 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
         if not place.is_file():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
         motion = from_json(place.read_bytes())
-    kept = kept_now(campaign, campaign.state())
-    return Bounded(motion, kept.limits_as_played(campaign, motion))
+    kept = kept_now(campaign, campaign.state(), LEARNED)
+    return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
 
 
 def _proposed(campaign: Campaign) -> Bounded:
@@ -49,5 +50,5 @@ def _proposed(campaign: Campaign) -> Bounded:
         campaign.path, events, "Restore the file from a copy, or name a motion: --set motion=FILE."
     )
     motion = stored_trajectory(campaign, newest.number)
-    kept = kept_then(newest.asked)
-    return Bounded(motion, kept.limits_as_played(campaign, motion, described=True))
+    kept = kept_under(campaign, newest.number, LEARNED)
+    return Bounded(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)

@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.ask import Proposal, present
+from etude.campaign.controls import FEEDBACK, LEARNED
 from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.in_use import model_in_use
+from etude.campaign.kept import Kept, kept_then
 from etude.campaign.learn import learn_pending
 from etude.campaign.motions import typical_motions
 from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
-from etude.campaign.tracking import Kept, kept_now, kept_then
+from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
 from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
@@ -73,7 +75,7 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
         number, made = open_ones[-1].number, None
         kept = kept_then(campaign.round(number).asked)
     else:
-        number, kept = state.next_number, kept_now(campaign, state)
+        number, kept = state.next_number, kept_now(campaign, state, FEEDBACK, LEARNED)
         made = _propose(campaign, state, number, kept, say)
     found = present(campaign, number, kept, made, FULL)
     motion = stored_trajectory(campaign, number)
@@ -130,7 +132,10 @@ def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[
 
 
 def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Kept) -> TrajectoryFiles:
-    return render(motion, campaign.kind, campaign.spec, campaign.config, limits, kept.of(motion).unheld)
+    own = kept.of(motion)
+    return render(
+        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unheld, control=own.control
+    )
 
 
 def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:

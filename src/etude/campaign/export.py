@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etude import plugins
+from etude.campaign.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.folder import Campaign
 from etude.campaign.in_use import model_in_use
 from etude.campaign.journal import Event, require_intact
-from etude.campaign.tracking import kept_then
+from etude.campaign.tracking import kept_under
 from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, commanded, require_forces
 from etude.deploy.played import certify_played
@@ -53,7 +54,7 @@ def export(
         campaign: the folder. number: of the proposal.
         trajectory: what to run. folder: where its own files are.
         name: of the exporter.
-        effort: with the learned command along the motion.
+        effort: with the learned command along the motion; margins are then those under it.
 
     Raises:
         UsageError: no such format, not one for this robot, no model to take commands from, commands that are
@@ -63,9 +64,10 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     files = exporter(what, campaign.kind, campaign.spec)
-    kept = kept_then(campaign.round(number).asked)
+    own = asked_under(campaign.round(number).asked)
+    kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
     limits = kept.limits_as_played(campaign, trajectory)
-    certificate = certify_played(exporter, files, limits, trajectory)
+    certificate = certify_played(exporter, files, limits, trajectory, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
     paths = [place / file for file in contents]
@@ -76,7 +78,8 @@ def export(
     else:
         for path, data in zip(paths, contents.values(), strict=True):
             write_atomic(path, data)
-        campaign.commit("exported", number, paths, format=name, effort=effort)
+        facts = {} if kept.controls == own else kept.as_facts()
+        campaign.commit("exported", number, paths, format=name, effort=effort, **facts)
     return Exported(name, tuple(paths), certificate)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask
+from etude.campaign.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.folder import ROBOT, Campaign, Say
 from etude.campaign.online import learning, require_ticks
 from etude.campaign.proposals import stored_trajectory
@@ -25,6 +26,7 @@ from etude.campaign.rounds import (
 )
 from etude.campaign.stored import newest_model, only_rung
 from etude.campaign.tell import tell
+from etude.campaign.told import How
 from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
@@ -211,15 +213,16 @@ class _Loop:
         """Asks, runs and tells one trajectory; its number, or None if its log was refused."""
         campaign = self.campaign
         with part(ASKING):
-            number = ask(campaign, go_on=True, say=say).number
+            number, beside = self._asked(say)
         say(f"Running trajectory {number} on the simulated {campaign.name}.")
         rng = np.random.default_rng([campaign.state().seed, number, RUN_STREAM])
-        log = self.robot.run(stored_trajectory(campaign, number), self._collecting(), rng)
+        log = self.robot.run(stored_trajectory(campaign, number), beside, rng)
         path = campaign.path / SIMULATED / f"{number:04d}.parquet"
         write_log(path, log)
+        how: How = {"accept": CERTAIN, "control": _control(beside)}
         try:
             with part(1.0 - ASKING):
-                told = tell(campaign, path, number=number, changed=self.answer, accept=CERTAIN, say=say)
+                told = tell(campaign, path, number=number, changed=self.answer, say=say, **how)
         except DataError as refused:  # it broke off: what a person would give up too
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)
@@ -228,6 +231,14 @@ class _Loop:
             for found in told.findings:
                 say(f"Log {number} is not learned yet: {found.sentence}. {found.step}")
         return number
+
+    def _asked(self, say: Say) -> tuple[int, Controller | None]:
+        """The next trajectory, and what it is run with beside the feedback: what its margins are of."""
+        campaign = self.campaign
+        control = "" if campaign.state().proposals else _control(self._collecting())
+        number = ask(campaign, go_on=True, control=control, say=say).number
+        under = asked_under(campaign.round(number).asked)  # of proposals that are older than this: none
+        return number, self._collecting() if LEARNED in (under or (LEARNED,)) else None
 
     def _collecting(self) -> Controller | None:
         """What motions that teach are run with, beside the feedback, once something was learned: what was
@@ -292,6 +303,11 @@ class _Loop:
         path = self.campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.{test}.parquet"
         write_log(path, log)
         return [path]
+
+
+def _control(beside: Controller | None) -> str:
+    """What a motion that teaches is run under: it is fed forward what was learned, or nothing."""
+    return FEEDBACK if beside is None else LEARNED
 
 
 def _same(controller: Controller | None) -> Callable[[], Controller | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -13,6 +13,7 @@ import numpy as np
 
 from etude.campaign.changed import answer, change_found
 from etude.campaign.confirmed import check_no_confirmation, take_run
+from etude.campaign.controls import required
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
@@ -24,7 +25,7 @@ from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
 from etude.campaign.told import How, Told, aligned_with, read
 from etude.campaign.tracking import errors_told
-from etude.contracts import Finding, Log
+from etude.contracts import Log
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import bytes_of_log, sha256_of_log
@@ -97,6 +98,8 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
         facts = known.told or {}
         repairs, findings = tuple(facts.get("repairs", ())), kept_findings(facts)
         return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
+    control = how.get("control", "")
+    required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
@@ -108,8 +111,10 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
         *([] if change is None else [change]),
         *([] if again is None else [warning(*again)]),
     )
-    repeats = None if again is None else again[0]
-    _store(campaign, number, log, path, digest, answered is None, speed, asked.given, findings, repeats)
+    aligned = {} if answered is None else _of_motion(campaign, number, log, speed, control)
+    facts = {"foreign": answered is None, "speed": speed, **aligned, **as_facts(findings)}
+    facts |= {} if again is None else {"repeats": again[0]}
+    _store(campaign, number, log, path, digest, asked.given, facts)
     return Told(number, False, answered is None, log.repairs, (), findings=findings)
 
 
@@ -156,19 +161,26 @@ def _identify(
     )
 
 
+def _of_motion(campaign: Campaign, number: int, log: Log, speed: int, control: str) -> dict[str, Any]:
+    """Facts of the log of a proposal: where its segments start, its control, and how far it left its plan."""
+    trajectory = stored_trajectory(campaign, number, speed)
+    starts = segment_starts(trajectory)
+    facts = {"segments": starts} if len(starts) > 1 else {}
+    return facts | errors_told(campaign, number, log, trajectory, speed, control)
+
+
 def _store(
     campaign: Campaign,
     number: int,
     log: Log,
     path: Path,
     digest: str,
-    foreign: bool,
-    speed: int,
     given: Sequence[Given],
-    findings: Sequence[Finding],
-    repeats: int | None,
+    facts: Mapping[str, Any],
 ) -> None:
-    """Writes the cleaned log and its origin, then commits; refuses a log that gives no samples."""
+    """Writes the cleaned log and its origin, then commits these facts and its own; refuses a log that gives
+    no samples.
+    """
     group = np.zeros(len(log), dtype=np.int64)
     campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     _keep_earlier(campaign, number)
@@ -182,25 +194,16 @@ def _store(
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
     write_atomic(campaign.source_file(number), text.encode())
     files = [campaign.run_file(number), campaign.source_file(number)]
-    facts: dict[str, Any] = {
+    own: dict[str, Any] = {
         "sha256": digest,
         "source": path.name,
-        "foreign": foreign,
-        "speed": speed,
         "robot_seconds": _seconds(log),
         "rows": len(log),
         "repairs": list(log.repairs),
     }
-    if not foreign:
-        trajectory = stored_trajectory(campaign, number, speed)
-        starts = segment_starts(trajectory)
-        facts |= {"segments": starts} if len(starts) > 1 else {}
-        facts |= errors_told(campaign, log, trajectory, speed)
-    if repeats is not None:
-        facts["repeats"] = repeats
     if given:
-        facts["answers"] = [[what, check, list(by)] for what, check, by in given]
-    campaign.commit("told", number, files, **facts, **as_facts(findings))
+        own["answers"] = [[what, check, list(by)] for what, check, by in given]
+    campaign.commit("told", number, files, **own, **facts)
 
 
 def _keep_earlier(campaign: Campaign, number: int) -> None:

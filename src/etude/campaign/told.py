@@ -24,6 +24,7 @@ class How(TypedDict, total=False):
         topics: of a file that holds several; none: those that campaign.toml names.
         confirm: which run of a motion that confirms it is: "without" or "with" the feedforward; it is
             measured and not learned from.
+        control: that the proposal was run under, `campaign.controls`; "": what it was asked for.
     """
 
     foreign: bool
@@ -32,6 +33,7 @@ class How(TypedDict, total=False):
     repair: Sequence[str]
     topics: Sequence[str]
     confirm: str
+    control: str
 
 
 @dataclass(frozen=True)

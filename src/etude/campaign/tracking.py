@@ -1,124 +1,54 @@
-"""What limits are held with: margins from what logs tell of tracking, and the model that says what drives
-must give; now, or as they stood when a motion was asked.
+"""What limits are held with, now: margins from what logs tell of tracking, of each control and form of motion
+by itself; and the facts of logs that they are made of.
 """
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from etude.campaign.controls import CONTROL, FEEDBACK, asked_under, run_under, speaks_of
 from etude.campaign.folder import Campaign
-from etude.campaign.proposals import FULL, stored_trajectory
+from etude.campaign.kept import Kept, as_lists, as_table, kept_then
+from etude.campaign.proposals import FULL
 from etude.campaign.state import State
-from etude.campaign.stored import stored_model
-from etude.contracts import Array, Limit, Log, Margins, Model, Trajectory
-from etude.errors import DataError, UsageError
-from etude.limits.believed import after_run
-from etude.limits.tracking import LAST, Ranges, margins_of, within_room
+from etude.contracts import Array, Log, Margins, Trajectory
+from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
 from etude.trajectories.json_text import SINGLE
 
-TRACKED, MARGINS, UNHELD, MODEL = "tracked", "margins", "unheld", "model"
-"""Facts: largest errors by form, of a `told` event; of an `asked` one what was kept, what was not, and the
-round whose model said what the drives must give.
-"""
+TRACKED = "tracked"
+"""Fact of a `told` event: largest errors by form."""
 ACCELERATION = 2
 IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
 """Forms of motion as sentences call them; others by their own name."""
 QUANTITIES = ("position", "velocity")
 
 
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """What is kept of the limits for tracking, what is not, and whose word counts for commands.
+def kept_now(campaign: Campaign, state: State, *controls: str) -> Kept:
+    """What is kept of the limits of a motion that is asked for now.
 
-    Attributes:
-        margins: by form of motion.
-        unheld: sentences: margins that would have left no room, and accelerations.
-        by_form: the same sentences, by the form of motion that they are about.
-        number: of the round whose model says what drives must give; None before any log.
+    Args:
+        campaign: the folder. state: what is known.
+        controls: that it may be run under, of each of which the margins are kept; none: feedback alone.
     """
-
-    margins: Margins
-    unheld: tuple[str, ...] = ()
-    by_form: Mapping[str, tuple[str, ...]] | None = None
-    number: int | None = None
-    _limits: dict[bool, Sequence[Limit]] = field(default_factory=dict, repr=False)
-    _models: dict[int, Model | None] = field(default_factory=dict, repr=False)
-
-    def using(self, model: Model) -> Kept:
-        """With the model of `number`, which is at hand."""
-        return replace(self, _models={self.number: model} if self.number is not None else {}, _limits={})
-
-    def model(self, campaign: Campaign) -> Model | None:
-        """The model of `number`; None before any log, or where it is gone since."""
-        if self.number is not None and self.number not in self._models:
-            self._models[self.number] = None
-            with contextlib.suppress(UsageError, DataError):
-                self._models[self.number] = stored_model(campaign, self.number)
-        return None if self.number is None else self._models[self.number]
-
-    def limits(self, campaign: Campaign, *, described: bool = False) -> Sequence[Limit]:
-        """The robot's, less the margins; made once, since they remember what they proved.
-
-        described: of the description alone, which a proposal that is open already is held against.
-        """
-        if described not in self._limits:
-            self._limits[described] = self._made(campaign, self.margins, described)
-        return self._limits[described]
-
-    def _made(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
-        of = campaign.described_limits if described else campaign.limits
-        limits, ran = of(margins, self.model(campaign)), self._ran(campaign)
-        return limits if ran is None else after_run(limits, ran)
-
-    def _ran(self, campaign: Campaign) -> Trajectory | None:
-        """The motion that taught the model last, if it is known; a slower copy asks for less."""
-        if self.number is None or self.model(campaign) is None:
-            return None
-        with contextlib.suppress(UsageError):
-            told = campaign.round(self.number).told or {}
-            if not told.get("foreign", True) and told.get("speed") == FULL:
-                return stored_trajectory(campaign, self.number)
-        return None
-
-    def of(self, trajectory: Trajectory) -> Kept:
-        """With the sentences about this motion, one piece after the other."""
-        forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
-        own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
-        return replace(self, unheld=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
-
-    def margins_of_chain(self, trajectory: Trajectory) -> Margins:
-        """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
-        own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
-        if trajectory.form in self.margins or not own:
-            return self.margins
-        table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
-        return {**self.margins, trajectory.form: (table, sure)}
-
-    def limits_as_played(
-        self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
-    ) -> Sequence[Limit]:
-        """The robot's, less the margins of a motion whose receiver knows no pieces."""
-        return self._made(campaign, self.margins_of_chain(trajectory), described)
-
-    def as_facts(self) -> dict[str, Any]:
-        """For the `asked` event; nothing where nothing is kept."""
-        facts: dict[str, Any] = {} if self.number is None else {MODEL: self.number}
-        if not self.margins:
-            return facts
-        margins = {form: [_lists(own) for own in pair] for form, pair in self.margins.items()}
-        return {**facts, MARGINS: margins, UNHELD: list(self.unheld)}
+    controls = controls or (FEEDBACK,)
+    found = [_under(campaign, state, own) for own in controls]
+    margins = {form: _largest([own[form] for own, _ in found]) for form in found[0][0]}
+    by_form = {form: tuple(dict.fromkeys(s for _, own in found for s in own[form])) for form in margins}
+    number = state.trained[-1].number if state.trained else None
+    return Kept(margins, by_form=by_form, number=number, controls=controls)
 
 
-def kept_now(campaign: Campaign, state: State) -> Kept:
-    """What is kept of the limits of a motion that is asked for now."""
-    errors, ranges = seen_errors(state), ranges_of(campaign)
-    forms = list(dict.fromkeys([*SINGLE, *errors]))
+def _under(
+    campaign: Campaign, state: State, control: str
+) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
+    """Margins, and the sentences about them, by form, of motions under one control."""
+    errors, ranges = seen_errors(state, control), ranges_of(campaign)
+    forms = list(dict.fromkeys([*SINGLE, *(form for r in state.told for form in _tables(r.told))]))
     wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
     margins, by_form = {}, {}
     for form, (table, confidence) in wanted.items():
@@ -128,29 +58,62 @@ def kept_now(campaign: Campaign, state: State) -> Kept:
             *_short(campaign, table, kept[0]),
             *_accelerations(campaign, form, errors.get(form, ())),
         )
-    return Kept(margins, by_form=by_form, number=state.trained[-1].number if state.trained else None)
+    return margins, by_form
 
 
-def kept_then(asked: Mapping[str, Any] | None) -> Kept:
-    """What was kept when a proposal was made; nothing of proposals that are older than margins."""
-    facts = asked or {}
-    margins = {form: (_array(table), _array(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()}
-    return Kept(margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL))
+def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The largest of several margins (O, k), each as sure as the one that it is taken from."""
+    if len(pairs) == 1:
+        return pairs[0]
+    tables, sure = (np.stack(parts) for parts in zip(*pairs, strict=True))
+    most = np.fmax.reduce(tables)
+    return most, np.where(tables == most, sure, np.inf).min(axis=0, initial=1.0)
 
 
-def errors_told(campaign: Campaign, log: Log, trajectory: Trajectory, speed: int) -> dict[str, Any]:
-    """The fact of a log: its largest errors by form; none of a run below full speed, which errs less."""
+def kept_under(campaign: Campaign, number: int, control: str) -> Kept:
+    """What is kept of a proposal that is run under that control, asked for it or not.
+
+    Where it was asked for another one, and not written for this one yet, what logs of this one have told by
+    now; before any its own margins, which are then assumed.
+    """
+    asked = campaign.round(number).asked
+    if not asked_under(asked) or control in asked_under(asked):
+        return kept_then(asked)
+    written = [e.facts for e in campaign.events() if (e.event, e.number) == ("exported", number)]
+    for facts in reversed(written):
+        if asked_under(facts) == (control,):
+            return kept_then(facts)
+    if seen_errors(campaign.state(), control):
+        return kept_now(campaign, campaign.state(), control)
+    kept = kept_then(asked)
+    assumed = {form: (table, np.full_like(table, ASSUMED)) for form, (table, _) in kept.margins.items()}
+    return replace(kept, margins=assumed, controls=(control,), _limits={})
+
+
+def errors_told(
+    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, speed: int, control: str
+) -> dict[str, Any]:
+    """The facts of the log of a proposal: its control, if it is known (`run_under`), and the largest errors
+    by form; none of a run below full speed, which errs less.
+    """
+    under = run_under(campaign, number, control)
+    facts: dict[str, Any] = {} if under is None else {CONTROL: under}
     found = largest_errors(log, trajectory, campaign.kind.path) if speed == FULL else {}
-    return {TRACKED: {form: _lists(table) for form, table in found.items()}} if found else {}
+    return facts | ({TRACKED: {form: as_lists(table) for form, table in found.items()}} if found else {})
 
 
-def seen_errors(state: State) -> dict[str, list[Array]]:
-    """By form, the largest errors (orders, k) of each log that is used, oldest first."""
+def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
+    """By form, the largest errors (orders, k) of each log of that control that is used, oldest first."""
     found: dict[str, list[Array]] = {}
     for one in sorted(state.told, key=lambda r: str((r.told or {}).get("time", ""))):
-        for form, table in ((one.told or {}).get(TRACKED) or {}).items():
-            found.setdefault(form, []).append(_array(table))
+        if speaks_of(one.told or {}, control):
+            for form, table in _tables(one.told).items():
+                found.setdefault(form, []).append(as_table(table))
     return found
+
+
+def _tables(told: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    return (told or {}).get(TRACKED) or {}
 
 
 def ranges_of(campaign: Campaign) -> Ranges:
@@ -198,11 +161,3 @@ def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> li
     most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
     text = ", ".join(f"{axis} up to {value:.3g} {unit}/s^2" for axis, value, unit in most)
     return [f"Acceleration is not held by the robot: it was left by {text} in {IN_WORDS.get(form, form)}."]
-
-
-def _lists(table: Array | float) -> Any:
-    return [[None if np.isnan(v) else float(v) for v in row] for row in np.atleast_2d(table)]
-
-
-def _array(table: Sequence[Sequence[float | None]]) -> Array:
-    return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)

@@ -12,8 +12,8 @@ import numpy as np
 
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import require_intact
+from etude.campaign.kept import Kept
 from etude.campaign.motions import ways_of
-from etude.campaign.tracking import Kept
 from etude.contracts import Array, Trajectory
 from etude.deploy.trajectory_files import column_names, render
 from etude.design.ways import require_inside, there_and_back
@@ -72,7 +72,7 @@ def approached(
     parts = {"approach": found.approach, "return": found.back}
     parts |= {} if found.whole is None else {"trajectory": found.whole}
     made = {
-        stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem)
+        stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem, kept.control)
         for stem, part in parts.items()
     }
     place = folder / f"from_{_label(campaign, start, pose)}"

@@ -48,6 +48,10 @@ class Ask(Common):
     """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
     way to the start and back is then certified and written too, of flights with take-off and landing; other
     formats hold all of it in one."""
+    control: Literal["feedback", "file", "learned", ""] = ""
+    """What the motion will be run under: feedback alone, or beside it the feedforward of the robot file's
+    model, or of what was learned; if not given learned with --effort, else feedback. Margins of tracking are
+    those that logs of that control have shown."""
     confirm: bool = False
     """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
     both logs with --confirm."""
@@ -66,6 +70,7 @@ class Ask(Common):
             *(f"! {sentence}" for sentence in found.certificate.warnings),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
+            *_control(found.certificate),
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
             "Not looked at:",
@@ -97,9 +102,10 @@ class Ask(Common):
         if self.confirm:
             from etude.campaign.confirm import ask_to_confirm
 
-            if self.tasks or self.start or self.speed != 100:
+            if self.tasks or self.start or self.control or self.speed != 100:
                 raise UsageError(
-                    "a motion that confirms takes no --tasks, --from or --speed", where="--confirm"
+                    "a motion that confirms takes no --tasks, --from, --control or --speed",
+                    where="--confirm",
                 )
             return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
         from etude.campaign.ask import ask
@@ -113,6 +119,7 @@ class Ask(Common):
             formats=self.format,
             effort=self.effort,
             start=self.start,
+            control=self.control,
             say=say,
         )
 
@@ -146,6 +153,12 @@ def _to_confirm(spec: Any) -> list[str]:
     assumed = getattr(spec, "confirm", ())
     head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
     return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
+
+
+def _control(certificate: Certificate) -> list[str]:
+    """What the margins of tracking are of."""
+    under = next((row.control for row in certificate.seen if row.control), "")
+    return [f"Tracked within: under {under}."] if under else []
 
 
 def _row(row: Proof) -> list[str]:

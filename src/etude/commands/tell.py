@@ -49,6 +49,10 @@ class Tell(Common):
     """The log is of a motion that confirms (etude ask --confirm), run without or with the feedforward: it is
     measured, and nothing learns from it."""
 
+    control: Literal["feedback", "file", "learned", ""] = ""
+    """What the motion was run under: feedback alone, or beside it the feedforward of the robot file's model,
+    or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
+
     def run(self, say: Say) -> Outcome:
         from etude.campaign.several import tell, tell_many
         from etude.errors import UsageError
@@ -64,6 +68,7 @@ class Tell(Common):
             "topics": self.topic,
             "changed": self.changed,
             "confirm": self.confirm,
+            "control": self.control,
             "say": say,
         }
         following = f"Next: etude status {self.folder}, etude ask {self.folder}"

@@ -27,10 +27,11 @@ FORMAT = "ros2_yaml"
 
 @dataclass(frozen=True)
 class Bounded:
-    """A motion, and the limits that hold for it."""
+    """A motion, the limits that hold for it, and the control that their margins are of, in words."""
 
     trajectory: Trajectory
     limits: Sequence[Limit]
+    control: str = ""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class Along:
         if asked.motion is None:
             raise UsageError("there is no motion to go along", next_step="--set motion=trajectory.json")
         motion, limits = asked.motion.trajectory, asked.motion.limits
-        proof = require_certified(motion, limits)
+        control = asked.motion.control
+        proof = require_certified(motion, limits, control=control)
         rate = float(asked.rate or table_rate(spec))
         files = {
             COEFFICIENTS: motion.to_json().encode(),
@@ -69,7 +71,7 @@ class Along:
         unit = getattr(spec, "command_unit", "")
         formats, said = _formats(asked.format, kind, spec, unit)
         for name in formats:
-            files |= _played(name, model, motion, kind, spec, limits)
+            files |= _played(name, model, asked.motion, kind, spec)
         told = f"{TABLE}: set-points, commands and deviations ({unit or '1'}), {rate:g} times a second."
         return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
 
@@ -96,13 +98,11 @@ def _formats(given: str, kind: Kind, spec: Any, unit: str) -> tuple[tuple[str, .
     return (FORMAT,), (f"{FORMAT}: with effort, for joint_trajectory_controller of Jazzy and later.",)
 
 
-def _played(
-    name: str, model: LearnedModel, motion: Trajectory, kind: Kind, spec: Any, limits: Sequence[Limit]
-) -> dict[str, bytes]:
+def _played(name: str, model: LearnedModel, motion: Bounded, kind: Kind, spec: Any) -> dict[str, bytes]:
     """The files of a format in a folder of its name, proved as their receiver plays them."""
     exporter = plugins.load(EXPORTERS, name)
-    files = exporter(commanded(motion, model), kind, spec)
-    proof = certify_played(exporter, files, limits, motion)
+    files = exporter(commanded(motion.trajectory, model), kind, spec)
+    proof = certify_played(exporter, files, motion.limits, motion.trajectory, motion.control)
     return {f"{name}/{file}": data for file, data in {**files, CERTIFICATE: proof.to_json().encode()}.items()}
 
 

@@ -41,7 +41,11 @@ class Looked:
 
 
 def certify_played(
-    exporter: Exporter, files: Mapping[str, bytes], limits: Sequence[Limit], motion: Trajectory
+    exporter: Exporter,
+    files: Mapping[str, bytes],
+    limits: Sequence[Limit],
+    motion: Trajectory,
+    control: str = "",
 ) -> Certificate:
     """What the receiver of these files plays, held against the limits.
 
@@ -51,6 +55,7 @@ def certify_played(
         limits: of the robot.
         motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
             meet is proved piece by piece, since a take-off may be where a flight may not.
+        control: that the margins are of, in words.
 
     Raises:
         UnsafeTrajectoryError: the curve leaves a limit by more than SLACK of its width.
@@ -58,7 +63,7 @@ def certify_played(
     played = exporter.back(files)  # type: ignore[attr-defined]
     if isinstance(played, Splined):
         played = _cut(replace(played, like=motion.form), motion)
-    found = certify(played, [Looked(limit) for limit in limits])
+    found = certify(played, [Looked(limit) for limit in limits], control=control)
     for row in found.failed:
         if not spare(row) >= -SLACK * (row.upper - row.lower):
             raise UnsafeTrajectoryError(

@@ -77,6 +77,7 @@ def render(
     limits: Sequence[Limit],
     unheld: Sequence[str] = (),
     stem: str = STEM,
+    control: str = "",
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -86,13 +87,14 @@ def render(
         limits: what may not be exceeded.
         unheld: sentences for the certificate, what this robot is known not to hold.
         stem: of the files' names; of another than `STEM` it is the way there or back.
+        control: that the margins of tracking are of, in words.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
     """
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
-    certificate = require_certified(written, limits, unheld, way=stem != STEM)
+    certificate = require_certified(written, limits, unheld, way=stem != STEM, control=control)
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)

@@ -100,7 +100,12 @@ class Certificate:
 
 
 def certify(
-    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
+    trajectory: Trajectory,
+    limits: Sequence[Limit],
+    unheld: Sequence[str] = (),
+    *,
+    way: bool = False,
+    control: str = "",
 ) -> Certificate:
     """Prove the limits for all times, piece by piece; pieces whose margins differ have rows of their own.
 
@@ -111,6 +116,7 @@ def certify(
         trajectory: what to prove. limits: of the robot.
         unheld: sentences, what this robot is known not to hold.
         way: whether it is the way to a motion's start, or back.
+        control: that the margins of tracking are of, in words; "": nobody said.
     """
     found: dict[tuple[str, str, str, tuple[float, float] | None], Proof] = {}
     pieces = trajectory.pieces()
@@ -119,7 +125,8 @@ def certify(
         for limit in limits:
             for i, row in enumerate(limit.prove(piece)):
                 key = (row.axis, row.quantity, f"{limit.name} {i}", _kept(row))
-                row = replace(row, where=_within(row.where, where))
+                of = control if row.margin > 0.0 else ""
+                row = replace(row, where=_within(row.where, where), control=of)
                 found[key] = _joined(found[key], row) if key in found else row
     axes = list(dict.fromkeys(key[0] for key in found))
     rows = tuple(row for axis in axes for key, row in found.items() if key[0] == axis)
@@ -150,14 +157,19 @@ def certify_bytes(data: bytes | str, limits: Sequence[Limit]) -> Certificate:
 
 
 def require_certified(
-    trajectory: Trajectory, limits: Sequence[Limit], unheld: Sequence[str] = (), *, way: bool = False
+    trajectory: Trajectory,
+    limits: Sequence[Limit],
+    unheld: Sequence[str] = (),
+    *,
+    way: bool = False,
+    control: str = "",
 ) -> Certificate:
     """The certificate, if every limit is met. Arguments as of `certify`.
 
     Raises:
         UnsafeTrajectoryError: names the axis, the quantity, the limit and the proved value.
     """
-    certificate = certify(trajectory, limits, unheld, way=way)
+    certificate = certify(trajectory, limits, unheld, way=way, control=control)
     if certificate.ok:
         return certificate
     if not certificate.failed:
@@ -178,6 +190,8 @@ def require_certified(
 
 def _row(row: Proof) -> dict[str, object]:
     content = asdict(row) | {"margin": spare(row), "tracking_margin": row.margin, "in_words": in_words(row)}
+    if not row.control:
+        del content["control"]
     return {key: None if value in (math.inf, -math.inf) else value for key, value in content.items()}
 
 

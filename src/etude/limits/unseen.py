@@ -58,9 +58,15 @@ def _of_tracking(rows: Sequence[Proof]) -> tuple[str, ...]:
     found = [f"How far the robot leaves the plan in {' and '.join(without)}."] if without else []
     if assumed:
         found.append(
-            f"Tracking: margins of {' and '.join(assumed)} are assumed: no log shows that they are enough."
+            f"Tracking: margins of {' and '.join(assumed)} are assumed: no log{_under(own)} shows that they "
+            "are enough."
         )
     return tuple(found)
+
+
+def _under(rows: Sequence[Proof]) -> str:
+    """The control that the rows' margins are of; all of a certificate are of one."""
+    return next((f" of a motion under {row.control}" for row in rows if row.control), "")
 
 
 def in_words(row: Proof) -> str:
@@ -70,7 +76,8 @@ def in_words(row: Proof) -> str:
     """
     if row.upper == math.inf:
         taken = tracked_in_words(row)
-        after = f" after tracking has taken {taken}" if taken else ""
+        under = f" under {row.control}" if row.control else ""
+        after = f" after tracking{under} has taken {taken}" if taken else ""
         return f"{row.proved_lower:.4g} is kept{after}, limit {row.lower:.4g}"
     above = row.upper - row.proved_upper <= row.proved_lower - row.lower
     asked, limit = (row.proved_upper, row.upper) if above else (row.proved_lower, row.lower)
@@ -90,4 +97,5 @@ def tracked_in_words(row: Proof) -> str:
 
 def _tracked(row: Proof) -> str:
     text = tracked_in_words(row)
-    return f"tracked within {text}, " if text else ""
+    under = f"under {row.control} " if row.control else ""
+    return f"{under}tracked within {text}, " if text else ""

@@ -162,7 +162,8 @@ def _proof(row: Facts) -> Html:
     """What is asked, what tracking may add, and the limit of both; older certificates know no tracking."""
     kept, sure = row.get("tracking_margin", 0.0), row.get("confidence", 1.0)
     how = "assumed" if sure == 0.0 else f"{100.0 * sure:.0f} % confidence"
-    tracked = "" if kept == 0.0 else f"tracked within {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
+    under = f"under {row['control']} " if row.get("control") else ""
+    tracked = "" if kept == 0.0 else f"{under}tracked within {kept:.3g}{f' ({how})' if sure < 1.0 else ''}, "
     limit = f"{tracked}limit {interval(row['lower'] - kept, row['upper'] + kept)}, left "
     detail = element("small", limit, margin(row), class_="soft")
     return join([element("b", interval(row["proved_lower"], row["proved_upper"])), meter(row), detail], "")
