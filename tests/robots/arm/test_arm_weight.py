@@ -188,8 +188,8 @@ def test_one_number_for_joints_of_all_sizes_is_named() -> None:
 
 def test_limits_in_two_groups_of_one_size_are_nobodys_fault(tmp_path: Path) -> None:
     spec = arm(tmp_path, 60.0)
-    assert sentences(replace_command(spec, 0, 1e5), np.zeros(3)) == ()  # one of two hinges: which is it?
-    assert sentences(replace_command(spec, 2, 1e5), np.zeros(3)) == ()  # a slide has a unit of its own
+    assert sentences(replace_command(spec, 0, 3e3), np.zeros(3)) == ()  # one of two hinges: which is it?
+    assert sentences(replace_command(spec, 2, 5e2), np.zeros(3)) == ()  # a slide has a unit of its own
 
 
 PLACEHOLDERS = {"ur3_robot": "placeholders", "so100": "placeholders", "pr2": NO_MOTION}
