@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -187,8 +188,8 @@ def test_one_number_for_joints_of_all_sizes_is_named() -> None:
 
 def test_limits_in_two_groups_of_one_size_are_nobodys_fault(tmp_path: Path) -> None:
     spec = arm(tmp_path, 60.0)
-    assert sentences(replace_command(spec, 0, 1e5), np.zeros(3)) == ()  # one of two hinges: which is it?
-    assert sentences(replace_command(spec, 2, 1e5), np.zeros(3)) == ()  # a slide has a unit of its own
+    assert sentences(replace_command(spec, 0, 3e3), np.zeros(3)) == ()  # one of two hinges: which is it?
+    assert sentences(replace_command(spec, 2, 5e2), np.zeros(3)) == ()  # a slide has a unit of its own
 
 
 PLACEHOLDERS = {"ur3_robot": "placeholders", "so100": "placeholders", "pr2": NO_MOTION}
@@ -209,3 +210,23 @@ def test_of_the_arms_of_others_only_those_with_wrong_numbers_are_named(arm: Arm)
 def reaching_out() -> Trajectory:
     """To the pose that no drive of 20 N m holds, slowly."""
     return PointToPoint(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.9]]), np.full(3, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ((60.0, 60.0, 60.0), ""),
+        ((60.0, 60.0, 60e3), "slides.*: reach 6e.04 N, .* In another unit"),
+        ((60.0, 60e3, 60.0), "apart.*: lift 6e.04 N m, 1e.03 times the nearest"),
+        ((0.05, 60.0, 60.0), "apart.*: turn 0.05 N m"),
+        ((1.0, 60.0, 60.0), ""),
+    ],
+)
+def test_a_lone_slide_and_one_of_two_hinges_in_another_unit_are_named(
+    tmp_path: Path, limits: tuple[float, ...], words: str
+) -> None:
+    spec = arm(tmp_path, 60.0)
+    axes = tuple(replace(axis, command=own) for axis, own in zip(spec.axes, limits, strict=True))
+    found = sentences(replace(spec, axes=axes), np.zeros(3))
+    assert len(found) == bool(words), found
+    assert re.search(words, " ".join(found))

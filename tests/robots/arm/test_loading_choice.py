@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -24,6 +25,7 @@ def chosen(found: list[Moving], wanted: list[str] | None = None, **held: float) 
 
 
 ARM = chain("a1", "a2", "a3")
+ENDLESS = {"endless": True, "lower": -math.inf, "upper": math.inf}
 
 
 def test_the_only_chain_is_the_arm() -> None:
@@ -59,7 +61,7 @@ def test_hands_wheels_and_heads_are_held_and_named(more: list[Moving]) -> None:
     assert found.joints == ("a1", "a2", "a3")
     assert set(found.held) == {joint.name for joint in more}
     for joint in more:
-        named = any(f"'{joint.name}' is held" in note for note in found.notes)
+        named = any("Joints are held" in note and f"'{joint.name}' at 0" in note for note in found.notes)
         assert named == (not joint.leader)
 
 
@@ -161,3 +163,25 @@ def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
     found = [*chain("r1", "r2", "r3"), close, *chain("puck_x", "puck_y")]
     with pytest.raises(UsageError, match=r"--joints r1 r2 r3\. Robots"):
         chosen(found)
+
+
+def test_fingers_without_a_name_for_it_end_the_arm_that_an_example_chooses() -> None:
+    hand = [joint for k in "123" for joint in chain(f"j{k}0", f"j{k}1", before="a3")]
+    with pytest.raises(UsageError, match=r"after joint 'a3'.*Are they a hand\?.*--joints 'a\*'; the others"):
+        chosen([*ARM, *hand])
+    assert chosen([*ARM, *hand], ["a*"]).joints == ("a1", "a2", "a3")
+    twice = [*chain("l1", "l2", "l3"), *chain("f1", "f2", before="l3"), *chain("g1", before="l3")]
+    with pytest.raises(UsageError, match=r"--joints 'l\*'"):
+        chosen([*chain("r1", "r2"), *twice])
+    with pytest.raises(UsageError, match=r"--joints wheel_left\."):
+        chosen(chain("wheel_left", **ENDLESS) + chain("wheel_right", **ENDLESS))
+
+
+def test_a_last_joint_that_moves_a_gripper_by_name_is_asked_about() -> None:
+    jaw = replace(chain("a4", before="a3")[0], carries="gripper")
+    (said,) = chosen([*ARM, jaw]).notes
+    assert said == "Joint 'a4' moves 'gripper': if that is a finger, leave it out, --joints a1 a2 a3."
+    carrying = chosen([*ARM, jaw, *chain("finger", before="a4")]).notes
+    assert not any("moves 'gripper'" in note for note in carrying)
+    assert chosen([*ARM, replace(jaw, carries="flange")]).notes == ()
+    assert chosen([*ARM, jaw], ["a*"]).notes == ()

@@ -137,3 +137,17 @@ def test_a_range_of_nothing_is_asked_for(tmp_path: Path) -> None:
     spec = spec_from_model(path, given={"shoulder": {"lower": -1.0, "upper": 1.0}}).spec
     assert (spec.lower[0], spec.upper[0]) == (-1.0, 1.0)
     assert load(path).model().joint("shoulder").name == "shoulder"
+
+
+def test_one_option_mends_all_limits_that_are_placeholders(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('velocity="3"', 'velocity="1000"'))
+    with pytest.raises(
+        UsageError, match=r"1000 of joint 'shoulder' \(and of 2 more\).*placeholder"
+    ) as refused:
+        spec_from_model(path)
+    assert "--velocity '*=limit'," in refused.value.next_step
+    path.write_text(path.read_text().replace('velocity="1000"', 'velocity="3"', 1))
+    with pytest.raises(UsageError, match=r"and of 1 more.*--velocity elbow=limit wrist=limit,"):
+        spec_from_model(path)
+    assert spec_from_model(path, given={"*": {"velocity": 2.0}}).spec.velocity.tolist() == [2.0] * 3

@@ -12,7 +12,7 @@ from loading_examples import ARM, BOX, CUBE, INERTIAL, LIMIT, MESH, joint, link,
 
 from etude.errors import UsageError
 from etude.robots.arm.kind import KIND
-from etude.robots.arm.loading.crowded import crowded_links
+from etude.robots.arm.loading.crowded import crowded_links, crowds, hemmed_in
 from etude.robots.arm.loading.inertia import SMALLEST, possible
 from etude.robots.arm.loading.load import load
 from etude.robots.arm.loading.loaded import Loaded
@@ -84,7 +84,7 @@ def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
     assert found.spec.held == {"finger_left": 0.01}  # a follower follows
     assert sum("cceleration" in sentence for sentence in found.confirm) == 1
     assert any("Ranges are assumed" in sentence and "wrist" in sentence for sentence in found.confirm)
-    assert any("'finger_left' is held at 0.01 m" in sentence for sentence in found.confirm)
+    assert any("Joints are held: 'finger_left' at 0.01 m." in sentence for sentence in found.confirm)
 
 
 @pytest.mark.parametrize(
@@ -254,10 +254,14 @@ def test_links_are_crowded_where_shapes_of_distant_parts_overlap(urdf: Path) -> 
     loaded = load(urdf)
     # the third begins beside the end of the first: it lies on it if both turn by the same half turn
     folded = np.array([0.0, 0.0, np.pi - 0.05]), np.array([1.0, 0.0, np.pi + 0.05])
-    assert crowded_links(loaded, *folded) == {"one", "three"}
-    assert crowded_links(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == set()
+    assert crowded_links(crowds(loaded, *folded)) == {"one", "three"}
+    assert crowds(loaded, np.array([0.0, 0, -0.2]), np.array([1.0, 0, 0.2])) == {}
+    (said,) = hemmed_in(crowds(loaded, *folded), ())
+    assert "one and three in 100%" in said
+    assert hemmed_in(crowds(loaded, *folded), [("three", "one")]) == ()
     seldom = np.array([0.0, 0.0, 2.2]), np.array([1.0, 0.0, np.pi + 0.05])
-    assert crowded_links(loaded, *seldom) == {"one", "three"}
+    assert crowded_links(crowds(loaded, *seldom)) == {"one", "three"}
+    assert hemmed_in(crowds(loaded, *seldom), ()) == ()
 
 
 @pytest.mark.parametrize("limit", ['<limit effort="3"/>', '<limit lower="1" upper="1" effort="3"/>', ""])
@@ -273,3 +277,22 @@ def test_a_hinge_without_a_range_has_none_and_mujoco_writes_no_file(
     if limit:
         np.testing.assert_allclose(model.jnt_actfrcrange[model.joint("shoulder").id], [-3, 3])
     assert list(folder.iterdir()) == []
+
+
+def test_a_world_that_is_not_described_is_what_drakes_files_weld_their_base_to(urdf: Path) -> None:
+    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    bare = load(urdf)
+    urdf.write_text(robot(ARM + weld))
+    welded = load(urdf)
+    assert welded.joints == bare.joints
+    np.testing.assert_array_equal(welded.model().body_mass, bare.model().body_mass)
+    assert any("base 'world' is taken to be fixed" in sentence for sentence in welded.unseen)
+
+
+def test_of_a_base_that_is_free_an_example_says_how_to_choose(urdf: Path) -> None:
+    free = '<joint name="free" type="planar"><parent link="floor"/><child link="base"/></joint>'
+    urdf.write_text(robot(f'<link name="floor"/>{ARM}{free}'))
+    with pytest.raises(UsageError, match=r"is floating or planar.*--joints shoulder elbow wrist") as refused:
+        load(urdf)
+    assert refused.value.next_step.endswith("--joints shoulder elbow wrist.")
+    assert load(urdf, ["shoulder", "elbow", "wrist"]).joints == ("shoulder", "elbow", "wrist")

@@ -186,3 +186,39 @@ def test_a_table_of_a_urdf_is_part_of_the_base_and_what_that_leaves_out_is_said(
     assert {gap.text for gap in clearance.gaps.list} >= {"table and fore", "foot and fore"}
     assert "table and upper" not in {gap.text for gap in clearance.gaps.list}
     assert "The distance of upper from what is fixed to the base: table, foot." in clearance.not_looked_at
+
+
+def test_a_floor_that_is_added_answers_the_line_that_asks_for_it(tmp_path: Path) -> None:
+    found, _ = described(tmp_path, CELL.replace("0 0 -.7", "0 0 -.3"))
+    (asked,) = [line for line in found.confirm if line.endswith("add [floor] with its height.")]
+    path = tmp_path / ROBOT_FILE
+    assert asked in read_robot(path).confirm
+    path.write_text(path.read_text().replace("[search]", "[floor]\nheight = -0.7\n[search]"))
+    confirm = read_robot(path).confirm
+    assert confirm == tuple(line for line in found.confirm if line != asked)
+
+
+def test_what_is_only_drawn_beside_the_robot_is_no_obstacle_and_named(tmp_path: Path) -> None:
+    """A mark to reach; in a file in which nothing collides it is taken, as all else is."""
+    geom = '<geom type="box" size=".1 .1 .1" {}/>'
+    mark = f'<body name="goal" mocap="true" pos=".4 0 .5">{geom}</body></worldbody>'
+    text = CELL.replace("</worldbody>", mark.format('contype="0" conaffinity="0"'))
+    found, robot = described(tmp_path, text)
+    assert [box["name"] for box in robot["box"]] == ["top", "table"]
+    assert said(found, "What is only drawn beside the robot is left out: goal.")
+    _, robot = described(tmp_path, CELL.replace("</worldbody>", mark.format("")))
+    assert [box["name"] for box in robot["box"]] == ["top", "table", "goal"]
+    nothing = '<default><geom contype="0" conaffinity="0"/></default><worldbody>'
+    found, robot = described(tmp_path, text.replace("<worldbody>", nothing))
+    assert [box["name"] for box in robot["box"]] == ["top", "table", "goal"]
+    assert not said(found, "only drawn")
+
+
+def test_links_that_an_mjcf_excludes_are_named_on_the_certificate(tmp_path: Path) -> None:
+    """But for those that are no pair anyway: neighbours across one joint."""
+    pairs = "".join(f'<exclude body1="{a}" body2="fore"/>' for a in ("turret", "upper"))
+    described(tmp_path, CELL.replace("</mujoco>", f"<contact>{pairs}</contact></mujoco>"))
+    clearance = clearance_of(read_robot(tmp_path / ROBOT_FILE), {})
+    assert clearance is not None
+    out = [sentence for sentence in clearance.not_looked_at if "excludes" in sentence]
+    assert out == ["The distance of turret and fore, which the file excludes."]

@@ -101,34 +101,44 @@ def _check_axis(axis: Axis, where: str) -> None:
 
 @dataclass(frozen=True)
 class Suspected:
-    """A limit that looks like another unit's.
+    """Limits that look like another unit's.
 
     Attributes:
-        joint: whose it is. turns: whether it turns, or slides.
+        joints: whose they are. turns: whether these turn, or slide.
         sentence: what is suspected.
         option: of `etude init` that gives another: "range" or "velocity".
     """
 
-    joint: str
+    joints: tuple[str, ...]
     turns: bool
     sentence: str
     option: str
 
 
+SUSPECTED = {
+    ("range", True): ("position", LARGEST_POSITION, "degrees, not radians"),
+    ("range", False): ("position", LARGEST_SLIDE, "mm, not m"),
+    ("velocity", True): ("velocity", LARGEST_VELOCITY, "degrees/s, not rad/s, or like a placeholder"),
+    ("velocity", False): ("velocity", LARGEST_SLIDE, "mm/s, not m/s, or like a placeholder"),
+}
+"""Option, and whether a joint turns -> the limit it gives, the most to be believed, what more is like."""
+
+
 def suspected(spec: ArmSpec) -> Suspected | None:
-    """The first limit of a joint that looks like degrees, or like mm."""
-    for axis in spec.axes:
-        turns, largest = axis.unit == "rad", max(abs(axis.lower), abs(axis.upper))
-        most, fastest = (LARGEST_POSITION, LARGEST_VELOCITY) if turns else (LARGEST_SLIDE, LARGEST_SLIDE)
-        if largest > most:
-            units = "degrees, not radians" if turns else "mm, not m"
-            words = f"position limit {largest:g} of joint '{axis.name}' looks like {units}"
-            return Suspected(axis.name, turns, words, "range")
-        if axis.velocity > fastest:
-            units = "degrees/s, not rad/s" if turns else "mm/s, not m/s"
-            words = f"velocity limit {axis.velocity:g} of joint '{axis.name}' looks like {units}"
-            return Suspected(axis.name, turns, words, "velocity")
+    """The first kind of limit that looks like degrees or mm, and all joints of which it does."""
+    for (option, turns), (limit, most, units) in SUSPECTED.items():
+        own = {axis.name: _size(axis, option) for axis in spec.axes if (axis.unit == "rad") == turns}
+        large = {name: size for name, size in own.items() if size > most}
+        if large:
+            (first, size), others = next(iter(large.items())), len(large) - 1
+            more = f" (and of {others} more)" if others else ""
+            words = f"{limit} limit {size:g} of joint '{first}'{more} looks like {units}"
+            return Suspected(tuple(large), turns, words, option)
     return None
+
+
+def _size(axis: Axis, option: str) -> float:
+    return axis.velocity if option == "velocity" else max(abs(axis.lower), abs(axis.upper))
 
 
 def unit_suspicion(spec: ArmSpec) -> str:

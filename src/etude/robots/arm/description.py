@@ -72,7 +72,7 @@ def describe(
     if spec.model_file is not None:
         from etude.robots.arm.clearance.of_robot import completed
         from etude.robots.arm.clearance.srdf import disabled
-        from etude.robots.arm.loading.crowded import crowded_links
+        from etude.robots.arm.loading.crowded import crowded_links, crowds, hemmed_in
         from etude.robots.arm.loading.lengths import check_lengths
         from etude.robots.arm.loading.load import load_arm
         from etude.robots.arm.loading.pack import packed
@@ -82,14 +82,18 @@ def describe(
         loaded = load_arm(spec, mesh_roots=mesh_roots)
         if whole_file := path.suffix.lower() != ".toml":
             check_lengths(loaded)
-        crowded = crowded_links(loaded, spec.lower, spec.upper)
-        files[name], meshes = packed(spec.model_file, mesh_roots, crowded)
+        crowded = crowded_links(crowds(loaded, spec.lower, spec.upper))
+        finer: list[str] = []
+        files[name], meshes = packed(spec.model_file, mesh_roots, crowded, finer)
         files |= meshes
         whole, spec = spec, replace(spec, model_file=Path(name))
-        around, of_around = completed(spec, _loaded_from(spec, files), leave, whole_file=whole_file)
+        final = _loaded_from(spec, files)
+        around, of_around = completed(spec, final, leave, whole_file=whole_file)
+        if around.collision.look:
+            finer += hemmed_in(crowds(final, spec.lower, spec.upper), around.collision.ignore)
         spec = replace(spec, around=around)
         home = np.array(around.search.home) if around.search else 0.5 * (spec.lower + spec.upper)
-        confirm = (*confirm, *loaded.notes, *of_around, *weight_sentences(whole, home))
+        confirm = (*confirm, *loaded.notes, *finer, *of_around, *weight_sentences(whole, home))
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
 

@@ -44,6 +44,7 @@ from typing import Any
 from etude.errors import UsageError
 from etude.robots.arm.checks import check_spec, unit_suspicion
 from etude.robots.arm.clearance.surroundings import (
+    ADD_FLOOR,
     Box,
     Collision,
     Column,
@@ -123,12 +124,17 @@ def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
         around = Surroundings(**{**given, "collision": table.collision or Collision()})
     except UsageError as error:
         raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
-    same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "confirm", "simulate")
-    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor}
+    same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "simulate")
+    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
     head = (table.name, table.axis, table.command_unit, table.rate, model_file)
     spec = ArmSpec(*head, **own, around=around)
     _check_search(spec, where)
     return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def _open(table: RobotTable) -> tuple[str, ...]:
+    """What is still to be confirmed: a floor that was added since answers the line that asks for one."""
+    return tuple(line for line in table.confirm if table.floor is None or not line.endswith(ADD_FLOOR))
 
 
 def _check_search(spec: ArmSpec, where: str) -> None:

@@ -195,11 +195,13 @@ def _require_believable(spec: ArmSpec, path: Path) -> None:
     if found := suspected(spec):
         example = "lower:upper" if found.option == "range" else "limit"
         units = RADIANS if found.turns else METRES
+        every = len(found.joints) == spec.dof > 1
+        given = " ".join(_option(joint, example) for joint in (["*"] if every else found.joints))
         raise UsageError(
             found.sentence,
             where=str(path),
-            next_step=f"{units} Give the right one with --{found.option} {_option(found.joint, example)}, or "
-            "correct the file. A robot file written by hand may say units_checked = true.",
+            next_step=f"{units} Give the right one with --{found.option} {given}, or correct the file. A "
+            "robot file written by hand may say units_checked = true.",
         )
 
 

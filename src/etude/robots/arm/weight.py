@@ -28,6 +28,8 @@ STRONG = 10.0
 """Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
 APART, FAR = 10.0, 100.0
 """Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
+FEW = 2
+"""Joints of one unit among which nobody can tell by numbers alone which of them is odd."""
 MOST = 0.75
 """Of the joints."""
 
@@ -73,7 +75,8 @@ def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
     factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
     factor = float(factors.min()) if loaded.any() else 0.0
     found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
-    return (*found, *_odd(spec, factors, weak))
+    found += _odd(spec, factors, weak)
+    return (*found, *(_slides(spec, factors) if factor <= STRONG else ()))
 
 
 def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
@@ -131,7 +134,8 @@ def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
         own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
         for j, times in _apart(spec.command[own]):
             k, sign = int(own[j]), "N m" if unit == "rad" else "N"
-            if not weak[k] and (max(times, 1.0 / times) > FAR or _unfit(times, factors[k], factors)):
+            far = len(own) > FEW and max(times, 1.0 / times) > FAR
+            if not weak[k] and (far or _unfit(times, factors[k], factors)):
                 said.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
     if not said:
         return []
@@ -141,18 +145,36 @@ def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
     ]
 
 
+def _slides(spec: ArmSpec, factors: Array) -> list[str]:
+    """Of slides that have no others to compare with: what one is asked for follows from the mass it moves."""
+    slides = [j for j, axis in enumerate(spec.axes) if axis.unit == "m"]
+    far = [j for j in slides if len(slides) <= FEW and FAR < factors[j] < np.inf]
+    if not far:
+        return []
+    words = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
+    return [
+        "Command limits of slides are far beyond what these are asked for at their limits of speed and "
+        f"acceleration: {'; '.join(words)}. In another unit? Correct command of [[axis]] in robot.toml."
+    ]
+
+
 def _unfit(times: float, factor: float, factors: Array) -> bool:
     """Whether a limit that is `times` the others' does not fit what the arm asks of that joint either."""
     return factor > STRONG if times > 1.0 else factor < min(1.0, float(np.median(factors)) / APART)
 
 
 def _apart(limits: Array) -> list[tuple[int, float]]:
-    """The fewer of the joints on either side of a gap of `APART`, and their limits by the next beyond it."""
+    """The fewer of the joints on either side of a gap of `APART`, and their limits by the next beyond it.
+
+    Of two joints both, where the gap is `FAR`.
+    """
     order = np.argsort(limits, kind="stable")
     found = []
     for k in range(1, len(order)):
         low, high = limits[order[k - 1]], limits[order[k]]
-        if high > APART * low and 2 * k != len(order):
+        if len(order) == FEW and high > FAR * low:
+            found += [(int(order[0]), float(low / high)), (int(order[1]), float(high / low))]
+        elif high > APART * low and 2 * k != len(order):
             fewer, nearest = (order[:k], high) if 2 * k < len(order) else (order[k:], low)
             found += [(int(j), float(limits[j] / nearest)) for j in fewer]
     return found

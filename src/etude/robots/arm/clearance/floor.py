@@ -12,14 +12,11 @@ from etude.robots.arm.clearance.gaps import Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL
 from etude.robots.arm.clearance.skeleton import Skeleton
-from etude.robots.arm.clearance.surroundings import Floor, Surroundings, Wall
+from etude.robots.arm.clearance.surroundings import ADD_FLOOR, Floor, Surroundings, Wall
 from etude.robots.arm.loading.loaded import Loaded
 
-NO_FLOOR = "No floor is assumed at height 0 m, since {}: add [floor] with its height."
-NOT_THE_PLANE = (
-    "The model file's plane at height {:.4g} m is not taken as the floor, since {}: add [floor] with its "
-    "height."
-)
+NO_FLOOR = f"No floor is assumed at height 0 m, since {{}}{ADD_FLOOR}"
+NOT_THE_PLANE = "The model file's plane at height {:.4g} m is not taken as the floor, since {}."
 ASSUMED = "A floor is assumed at height 0 m, where the base stands: correct [floor], or take it out."
 OF_PLANE = "The floor is the model file's plane at height {:.4g} m: correct [floor] if it is elsewhere."
 BELOW = 0.005
@@ -53,7 +50,7 @@ def with_floor(
             return replace(around, floor=Floor(height)), (*said, OF_PLANE.format(height))
         said.append(NOT_THE_PLANE.format(height, why))
     if heights:
-        return around, tuple(said)
+        return around, (*said[:-1], f"{said[-1].removesuffix('.')}{ADD_FLOOR}")
     why = _why_not(loaded, lower, upper, around, 0.0) or _boxes_below(around)
     if why:
         return around, (NO_FLOOR.format(why),)

@@ -8,17 +8,17 @@ from etude.contracts import Array, Margins, Proof
 from etude.robots.arm.clearance.floor import with_floor
 from etude.robots.arm.clearance.in_file import from_file
 from etude.robots.arm.clearance.limit import Clearance
-from etude.robots.arm.clearance.pairs import gaps_of
+from etude.robots.arm.clearance.pairs import excluded_links, gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
 from etude.robots.arm.clearance.skeleton import BOX, Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
-from etude.robots.arm.clearance.surroundings import Surroundings
+from etude.robots.arm.clearance.surroundings import ADD_FLOOR, Surroundings
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.of_file import of_file
 from etude.robots.arm.spec import ArmSpec
 
-PLANE = "A plane of the model file is left out: name the floor in [floor] of robot.toml."
+PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
 _known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
 
 
@@ -33,7 +33,11 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
         return None
     loaded, complete, proofs = found
     home, lower, upper = search_of(spec)
-    unseen = (*beside_base(complete.gaps.skeleton), *not_looked_at(loaded, complete.around))
+    skeleton = complete.gaps.skeleton
+    out = [
+        f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
+    ]
+    unseen = (*out, *beside_base(skeleton), *not_looked_at(loaded, complete.around))
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     known = {} if margins else proofs

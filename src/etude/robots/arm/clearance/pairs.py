@@ -8,7 +8,7 @@ robot file ignores.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -86,19 +86,33 @@ def _compiled(spec: Any, loaded: Loaded) -> Any:
         raise refused(problem, loaded.source) from None
 
 
+def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str], ...]:
+    """Links that a joint can bring together and an MJCF excludes from contact."""
+    pairs = {frozenset(pair) for pair in loaded.excluded}
+    shapes = [(skeleton.shapes[i], skeleton.shapes[k]) for i, k in _meeting(skeleton)]
+    left = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
+    return tuple(dict.fromkeys(left))
+
+
 def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
     """Pairs of the robot's shapes that a joint can bring together."""
     found = []
+    for i, k in _meeting(skeleton):
+        one, other = skeleton.shapes[i], skeleton.shapes[k]
+        if frozenset((one.name, other.name)) not in excluded:
+            first, second = sorted((one.part, other.part))
+            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
+    return found
+
+
+def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
+    """Numbers of shapes, none of them a box, of parts that neither are one nor hang on one another."""
     for (i, one), (k, other) in combinations(enumerate(skeleton.shapes), 2):
         a, b = one.part, other.part
         if a == b or skeleton.parent[a] == b or skeleton.parent[b] == a:
             continue
-        if BOX in (one.name[: len(BOX)], other.name[: len(BOX)]):
-            continue
-        if frozenset((one.name, other.name)) not in excluded:
-            first, second = sorted((a, b))
-            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
-    return found
+        if BOX not in (one.name[: len(BOX)], other.name[: len(BOX)]):
+            yield i, k
 
 
 def _boxed(skeleton: Skeleton) -> list[Gap]:

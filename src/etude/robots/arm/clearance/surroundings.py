@@ -33,6 +33,8 @@ from etude.errors import UsageError
 
 MARGIN = 0.01
 """m that parts keep from one another and from what stands around, beyond what tracking needs."""
+ADD_FLOOR = ": add [floor] with its height."
+"""Ends what is to be confirmed of a robot without a floor, until its file has one."""
 SHORTEST = 1e-9
 """Length of a normal that is none."""
 

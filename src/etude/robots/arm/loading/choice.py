@@ -13,7 +13,15 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.limbs import Moving, described, length, no_arm, option, without_tip
+from etude.robots.arm.loading.limbs import (
+    Moving,
+    described,
+    ends_in_hand,
+    length,
+    no_arm,
+    option,
+    without_tip,
+)
 
 FINGER = re.compile("grip|finger|jaw|knuckle|thumb", re.IGNORECASE)
 
@@ -49,20 +57,29 @@ def choose(
         for sentence in unseen
     ]
     if wanted is None:
-        notes += [
-            f"{_position(found, name, at)}: name it in --joints if it should move."
-            for name, at in held.items()
-            if not _leader(found, name)
-        ]
+        notes += _left(found, held) + _perhaps_finger(found, joints)
     if held:
         stays = ", ".join(f"{name} at {at:.4g}" for name, at in held.items())
         unseen = [f"held joints are taken to stay where they are: {stays}", *unseen]
     return Choice(joints, held, tuple(notes), tuple(unseen))
 
 
-def _position(found: Sequence[Moving], name: str, at: float) -> str:
-    unit = "m" if _by_name(found)[name].slides else "rad"
-    return f"Joint '{name}' is held at {at:.4g} {unit}"
+def _left(found: Sequence[Moving], held: Mapping[str, float]) -> list[str]:
+    """One sentence for all joints that were not taken for the arm's, though they move by themselves."""
+    joints = _by_name(found)
+    units = {name: "m" if joints[name].slides else "rad" for name in held}
+    stand = [f"'{name}' at {at:.4g} {units[name]}" for name, at in held.items() if not joints[name].leader]
+    return [f"Joints are held: {', '.join(stand)}. Name in --joints what should move."] if stand else []
+
+
+def _perhaps_finger(found: Sequence[Moving], joints: Sequence[str]) -> list[str]:
+    """A sentence for an arm whose last joint moves a gripper by name, and nothing that moves itself."""
+    tip = _by_name(found)[joints[-1]]
+    carrying = any(joint.before == tip.name for joint in found)
+    if len(joints) < 3 or carrying or not FINGER.search(tip.carries):
+        return []
+    rest = " ".join(joints[:-1])
+    return [f"Joint '{tip.name}' moves '{tip.carries}': if that is a finger, leave it out, --joints {rest}."]
 
 
 def _by_name(found: Sequence[Moving]) -> dict[str, Moving]:
@@ -120,7 +137,7 @@ def _only_arm(found: Sequence[Moving], where: str) -> tuple[str, ...]:
             return (free[0].name,)
         raise no_arm(found, where)
     path = limbs
-    while following := _next(path[-1], after, found, where):
+    while following := _next(path, after, found, where):
         path.append(following)
     return tuple(joint.name for joint in without_tip(path, found))
 
@@ -147,18 +164,21 @@ def _without_fingers(found: Sequence[Moving]) -> list[Moving]:
 
 
 def _next(
-    joint: Moving, after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
+    path: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving], where: str
 ) -> Moving | None:
     """The joint that carries the arm on; None at its tip, where several single joints are a hand."""
-    branches = after[joint.name]
+    branches = after[path[-1].name]
     if len(branches) == 1:
         return branches[0]
     long = [one for one in branches if length(one, after) >= 2]
     if len(long) > 1:
+        hand = ends_in_hand(path, branches, after)
+        choose = "Are they a hand? Then choose what carries it" if hand else "Choose one"
+        shown = option(path[:1] if hand else long, after, found)
         raise UsageError(
-            f"several limbs begin after joint '{joint.name}': {described(long, after)}",
+            f"several limbs begin after joint '{path[-1].name}': {described(long, after)}",
             where=where,
-            next_step=f"Choose one, for example {option(long, after, found)}; the others are held.",
+            next_step=f"{choose}, for example {shown}; the others are held.",
         )
     return long[0] if long else None
 

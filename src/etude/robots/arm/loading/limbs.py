@@ -26,6 +26,7 @@ class Moving:
         endless: True for a hinge that turns without end.
         leader, factor, offset: of a joint that follows another one (`<mimic>`): position = factor * leader's
             + offset.
+        carries: the link that it moves.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Moving:
     leader: str = ""
     factor: float = 1.0
     offset: float = 0.0
+    carries: str = ""
 
 
 def length(joint: Moving, after: Mapping[str, list[Moving]]) -> int:
@@ -52,14 +54,31 @@ def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
 
 
 def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
-    """What chooses the longest limb: a pattern, if it means these joints and no others, else their names."""
+    """What chooses the longest limb, without a hand at its end: a pattern, if it means these joints and no
+    others, else their names.
+    """
     path = [max(limbs, key=lambda limb: length(limb, after))]
-    while following := after[path[-1].name]:
+    while (following := after[path[-1].name]) and not ends_in_hand(path, following, after):
         path.append(max(following, key=lambda one: length(one, after)))
     names = [joint.name for joint in without_tip(path, found)]
     pattern = f"{commonprefix(names)}*"  # noqa: RUF071 characters are meant
     alone = [joint.name for joint in found if fnmatchcase(joint.name, pattern)] == names
-    return f"--joints {repr(pattern) if alone and len(pattern) > 1 else ' '.join(names)}"
+    return f"--joints {repr(pattern) if alone and len(names) > 1 < len(pattern) else ' '.join(names)}"
+
+
+def ends_in_hand(
+    path: Sequence[Moving], following: Sequence[Moving], after: Mapping[str, list[Moving]]
+) -> bool:
+    """Whether a limb branches into several that are all shorter: fingers, whatever they are called."""
+    return len(following) > 1 and all(length(one, after) < len(path) for one in following)
+
+
+def example(found: Sequence[Moving]) -> str:
+    """The option that chooses the longest limb, to end a sentence; "" where nothing moves by itself."""
+    own = [joint for joint in found if not joint.leader]
+    after = {joint.name: [j for j in own if j.before == joint.name] for joint in own}
+    starts = [joint for joint in own if joint.before not in after]
+    return f", for example {option(starts, after, found)}" if starts else ""
 
 
 def described(limbs: Sequence[Moving], after: Mapping[str, list[Moving]]) -> str:
@@ -75,13 +94,9 @@ def no_arm(found: Sequence[Moving], where: str) -> UsageError:
             next_step="Name the file of an arm: this one describes an object, or a part without joints. A "
             "vehicle that flies is described in a TOML.",
         )
-    own = [joint for joint in found if not joint.leader]
-    after = {joint.name: [j for j in own if j.before == joint.name] for joint in own}
-    longest = max((j for j in own if j.before not in after), key=lambda j: length(j, after), default=None)
-    example = "" if longest is None else f", for example {option([longest], after, found)}"
     return UsageError(
         "no arm: no chain of two or more joints begins at the base, without fingers (by name) and joints "
         f"that follow others (moving joints: {', '.join(joint.name for joint in found)})",
         where=where,
-        next_step=f"Choose joints with --joints if it should learn all the same{example}.",
+        next_step=f"Choose joints with --joints if it should learn all the same{example(found)}.",
     )

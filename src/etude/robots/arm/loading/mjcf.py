@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from etude.errors import UsageError
 from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.choice import Choice, choose
+from etude.robots.arm.loading.limbs import example
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.mjcf_beside import beside, planes_of
 from etude.robots.arm.loading.mjcf_compiled import compiled
@@ -59,7 +60,7 @@ def chosen_in(
             where=where,
             next_step="Only hinge and slide joints on a fixed base have an inverse dynamics here. "
             f"{'If it can be held' if ball else 'If the base stands still'}, choose the arm with --joints, "
-            f"of {', '.join(joint.name for joint in moving(model)) or 'none'}.",
+            f"of {', '.join(joint.name for joint in moving(model)) or 'none'}{example(moving(model))}.",
         )
     choice = choose(moving(model), wanted, given, where)
     check_loops(model, choice, where)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from etude.robots.arm.loading.limbs import Moving
@@ -29,7 +30,8 @@ def moving(model: mujoco.MjModel) -> tuple[Moving, ...]:
                 slides = bool(model.jnt_type[j] == SLIDE)
                 follows = leaders.get(name, ("", 1.0, 0.0))
                 endless = not slides and not model.jnt_limited[j]
-                found.append(Moving(name, carrier, float(lower), float(upper), slides, endless, *follows))
+                own = Moving(name, carrier, float(lower), float(upper), slides, endless, *follows)
+                found.append(replace(own, carries=model.body(body).name))
                 carrier = name
         before[body] = carrier
     return tuple(found)

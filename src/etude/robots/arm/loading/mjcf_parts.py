@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from etude.robots.arm.loading.choice import Choice
@@ -10,33 +11,49 @@ if TYPE_CHECKING:
     import mujoco
 
 SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
-PLANE = 0
+PLANE, MESH = 0, 7
+BESIDE = -1
+"""A part of its own: bodies that hang on the world apart from the robot."""
 
 
 def shapes_of_bodies(
     model: mujoco.MjModel, choice: Choice, unseen: list[str]
 ) -> tuple[dict[int, list[int]], tuple[str, ...]]:
-    """Geoms to keep by body: those that collide; of a part without any, all."""
+    """Geoms to keep by body: those that collide; of a part without any, all. Of bodies beside the robot only
+    those that collide, but where nothing in the file does.
+    """
     parts: dict[int, list[int]] = {}
+    roots = {0, *(int(model.body_rootid[model.jnt_bodyid[model.joint(j).id]]) for j in choice.joints)}
     for b in range(model.nbody):
-        parts.setdefault(part_of(model, choice, b), []).append(b)
+        part = part_of(model, choice, b) if int(model.body_rootid[b]) in roots else BESIDE
+        parts.setdefault(part, []).append(b)
+    some = bool(model.geom_contype.any())
     kept: dict[int, list[int]] = {}
     drawn, notes = [], []
     for part, bodies in parts.items():
         geoms = [g for b in bodies for g in geoms_of(model, b) if int(model.geom_type[g]) in SHAPES]
         solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
-        for g in solid or geoms:
+        for g in solid if part == BESIDE and some else solid or geoms:
             kept.setdefault(int(model.geom_bodyid[g]), []).append(g)
-        if part and geoms and not solid:
+        if part == BESIDE and some:
+            notes += _only_drawn(model, geoms, solid)
+        if part > 0 and geoms and not solid:
             drawn.append(name_of(model, part))
-        if part and not geoms:
+        if part > 0 and not geoms:
             unseen.append(f"the shape of body '{name_of(model, part)}': the file has none")
         moving = [b for b in bodies if model.body_weldid[b]]  # what never moves is the room's: mjcf_beside
         if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
             notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
-    if drawn and model.geom_contype.any():  # a file in which nothing collides means nothing by it
+    if drawn and some:  # a file in which nothing collides means nothing by it
         notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
     return kept, tuple(notes)
+
+
+def _only_drawn(model: mujoco.MjModel, geoms: Sequence[int], solid: Sequence[int]) -> list[str]:
+    """A sentence for bodies beside the robot of which nothing collides: marks, and targets to reach."""
+    own, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
+    names = dict.fromkeys(name_of(model, b) for b in own if b not in hard)
+    return [f"What is only drawn beside the robot is left out: {', '.join(names)}."] if names else []
 
 
 def part_of(model: mujoco.MjModel, choice: Choice, b: int) -> int:

@@ -17,19 +17,26 @@ from etude.robots.arm.loading.slabs import slabs
 from etude.robots.arm.loading.urdf_checks import scale_of
 
 MESHES = "robot_meshes"
+DRAWN = (
+    "Hulls that often overlap others stand for the shapes of {} in the model file: slabs of what is drawn of "
+    "them, which fills these hulls, are taken instead."
+)
 DEEPEST = 20
 """Levels of includes; more is a circle."""
 
 
 def packed(
-    path: Path, mesh_roots: Sequence[Path] = (), crowded: Collection[str] = ()
+    path: Path,
+    mesh_roots: Sequence[Path] = (),
+    crowded: Collection[str] = (),
+    notes: list[str] | None = None,
 ) -> tuple[bytes, dict[str, bytes]]:
     """The model file's bytes, and the mesh files that they name, by their path relative to it.
 
     A URDF keeps everything but its pictures; its meshes become their convex hulls, bent ones of the links in
-    `crowded` several; see `slabs`. An MJCF keeps everything,
-    includes in their places. What is missing stays missing. A file without meshes and includes is copied byte
-    by byte.
+    `crowded` several; see `slabs`. An MJCF keeps everything, includes in their places, and gets slabs beside
+    the bent ones. What is missing stays missing. A file without meshes and includes is copied byte
+    by byte. What a person should confirm of that is added to `notes`.
 
     Raises:
         UsageError: unreadable XML or mesh, a missing include, or includes in a circle.
@@ -45,7 +52,7 @@ def packed(
         includes = attached or root.find(".//include") is not None
         if includes:
             _expand(root, path.parent, 0)
-        meshes = _packed_mjcf(root, path)
+        meshes = _packed_mjcf(root, path, crowded, [] if notes is None else notes)
         changed = includes or bool(meshes)
     return (bytes(ET.tostring(root, encoding="utf-8")) if changed else data), meshes
 
@@ -117,8 +124,10 @@ def _with_attached(path: Path) -> ET.Element:
         raise refused(problem, str(path)) from None
 
 
-def _packed_mjcf(root: ET.Element, path: Path) -> dict[str, bytes]:
-    """Meshes under names of their own, beside the file."""
+def _packed_mjcf(
+    root: ET.Element, path: Path, crowded: Collection[str], notes: list[str]
+) -> dict[str, bytes]:
+    """Meshes under names of their own, beside the file, and slabs of bent ones."""
     meshes: dict[str, bytes] = {}
     compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
     folder = path.parent / compiler.get("meshdir", compiler.get("assetdir", ""))
@@ -131,10 +140,23 @@ def _packed_mjcf(root: ET.Element, path: Path) -> dict[str, bytes]:
         name = f"{MESHES}/{len(meshes)}_{file.name}"
         meshes[name] = file.read_bytes()
         mesh.set("file", name)
+    meshes |= _slabs(root, path, crowded, notes)
     for one in root.findall("compiler") if meshes else ():
         for key in ("meshdir", "assetdir"):
             one.attrib.pop(key, None)
     return meshes
+
+
+def _slabs(root: ET.Element, path: Path, crowded: Collection[str], notes: list[str]) -> dict[str, bytes]:
+    if not crowded:
+        return {}
+    from etude.robots.arm.loading.mjcf_compiled import compiled
+    from etude.robots.arm.loading.mjcf_slabs import Slabs
+
+    found = Slabs(root, compiled(path).model, MESHES)
+    found.add(crowded)
+    notes += [DRAWN.format(", ".join(found.drawn))] if found.drawn else []
+    return found.files
 
 
 def _expand(element: ET.Element, folder: Path, depth: int) -> None:

@@ -17,6 +17,7 @@ from etude.errors import UsageError
 from etude.robots.arm.loading.attached import Additions
 from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.inertia import masses_of
+from etude.robots.arm.loading.limbs import example
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.rotations import angles_of
 from etude.robots.arm.loading.urdf_additions import add_to_urdf
@@ -73,7 +74,8 @@ def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, 
             f"the base is not fixed: joint '{floating[0]}' is floating or planar",
             where=tree.where,
             next_step="Only a robot on a fixed base has an inverse dynamics here. If the base stands still, "
-            f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}.",
+            f"choose the arm with --joints, of {', '.join(j.name for j in tree.moving()) or 'none'}"
+            f"{example(tree.moving())}.",
         )
     return choose(tree.moving(), wanted, given, tree.where)
 

@@ -13,6 +13,9 @@ from etude.robots.arm.loading.limbs import Moving
 from etude.robots.arm.loading.rotations import turn_of
 from etude.robots.arm.loading.urdf_checks import FLOATING, MOVING, check_joints, number, vector
 
+WORLD = "world"
+"""A link that Drake's files weld their base to without describing it."""
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
@@ -68,6 +71,8 @@ def read_tree(root: ET.Element, where: str) -> UrdfTree:
             a joint that is none (`urdf_checks`).
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
+    if WORLD not in links and any(parent(joint) == WORLD for joint in root.findall("joint")):
+        links[WORLD] = ET.Element("link", name=WORLD)
     carried: dict[str, ET.Element] = {}
     for joint in root.findall("joint"):
         for name in (parent(joint), child(joint)):
@@ -128,7 +133,7 @@ def _moving(joint: ET.Element, carrier: str, where: str) -> Moving:
     name, place = joint.get("name", ""), f"{where}, joint '{joint.get('name')}'"
     lower, upper = hard_range(joint, place)
     kind, mimic = joint.get("type"), joint.find("mimic")
-    own = Moving(name, carrier, lower, upper, kind == "prismatic", kind == "continuous")
+    own = Moving(name, carrier, lower, upper, kind == "prismatic", kind == "continuous", carries=child(joint))
     if mimic is None:
         return own
     factor, offset = (number(mimic.get(key, start), place) for key, start in _MIMIC)
