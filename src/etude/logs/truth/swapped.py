@@ -20,7 +20,7 @@ import numpy as np
 from etude.contracts import Array, Finding, Index, Mask
 from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import MOVING, Seen
-from etude.logs.truth.sign import ALIKE, SURE, agreement, likeness
+from etude.logs.truth.sign import ALIKE, SURE, likeness
 from etude.logs.truth.words import Mendable, accepted, named
 
 CHECK = "swapped"
@@ -141,20 +141,22 @@ def _apart(left: Array, step: float) -> float:
 def _tied(seen: Seen, best: Index, torque: Array | None) -> Mask:
     """(k,) where the command that fits has friction in it, or is like the model file's torque.
 
-    Friction: power of one sign, and, beside a weight by the joint's own position, a Coulomb part that pushes
-    the same way. What is in phase with the speed by chance has the power, and a Coulomb part of any sign.
+    Friction: what a weight by the joint's own position and its inertia leave has power of one sign, and a
+    Coulomb part that pushes the same way. What is in phase with the speed by chance has the power, and a
+    Coulomb part of any sign.
     """
     assert seen.command is not None
     own = replace(seen, command=seen.command[:, best])
-    rho = agreement(own)
-    rubbed = np.abs(np.nan_to_num(rho)) > SURE
-    for j in np.flatnonzero(rubbed).tolist():
+    tied = np.abs(likeness(own, torque)) > ALIKE
+    for j in np.flatnonzero(seen.moves & ~tied).tolist():
         rows = seen.moving[:, j]
-        weight = [np.sin(seen.q[rows, j]), np.cos(seen.q[rows, j])]
-        X = np.column_stack([*weight, *_regressors(seen, j)])
-        coulomb = np.linalg.lstsq(X, seen.command[rows, best[j]], rcond=None)[0][-1]
-        rubbed[j] = coulomb * rho[j] > 0.0
-    return np.asarray(rubbed | (np.abs(likeness(own, torque)) > ALIKE))
+        q, y = seen.q[rows, j], seen.command[rows, best[j]]
+        one, inertia, viscous, coulomb = _regressors(seen, j)
+        X = np.column_stack([one, np.sin(q), np.cos(q), inertia, viscous, coulomb])
+        found = np.linalg.lstsq(X, y, rcond=None)[0]
+        power = (y - X[:, :4] @ found[:4]) * viscous
+        tied[j] = abs(power.sum()) > SURE * np.abs(power).sum() and power.sum() * found[-1] > 0.0
+    return np.asarray(tied)
 
 
 def swap_finding(seen: Seen, torque: Array | None = None) -> Finding:
@@ -188,12 +190,12 @@ def finding_of(found: Order | None, parts: tuple[str, ...]) -> Finding:
 def _doubt(found: Order, parts: tuple[str, ...]) -> Finding:
     """Another order fits better, which proves nothing."""
     if found.margin <= MARGIN:
-        better, why, step = "a little better", "in so short or slow a motion", "record a longer motion"
+        better, why, step = "a little better", "in so short or slow a motion", "a longer motion tells more"
     else:
         better, why = "better", "where no friction of a joint is seen in its command"
-        step = "describe the robot with a model file, whose torques tell"
+        step = "the torques of a model file tell, if gravity's direction in it is the robot's"
     fact = (
         f"The commands of {named(parts, found.moved)} fit each other's joints {better} (likelihood "
         f"e^{found.margin:.0f}), which {why} may be chance."
     )
-    return Finding(CHECK, "cannot tell", fact, f"Check the order of the columns, or {step}.")
+    return Finding(CHECK, "cannot tell", fact, f"Check the order of the columns; {step}.")
