@@ -386,4 +386,6 @@ def test_the_estimate_of_a_vehicle_may_drift_and_not_be_anothers() -> None:
     qd = log["qd"].copy()
     qd[:, 2] = np.random.default_rng(0).normal(size=len(log))
     assert told(log.put(QD, qd)) == {}
+    assert told(log.put(QD, log["qd"] * [1.0, 1.0, 0.13])) == {}
+    assert set(told(log.put(QD, log["qd"] * 0.13))) == {"velocity"}
     assert set(told(log.put(QD, log["qd"][:, [1, 0, 2]]))) == {"velocity"}
