@@ -19,7 +19,7 @@ from etude.campaign.proposals import stored_trajectory
 from etude.campaign.status import status
 from etude.campaign.stored import MIXED, label, newest_model
 from etude.campaign.tell import tell
-from etude.errors import StopRuleReached
+from etude.errors import DataError, StopRuleReached
 
 CONFIG = """\
 [trajectory]
@@ -158,6 +158,26 @@ def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_pat
     assert rung in (facts["chosen"], "auto")
     assert len(facts["rungs"]) == 2
     assert ask(campaign, go_on=True).certificate.ok
+
+
+def test_a_log_that_moves_one_joint_teaches_what_the_others_cannot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blocks of it are held out and learned from its others alone, which physics may refuse."""
+    campaign = make_campaign(tmp_path, config=CONFIG)
+    tell(campaign, write_log(tmp_path / "1.csv", random_motion(campaign, 1)), foreign=True)
+
+    def refused(*_: object) -> None:
+        raise DataError("An axis never moves, so nothing of it can be identified", where="hip")
+
+    monkeypatch.setattr(learning, "_held_out", refused)
+    tell(campaign, write_log(tmp_path / "2.csv", random_motion(campaign, 2)), foreign=True)
+    assert [r.number for r in campaign.state().learned] == [1, 2]
+    facts = campaign.state().trained[-1].trained
+    assert facts is not None
+    assert "held_out" not in facts
+    assert any("No blocks of log 2 were held out" in said and "hip" in said for said in facts["warnings"])
+    assert status(campaign)["held_out"]["number"] == 1
 
 
 def test_commands_of_different_rungs_are_scored_as_they_are_used(learned: Campaign) -> None:

@@ -108,6 +108,22 @@ def test_pauses_split_the_log() -> None:
     assert "after t = 4.99" in log.repairs[0]
 
 
+@pytest.mark.parametrize("start", [1000.0, 1.7e9])
+def test_stamps_that_were_not_set_yet_are_dropped(start: float) -> None:
+    """The first rows of a recorder whose clock was not there; in order, so that sorting leaves them."""
+    t = start + LOG.t
+    t[:4] = [0.0, 0.79, 47.6, 48.0]
+    log = cleaned(at(LOG, t))
+    np.testing.assert_allclose(log.t, LOG.t[4:] - LOG.t[4], atol=1e-6)
+    assert log.repairs[0] == "4 rows whose times lie far from all others (first at 0 s) were dropped."
+
+
+def test_a_second_stretch_is_no_stray() -> None:
+    t = LOG.t + 100.0 * (LOG.t > 18.0)
+    with pytest.raises(DataError, match="samples are missing for 100"):
+        cleaned(at(LOG, t))
+
+
 def test_mostly_pauses_is_refused() -> None:
     keep = (LOG.t < 2) | (LOG.t > 15)
     with pytest.raises(DataError, match=r"samples are missing for 13 of 20 s.*after t = 1.99"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.mapping import LogConfig, mapped, mapping_text
 from etude.logs.read import read_log
+from etude.logs.readers import read_raw
+from etude.logs.units import read_time
 
 LOG = make_log()
 DEGREES = {f"q_{joint} [deg]": f"ActPos{k}" for k, joint in enumerate(JOINTS, 1)}
@@ -77,3 +80,48 @@ def test_what_is_missing_is_a_blank_with_the_nearest_headers() -> None:
     near = mapping_text(["elbow_joint_q_raw", "gear"], CHANNELS)
     assert '# "q_elbow_joint" = ""  # "elbow_joint_q_raw"?' in near
     assert '"qd_' not in text, "what no log needs is asked for"
+
+
+HEADERLESS = {f"q_{joint}": f"column {k}" for k, joint in enumerate(JOINTS, 1)} | {
+    f"command_{joint} [N m]": f"column {k}" for k, joint in enumerate(JOINTS, 1 + len(JOINTS))
+}
+
+
+def numbers(path: Path) -> Path:
+    """Positions and commands without a header, without times."""
+    np.savetxt(path, np.column_stack([LOG["q"], LOG["command"]]), delimiter=",", fmt="%.12g")
+    return path
+
+
+def test_a_file_without_header_and_times_is_read_by_the_numbers_of_its_columns(tmp_path: Path) -> None:
+    path = numbers(tmp_path / "run.csv")
+    config = LogConfig(HEADERLESS, rate=RATE)
+    log = read_log(path, CHANNELS, rate=RATE, limits=LIMITS, config=config)
+    np.testing.assert_allclose(log["q"], LOG["q"], atol=1e-9)
+    np.testing.assert_allclose(log["command"], LOG["command"], atol=1e-9)
+    np.testing.assert_allclose(log.t, np.arange(len(LOG)) / RATE, atol=1e-12)
+    assert any("columns are numbered from 1" in sentence for sentence in log.repairs)
+    assert any(f"{RATE:g} rows a second were taken" in sentence for sentence in log.repairs)
+
+
+def test_without_a_word_on_them_such_files_are_refused_with_what_to_write(tmp_path: Path) -> None:
+    path = numbers(tmp_path / "run.csv")
+    with pytest.raises(DataError, match=rf"no header, only {2 * len(JOINTS)} columns.*\"t\" = \"column 1\""):
+        read_log(path, CHANNELS, rate=RATE, limits=LIMITS)
+    with pytest.raises(DataError, match=r"no time column.*rate = 500"):
+        read_log(path, CHANNELS, rate=RATE, limits=LIMITS, config=LogConfig(HEADERLESS))
+    with pytest.raises(DataError, match=r"no column 'column 99'"):
+        mapped(read_raw(path), LogConfig(HEADERLESS | {"t": "column 99"}))
+
+
+def test_a_rate_never_replaces_times_that_are_there() -> None:
+    raw = raw_log({"t": np.array([0.0, 0.1, 0.4]), "q_a": np.ones(3)}, "x")
+    assert mapped(raw, LogConfig(rate=500.0)).t.tolist() == raw.t.tolist()
+    known = replace(raw_log({"q_a": np.ones(3)}, "x"), t=np.array([0.0, 0.1, 0.4]))  # of a bag
+    assert mapped(known, LogConfig(rate=500.0)).t.tolist() == [0.0, 0.1, 0.4]
+
+
+def test_headers_that_may_be_the_time_are_offered() -> None:
+    raw = raw_log({"rec.time_cont": np.arange(3.0), "centimeter": np.ones(3)}, "x")
+    with pytest.raises(DataError, match=r"Is it rec\.time_cont\? Name it"):
+        read_time(raw, RATE, "x")

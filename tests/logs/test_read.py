@@ -167,7 +167,7 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
         ("run.csv", b"  \n\n", "blank"),
         ("run.csv", CSV.encode(), "0 rows"),
         ("run.csv", CSV[:20].encode(), "has no complete line"),
-        ("run.csv", b"1,2,3,4\n5,6,7,8\n", "numbers where the column names should be"),
+        ("run.csv", b"1,2,3,4\n5,6,7,8\n", "the file has no header, only 4 columns of numbers"),
         ("run.csv", bytes(range(256)) * 40, "binary file"),
         ("run.csv", b"a,b\0,c\n" * 9, "binary file"),
         ("run.csv", b"PAR1" + bytes(range(256)), "this is a Parquet file"),

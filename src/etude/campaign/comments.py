@@ -71,5 +71,6 @@ COMMENTS: dict[str, dict[str, str]] = {
         "columns": 'names that differ: {"q_shoulder [deg]" = "ActPos1"}; etude inspect --write-mapping',
         "ignored": "headers of columns to leave out",
         "topics": "of logs that hold several; none: those that look like what is needed",
+        "rate": "Hz, at which rows of logs without a time column stand; 0: such logs are refused",
     },
 }

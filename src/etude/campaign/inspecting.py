@@ -21,7 +21,7 @@ from etude.logs.guess import guessed_channels
 from etude.logs.health.clock import clock_findings
 from etude.logs.health.columns import column_findings
 from etude.logs.health.motion import motion_findings
-from etude.logs.mapping import LogConfig, mapping_text
+from etude.logs.mapping import LogConfig, mapped, mapping_text
 from etude.logs.read import clean_log, matched_log
 from etude.logs.readers import read_raw
 from etude.logs.truth.judge import judge_commands, judge_motion
@@ -121,7 +121,7 @@ def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[st
     """The log with its columns in place; of a file whose headers tell nothing, its columns as they are."""
     if known.channels:
         return matched_log(path, known.channels, known.rate, topics, known.config)
-    raw = read_raw(path, topics)
+    raw = mapped(read_raw(path, topics), known.config)
     t, said = read_time(raw, known.rate, path.name)
     names = [name for name in raw.values if not is_time(name)]
     channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))

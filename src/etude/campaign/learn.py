@@ -139,7 +139,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     }
     if foreign:
         with part(0.5):
-            facts["held_out"] = _held_out(campaign, told_samples(campaign, [number]), rng)
+            facts |= _held_out_of(campaign, number, rng, facts["warnings"])
     return Learned([path, left_out], facts)
 
 
@@ -221,6 +221,17 @@ def _left_out(ladder: Ladder) -> dict[str, float | None]:
     """Mean absolute error of each rung on logs that it had not seen, over the commands; null if unknown."""
     errors = {rung: float(np.mean(held.errors("absolute"))) for rung, held in ladder.held_out.items()}
     return dict(zip(errors, jsonable(list(errors.values())), strict=True))
+
+
+def _held_out_of(
+    campaign: Campaign, number: int, rng: np.random.Generator, before: list[str]
+) -> dict[str, Any]:
+    """The figures of a log's blocks; of one that cannot be learned alone a warning instead."""
+    try:
+        return {"held_out": _held_out(campaign, told_samples(campaign, [number]), rng)}
+    except DataError as error:
+        said = f"No blocks of log {number} were held out, since alone it cannot be learned: {error.fact}"
+        return {"warnings": [*before, f"{said} ({error.where})." if error.where else f"{said}."]}
 
 
 def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from etude.errors import DataError
 from etude.logs.echo import echo_names, is_number
-from etude.logs.words import MINUTES, NAMELESS, TIME_UNITS, UNITS
+from etude.logs.words import MINUTES, NAMELESS, NUMBERED, TIME_UNITS, UNITS
 
 AGAIN = "Export the log again."
 SEPARATORS, RARER = ",;\t", "| "
@@ -94,16 +94,15 @@ def _cells(line: str, separator: str, where: str) -> list[str]:
 
 
 def _commented(lines: Sequence[_Line], first: _Line, separator: str, where: str) -> Header:
-    """The header of rows above which it stands as a comment, as `numpy.savetxt` writes it."""
+    """The header of rows above which it stands as a comment, as `numpy.savetxt` writes it; numbers where
+    there is none, which mean nothing until [log.columns] says what.
+    """
     above = [line for line in lines if line.end < first.end]
     width = len(_cells(first.text, separator, where))
     names = _cells(above[-1].text.lstrip("# "), separator, where) if above else []
     if len(names) != width or any(is_number(name) for name in names):
-        raise DataError(
-            "the first line has numbers where the column names should be",
-            where=where,
-            next_step="Add a header row such as t,q_<joint>,tau_<joint>.",
-        )
+        numbers = tuple(f"{NUMBERED} {k}" for k in range(1, width + 1))
+        return Header(numbers, separator, 0, ("There is no header: columns are numbered from 1.",))
     found = Header(tuple(names), separator, above[-1].end)
     _check(found, [first], where)
     return found

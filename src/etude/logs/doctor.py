@@ -84,7 +84,7 @@ def order_rows(log: Log) -> Log:
         raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
     steps = np.diff(log.t)
     if (steps > 0).all():
-        return log
+        return _without_strays(log)
     keep = increasing_rows(log.t)
     lost = len(log.t) - len(keep)
     if lost > LARGEST_LOSS / 2 * len(log.t):
@@ -93,7 +93,20 @@ def order_rows(log: Log) -> Log:
         advice = "Cut the file there, and tell each recording on its own." if restart else "Sort it by time."
         fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
         raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
-    return log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
+    ordered = log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
+    return _without_strays(ordered)
+
+
+def _without_strays(log: Log) -> Log:
+    """Drops few rows whose times lie further from the others than those last: stamps not set yet, garbage."""
+    pieces = segments(log.t)
+    main = max(pieces, key=lambda piece: piece.stop - piece.start)
+    first, last = log.t[main.start], log.t[main.stop - 1]
+    far = (log.t < 2.0 * first - last) | (log.t > 2.0 * last - first)
+    if not far.any() or far.mean() > RARE:
+        return log
+    said = f"{far.sum()} rows whose times lie far from all others (first at {log.t[far][0]:.6g} s)"
+    return log.take(~far).repaired(f"{said} were dropped.")
 
 
 def _without_repeats(log: Log) -> Log:

@@ -14,10 +14,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.headers import Found, read_headers
-from etude.logs.words import is_time, split_unit
+from etude.logs.words import NUMBERED, is_time, split_unit
 
 NEAR, ALIKE = 3, 0.5
 """Headers that are offered for a part that has none, and how much they must resemble it."""
@@ -38,22 +40,39 @@ class LogConfig:
         columns: header as it is to be read -> header in the file. A unit in the file's header is kept.
         ignored: headers of columns that are left out.
         topics: of logs that hold several; none: those that look like what is needed.
+        rate: Hz, at which rows of logs without times stand; 0: such logs are refused.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     ignored: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
+    rate: float = 0.0
 
 
 def mapped(raw: Log, config: LogConfig) -> Log:
     """The raw columns under the names that the mapping gives; as they are if it names none of them.
 
     Raises:
-        DataError: some of the mapping's headers are in the file and another is not.
+        DataError: some of the mapping's headers are in the file and another is not, or the file has no header
+            and the mapping names none of its columns.
     """
+    return _timed(_renamed(raw, config), config.rate)
+
+
+def _timed(raw: Log, rate: float) -> Log:
+    """With the times of equally spaced rows, if the log has none and a rate is told."""
+    counted = np.arange(len(raw))
+    if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
+        return raw
+    said = f"The log has no times: by [log] rate, {rate:g} rows a second were taken; pauses are not seen."
+    return replace(raw, t=counted / rate).repaired(said)
+
+
+def _renamed(raw: Log, config: LogConfig) -> Log:
     left = {name: values for name, values in raw.values.items() if name not in config.ignored}
     used = {to: header for to, header in config.columns.items() if header in left}
     if not used:
+        _check_header(raw)
         return _with(raw, left)
     missing = [header for header in config.columns.values() if header not in left]
     if missing:
@@ -68,6 +87,17 @@ def mapped(raw: Log, config: LogConfig) -> Log:
     rest = {name: values for name, values in left.items() if name not in (*used.values(), *named)}
     said = ", ".join(f"{header} as {to}" for to, header in used.items())
     return _with(raw, {**named, **rest}).repaired(f"By [log] columns, {said} were read.")
+
+
+def _check_header(raw: Log) -> None:
+    """DataError: the file has no header, so that nobody knows what its columns are."""
+    if f"{NUMBERED} 1" in raw.values:
+        raise DataError(
+            f"the file has no header, only {len(raw.values)} columns of numbers",
+            where=raw.source,
+            next_step="Say what they are in the table [log.columns] of campaign.toml, as in "
+            f'"t" = "{NUMBERED} 1", or add a header row such as t,q_<joint>,tau_<joint>.',
+        )
 
 
 def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str = "") -> str:

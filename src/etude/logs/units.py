@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
@@ -31,6 +32,8 @@ FASTEST = {"rates": 10.0}
 """Channels whose root mean square is no larger, rad/s: more is degrees."""
 TURN = {"attitude": ("roll", "pitch")}
 """Angles within a half turn."""
+LIKE_TIME = {"time", "times", "stamp", "timestamp", "clock", "sec", "secs", "seconds", "millis", "zeit"}
+"""Words of a header that may be a clock's."""
 SIXTY, ALIKE = 60.0, 1.15  # a clock taken for minutes or their inverse; of rates
 CLOCK_FACTOR = 50.0  # the log's rate over the usual one, or its inverse: beyond, no unit of time fits
 
@@ -55,15 +58,21 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
     if not plain:
         if not np.array_equal(raw.t, np.arange(len(raw))):
             return raw.t, []
-        has = ", ".join(list(raw.values)[:40])
-        raise DataError(
-            "there is no time column",
-            where=where,
-            next_step=f"Name it one of {', '.join(TIME_WORDS)}; the file has {has}.",
-        )
+        raise DataError("there is no time column", where=where, next_step=_without_time(list(raw.values)))
     repairs = [f"Of the time columns {', '.join(plain)} the first was used."] if len(plain) > 1 else []
     t, sentences = _seconds(plain[0], raw[plain[0]][:, 0], rate, where)
     return t, [*repairs, *sentences]
+
+
+def _without_time(headers: list[str]) -> str:
+    """What to do where no header says time."""
+    like = [name for name in headers if set(re.split(r"[^a-z]+", name.lower())) & LIKE_TIME]
+    known = f"Is it {' or '.join(like[:3])}? " if like else ""
+    return (
+        f"{known}Name it one of {', '.join(TIME_WORDS)}, in the file or in the table [log.columns] of "
+        "campaign.toml; if there is none and rows are equally spaced, say in its [log] how many a second: "
+        f"rate = 500. The file has {', '.join(headers[:40])}."
+    )
 
 
 def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array, list[str]]:

@@ -86,6 +86,8 @@ STAMP_WORDS = {"sec": ("header_stamp_sec", "stamp_sec", "sec"), "nanosec": ("nan
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 NAMELESS = "unnamed column"
 """What a column without a header is called, and its number."""
+NUMBERED = "column"
+"""What all columns of a file without headers are called, and their numbers."""
 INDEX = re.compile(r"unnamed(_column)?_\d+|index(_level_\d+)?")
 """Normalised headers of an index, as pandas and polars write one."""
 MINUTES = {"min": 60.0}

@@ -244,6 +244,28 @@ def test_the_order_given_is_kept_unless_another_is_cheaper() -> None:
     assert 50 < kept < 150
 
 
+@pytest.mark.parametrize(("way", "moves"), [(0.004, False), (0.02, True)])
+def test_a_joint_that_the_others_shake_does_not_move(way: float, moves: bool) -> None:
+    """A position in steps of 0.1 mrad, and velocities of a motor behind a spring: not its slopes."""
+    log = moved()
+    q, qd = log["q"].copy(), log["qd"].copy()
+    q[:, 2] = np.round(0.5 * way * np.sin(4.0 * log.t), 4)
+    qd[:, 2] = 0.07 * np.sin(23.0 * log.t)
+    shaken = log.put(Q, q).put(QD, qd)
+    seen = commanded(shaken)
+    assert seen is not None
+    assert seen.moves.tolist() == [True, True, moves]
+    (found, *_) = judge_motion(shaken, "q", CHANNELS, LIMITS, RATE)
+    assert (found.light == "red") == moves
+
+
+def test_a_wheel_that_turns_far_leaves_the_arm_moving() -> None:
+    log = moved()
+    seen = commanded(log.put(Q, log["q"] * [500.0, 1.0, 1.0]).without("qd"))
+    assert seen is not None
+    assert seen.moves.all()
+
+
 def test_noise_is_no_motion() -> None:
     """An arm in its brakes, whose encoders are noisy: refused by name, not for its velocities."""
     log = moved()
@@ -364,4 +386,6 @@ def test_the_estimate_of_a_vehicle_may_drift_and_not_be_anothers() -> None:
     qd = log["qd"].copy()
     qd[:, 2] = np.random.default_rng(0).normal(size=len(log))
     assert told(log.put(QD, qd)) == {}
+    assert told(log.put(QD, log["qd"] * [1.0, 1.0, 0.13])) == {}
+    assert set(told(log.put(QD, log["qd"] * 0.13))) == {"velocity"}
     assert set(told(log.put(QD, log["qd"][:, [1, 0, 2]]))) == {"velocity"}

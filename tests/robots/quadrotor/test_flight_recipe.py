@@ -79,6 +79,14 @@ def test_what_is_told_is_believed_and_what_nothing_tells_stays_out() -> None:
     assert set(with_states(bare).values) - set(bare.values) == {"angular_acceleration"}
 
 
+def test_a_vehicle_that_was_never_armed_is_refused() -> None:
+    log = recorded(np.arange(600) / 100.0)
+    idle = log.put(log.channels["command"], np.full_like(log["command"], SPEC.command_lower))
+    (found,) = (f for f in findings(SPEC, idle) if f.light == "red")
+    assert "not armed" in found.sentence
+    assert not any(f.check == "motors" for f in findings(SPEC, log))
+
+
 def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     log = recorded(np.arange(600) / 100.0)
     assert [f.light for f in findings(SPEC, log)] == ["green"] * 3

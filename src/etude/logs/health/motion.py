@@ -8,7 +8,7 @@ from etude.contracts import Array, Channel, Finding, Log
 from etude.logs.lag import command_lag
 from etude.logs.smoothing import median_rate, resample, uniform_grid
 from etude.logs.steps import longest_stretch
-from etude.logs.truth.seen import LEAST_ROWS, NO_MOTION, RATE, Seen
+from etude.logs.truth.seen import LEAST_ROWS, RATE, Seen
 from etude.logs.truth.words import named
 from etude.logs.units import Limits
 
@@ -33,13 +33,12 @@ def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
     rate = median_rate(part.t)
     grid = uniform_grid(part.t, rate)
     q = resample(part.t, part[path.name], grid)
-    moved = np.ptp(q, axis=0) > NO_MOTION
-    if len(grid) < 4 * LEAST_ROWS or not moved.any():
+    if len(grid) < 4 * LEAST_ROWS or not motion.moves.any():
         return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
     level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
     raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, motion.cutoff)
     size = motion.qdd.std(axis=0)
-    share = np.where(moved, kept / np.where(size > 0.0, size, np.inf), 0.0)
+    share = np.where(motion.moves, kept / np.where(size > 0.0, size, np.inf), 0.0)
     worst = int(np.argmax(share))
     unit = path.units[worst]
     said = (

@@ -159,6 +159,7 @@ def _alone(seen: Seen, found: Slopes, known: Mask) -> Finding:
     whose_are = {j: said for j in np.flatnonzero(foreign).tolist() if (said := _of_which(seen, j))}
     if seen.command is None:  # a vehicle's estimate, which its sensors pull about
         foreign &= np.isin(np.arange(len(foreign)), list(whose_are))
+        wrong &= wrong.sum() > 1  # a height that a barometer pulls about on the ground, not another unit
     if foreign.any():
         others = list(whose_are.values())
         whose = f" ({', '.join(others)})" if others else ""

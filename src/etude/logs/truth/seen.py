@@ -26,6 +26,7 @@ LEAST_ROWS = 8  # of a stretch that can be filtered
 WILD = 10.0  # times the step that 99 % of the rows stay below: there and back again is no motion
 NO_MOTION = 1e-9  # rad or m: positions that differ by less are the same
 ABOVE = 4.0  # times the noise: a filtered position that varies by less does not move
+SHAKEN = 0.005  # of the widest way in its unit, 1 rad or m at most: who goes less far is shaken by others
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,9 @@ def seen(log: Log, path: Channel) -> Seen | None:
     parts = [_stretch(log.take(piece), rate, cutoff, keep, path, others) for piece in pieces]
     names = [name for name in parts[0] if all(name in part for part in parts)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    moved = np.ptp(whole["q"], axis=0) > np.maximum(NO_MOTION, ABOVE * noise(log[path.name]))
+    way = np.ptp(whole["q"], axis=0)
+    still = np.maximum(ABOVE * noise(log[path.name]), SHAKEN * np.minimum(_widest(way, path), 1.0))
+    moved = way > np.maximum(NO_MOTION, still)
     speed = np.abs(whole["qd"])
     return Seen(
         whole["t"],
@@ -98,6 +101,13 @@ def seen(log: Log, path: Channel) -> Seen | None:
         path.parts,
         path.units,
         cutoff,
+    )
+
+
+def _widest(way: Array, path: Channel) -> Array:
+    """(k,) of each coordinate, the longest way of those in its unit."""
+    return np.array(
+        [max(w for w, u in zip(way, path.units, strict=True) if u == unit) for unit in path.units]
     )
 
 

@@ -74,12 +74,17 @@ def by_file(seen: Seen, torque: Array | None) -> Array:
 
     A joint that holds much weight and has little friction has no power to speak of, and a torque of one sign.
     """
+    like = likeness(seen, torque)
+    untold = powered(seen) == 0.0
+    return np.where(untold & (np.abs(like) > ALIKE), np.sign(like), 0.0)
+
+
+def likeness(seen: Seen, torque: Array | None) -> Array:
+    """(k,) cosine of command and the model file's torque; 0 without one."""
     if seen.command is None or torque is None:
         return np.zeros(len(seen.parts))
     size = np.linalg.norm(seen.command, axis=0) * np.linalg.norm(torque, axis=0)
-    like = (seen.command * torque).sum(axis=0) / np.maximum(size, np.finfo(float).tiny)
-    untold = powered(seen) == 0.0
-    return np.where(untold & (np.abs(like) > ALIKE), np.sign(like), 0.0)
+    return np.asarray((seen.command * torque).sum(axis=0) / np.maximum(size, np.finfo(float).tiny))
 
 
 def sign_finding(seen: Seen, torque: Array | None = None) -> Finding:

@@ -4,18 +4,23 @@ C_jk = n_j / 2 log(residual variance / variance) of command k, regressed on (1, 
 5 % of its top)) over the moving samples of joint j; the least sum over all assignments (Kuhn 1955) against
 that of the order given. n_j counts independent samples, less one for each regressor: of a short stretch with
 slow commands few are left, and some other column fits by chance.
+
+A weight is tied to no joint: it depends on all positions, and where every joint moves by a frequency of its
+own, as exciting motions do, it fits another joint's motion as well as friction would. So another order is a
+question only where every command that it moves has Coulomb friction of its joint in it, or is the torque of
+the model file; else nobody can tell.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from etude.contracts import Array, Finding, Index, Mask
 from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import MOVING, Seen
-from etude.logs.truth.sign import SURE
+from etude.logs.truth.sign import ALIKE, SURE, likeness
 from etude.logs.truth.words import Mendable, accepted, named
 
 CHECK = "swapped"
@@ -32,12 +37,12 @@ class Order:
     Attributes:
         best: (k,) the column of the command that fits each joint.
         margin: how much likelier that is than the order given, in log likelihood; 0 where it is the same.
-        rubbed: (k,) whether the command that fits has the joint's friction in it: only then it is named.
+        tied: (k,) whether the command that fits has the joint's friction in it, or is the file's torque.
     """
 
     best: Index
     margin: float
-    rubbed: Mask
+    tied: Mask
 
     @property
     def moved(self) -> Mask:
@@ -46,8 +51,8 @@ class Order:
 
     @property
     def named(self) -> bool:
-        """Whether the order is known, and not only that the one given is wrong."""
-        return self.margin > MARGIN and bool(self.rubbed[self.moved].all())
+        """Whether the order is known, and not only that another fits better."""
+        return self.margin > MARGIN and bool(self.tied[self.moved].all())
 
     @property
     def doubtful(self) -> bool:
@@ -73,7 +78,7 @@ def order_of(seen: Seen, torque: Array | None = None) -> Order | None:
     best = np.arange(len(seen.parts))
     best[own] = own[chosen]
     margin = float(np.trace(C) - C[np.arange(len(own)), chosen].sum())
-    return Order(best, margin, _rubbed(seen, best))
+    return Order(best, margin, _tied(seen, best, torque))
 
 
 def assigned(C: Array) -> Index:
@@ -96,9 +101,7 @@ def _costs(seen: Seen, j: int, torque: Array | None) -> Array | None:
     """(k,) of each command, for joint j; None if it moves too briefly to tell commands apart."""
     assert seen.command is not None
     rows = seen.moving[:, j]
-    speed = seen.qd[rows, j]
-    columns = [np.ones_like(speed), seen.qdd[rows, j], speed]
-    columns.append(np.tanh(speed / (MOVING * np.abs(speed).max())))
+    columns = _regressors(seen, j)
     if torque is not None:
         columns.append(torque[rows, j])
     Q = np.linalg.qr(np.column_stack(columns))[0]
@@ -112,6 +115,18 @@ def _costs(seen: Seen, j: int, torque: Array | None) -> Array | None:
     return np.asarray(0.5 * count * np.log(np.clip(share, 1e-9, 1.0)))
 
 
+def _regressors(seen: Seen, j: int) -> list[Array]:
+    """(n,) each, of the moving samples of a joint: constant, inertia, viscous and Coulomb friction."""
+    rows = seen.moving[:, j]
+    speed = seen.qd[rows, j]
+    return [
+        np.ones_like(speed),
+        seen.qdd[rows, j],
+        speed,
+        np.tanh(speed / (MOVING * np.abs(speed).max())),
+    ]
+
+
 def _apart(left: Array, step: float) -> float:
     """s between independent samples, by what the joint's own column leaves (n, 1).
 
@@ -123,12 +138,25 @@ def _apart(left: Array, step: float) -> float:
     return float(np.sqrt(APART_S * max(APART_S, float(memory(left, step)[0]))))
 
 
-def _rubbed(seen: Seen, best: Index) -> Mask:
-    """(k,) where the power of the command that fits is friction's, of either sign."""
+def _tied(seen: Seen, best: Index, torque: Array | None) -> Mask:
+    """(k,) where the command that fits has friction in it, or is like the model file's torque.
+
+    Friction: what a weight by the joint's own position and its inertia leave has power of one sign, and a
+    Coulomb part that pushes the same way. What is in phase with the speed by chance has the power, and a
+    Coulomb part of any sign.
+    """
     assert seen.command is not None
-    power = np.where(seen.moving, seen.command[:, best] * seen.qd, 0.0)
-    total = np.abs(power).sum(axis=0)
-    return np.asarray(np.abs(power.sum(axis=0)) > SURE * np.where(total > 0.0, total, np.inf))
+    own = replace(seen, command=seen.command[:, best])
+    tied = np.abs(likeness(own, torque)) > ALIKE
+    for j in np.flatnonzero(seen.moves & ~tied).tolist():
+        rows = seen.moving[:, j]
+        q, y = seen.q[rows, j], seen.command[rows, best[j]]
+        one, inertia, viscous, coulomb = _regressors(seen, j)
+        X = np.column_stack([one, np.sin(q), np.cos(q), inertia, viscous, coulomb])
+        found = np.linalg.lstsq(X, y, rcond=None)[0]
+        power = (y - X[:, :4] @ found[:4]) * viscous
+        tied[j] = abs(power.sum()) > SURE * np.abs(power).sum() and power.sum() * found[-1] > 0.0
+    return np.asarray(tied)
 
 
 def swap_finding(seen: Seen, torque: Array | None = None) -> Finding:
@@ -143,28 +171,31 @@ def finding_of(found: Order | None, parts: tuple[str, ...]) -> Finding:
         return Finding(CHECK, "cannot tell", fact)
     if not found.doubtful:
         return Finding(CHECK, "green", "Every command fits the joint that it is named after.")
-    if found.margin <= MARGIN:
-        fact = (
-            f"The commands of {named(parts, found.moved)} fit each other's joints a little better "
-            f"(likelihood e^{found.margin:.0f}), which in so short or slow a motion may be chance."
-        )
-        step = "Check the order of the columns, or record a longer motion."
-        return Finding(CHECK, "cannot tell", fact, step)
-    return _question(found, parts)
-
-
-def _question(found: Order, parts: tuple[str, ...]) -> Finding:
-    moved, names = found.moved, named(parts, found.moved)
     if not found.named:
-        fact = f"The commands of some of {names} seem to be swapped; which, friction is too small to tell."
-        step = f"Check the order of the columns; {accepted(CHECK)}."
-        return Finding(CHECK, "yellow", fact, step, flag=CHECK)
-    pairs = ", ".join(f"{parts[j]} fits the column of {parts[found.best[j]]}" for j in np.flatnonzero(moved))
+        return _doubt(found, parts)
+    pairs = ", ".join(
+        f"{parts[j]} fits the column of {parts[found.best[j]]}" for j in np.flatnonzero(found.moved)
+    )
     return Mendable(
         CHECK,
         "yellow",
-        f"The commands of {names} are very probably swapped: {pairs} (likelihood e^{found.margin:.0f}).",
+        f"The commands of {named(parts, found.moved)} are very probably swapped: {pairs} (likelihood "
+        f"e^{found.margin:.0f}).",
         f"Tell it with --repair {CHECK} to put them into this order; {accepted(CHECK)}.",
         flag=CHECK,
         by=tuple(found.best.astype(np.float64).tolist()),
     )
+
+
+def _doubt(found: Order, parts: tuple[str, ...]) -> Finding:
+    """Another order fits better, which proves nothing."""
+    if found.margin <= MARGIN:
+        better, why, step = "a little better", "in so short or slow a motion", "a longer motion tells more"
+    else:
+        better, why = "better", "where no friction of a joint is seen in its command"
+        step = "the torques of a model file tell, if gravity's direction in it is the robot's"
+    fact = (
+        f"The commands of {named(parts, found.moved)} fit each other's joints {better} (likelihood "
+        f"e^{found.margin:.0f}), which {why} may be chance."
+    )
+    return Finding(CHECK, "cannot tell", fact, f"Check the order of the columns; {step}.")

@@ -18,7 +18,16 @@ HOVER = (0.5, 2.0)
 
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
     """Of each check, what it says of the flight."""
-    return (_ground(spec, log), jump_finding(log, PATH, np.full(3, spec.speed)), _scale(spec, log))
+    jump = jump_finding(log, PATH, np.full(3, spec.speed))
+    return (_ground(spec, log), *_idle(log), jump, _scale(spec, log))
+
+
+def _idle(log: Log) -> tuple[Finding, ...]:
+    """A vehicle that was never armed: its log teaches nothing."""
+    if np.ptp(log["command"], axis=0).any():
+        return ()
+    fact = "No motor's command ever changes: the vehicle was not armed, or they were not recorded."
+    return (Finding("motors", "red", fact, "Record a flight, with the motors' set-points."),)
 
 
 def _ground(spec: QuadrotorSpec, log: Log) -> Finding:
