@@ -11,7 +11,7 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
-from etude.campaign.learn import told_samples
+from etude.campaign.groups import told_samples
 from etude.campaign.motions import reference_motions, segments_of
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import told_samples
+from etude.campaign.groups import told_samples
 from etude.campaign.stored import load_model
 from etude.campaign.told import read
 from etude.cli import main

@@ -13,8 +13,8 @@ from small_robot import command_of, make_campaign, random_motion, write_log
 from etude.campaign import learn as learning
 from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
+from etude.campaign.groups import told_samples
 from etude.campaign.history import calibration_factor, seen_by_the_rule
-from etude.campaign.learn import told_samples
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.status import status
 from etude.campaign.stored import MIXED, label, newest_model

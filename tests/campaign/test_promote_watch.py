@@ -151,7 +151,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert used.decision == "not decided"
     assert "the model in use, of log 5" in found.refused[0]
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.learn import told_samples
+    from etude.campaign.groups import told_samples
     from etude.campaign.stored import LEFT_OUT
     from etude.models.left_out import read_left_out
     from etude.models.rows import in_order

@@ -11,7 +11,7 @@ from etude.campaign.ask import ask
 from etude.campaign.controls import asked_under
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import open_campaign
-from etude.campaign.learn import told_samples
+from etude.campaign.groups import told_samples
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.simulate import simulate
 from etude.campaign.status import status

@@ -12,7 +12,8 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 
 from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import _scores, told_samples
+from etude.campaign.groups import told_samples
+from etude.campaign.learn import _scores
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.repeats import CHECK, planned_states, share_within
 from etude.campaign.status import status

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.forecast import forecast
+from etude.campaign.groups import known_groups, told_samples
 from etude.campaign.journal import jsonable
 from etude.campaign.state import Round, State
 from etude.campaign.stored import LEFT_OUT, LINEAR, MIXED, MODEL, check_model, is_stored, label, stored_model
@@ -125,7 +126,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
-        "models": _scores(before, inputs, samples, _known(campaign, logs[: -1 - len(waiting)])),
+        "models": _scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
         "held_out_mae": _left_out(ladder),
         "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
         "chosen": label(ladder.chosen),
@@ -143,48 +144,12 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     return Learned([path, left_out], facts)
 
 
-def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
-    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
-
-    A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
-    is predicted.
-    """
-    logs = [read_log_file(campaign.run_file(number)) for number in numbers]
-    groups = []
-    for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
-        place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
-        groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
-    return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
-
-
-def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
-    """Of each of those logs, when its segments start, s, and their groups; a repeated one has its own."""
-    rounds, count = campaign.state().rounds, 0
-    found: dict[int, list[tuple[float, int]]] = {}
-    for number in numbers:
-        told = rounds[number].told or {}
-        starts = told.get("segments", [0.0])
-        repeats = found.get(told.get("repeats", number))
-        last = 0 if repeats is None else len(repeats) - 1
-        found[number] = [
-            (start, count + i if repeats is None else repeats[min(i, last)][1])
-            for i, start in enumerate(starts)
-        ]
-        count += len(starts) if repeats is None else 0
-    return found
-
-
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
     """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
     if not trained or not is_stored(trained[-1]):
         return None
     before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
-
-
-def _known(campaign: Campaign, numbers: Sequence[int]) -> int:
-    """How many groups those logs make."""
-    return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
 
 
 def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int) -> dict[str, Any]:

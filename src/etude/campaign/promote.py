@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import Campaign, Say
+from etude.campaign.groups import groups_of, told_samples
 from etude.campaign.in_use import check_pinned, pin, promoted_model
 from etude.campaign.journal import jsonable
-from etude.campaign.learn import groups_of, told_samples
 from etude.campaign.state import State
 from etude.campaign.stored import LEFT_OUT, MODEL, check_model
 from etude.contracts import Array, Samples

@@ -7,7 +7,7 @@ from typing import Any
 
 from etude.campaign.bounded_motion import bounded_motion
 from etude.campaign.folder import ROBOT, Campaign
-from etude.campaign.learn import told_samples
+from etude.campaign.groups import told_samples
 from etude.contracts import Log, Samples
 from etude.logs.log_file import read_log_file
 from etude.progress import counted
