@@ -12,6 +12,7 @@ from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
 from etude.robots.arm.clearance.skeleton import BOX, Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
+from etude.robots.arm.clearance.stand_ins import said
 from etude.robots.arm.clearance.surroundings import Surroundings
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.loading.loaded import Loaded
@@ -33,7 +34,8 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
         return None
     loaded, complete, proofs = found
     home, lower, upper = search_of(spec)
-    unseen = (*beside_base(complete.gaps.skeleton), *not_looked_at(loaded, complete.around))
+    skeleton = complete.gaps.skeleton
+    unseen = (*beside_base(skeleton), *said(skeleton), *not_looked_at(loaded, complete.around))
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     known = {} if margins else proofs
