@@ -29,7 +29,8 @@ LIMIT = np.full(3, 2.5)
 AROUND = Surroundings(floor=Floor(-0.2), column=Column(0.9))
 INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 XML = f"""<mujoco model="round"><compiler angle="radian"/>
-<asset><mesh name="egg" file="egg.obj" scale="1 1.4 .8" refpos=".02 0 0"/><mesh name="nut" file="nut.obj"/></asset>
+<asset><mesh name="egg" file="egg.obj" scale="1 1.4 .8" refpos=".02 0 0"/>
+<mesh name="nut" file="nut.obj"/></asset>
 <default><joint axis="0 1 0" range="-2.5 2.5"/></default><worldbody>
 <geom name="base#0" type="mesh" mesh="egg" pos="0 0 .1" quat="1 .2 .3 0"/>
 <body name="upper" pos="0 0 .4">{INERTIAL}<joint name="j1"/><geom name="upper#0" type="mesh" mesh="nut"/>
