@@ -112,6 +112,17 @@ def test_in_every_direction_it_reaches_as_far_and_by_no_more_than_its_radius_far
     assert found.radius == pytest.approx(6e-3, rel=0.5), "few are enough for so much"
 
 
+def test_a_disc_with_a_bump_that_no_axis_sees_is_no_flat_thing() -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    disc = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    turn = np.linalg.qr(np.random.default_rng(8).standard_normal((3, 3)))[0]
+    points = np.vstack([disc, [[0.1, 0.1, 0.01]]]) @ turn.T
+    found = fewer(points, 30, 0.0)
+    assert points[-1].tolist() in found.points.tolist()
+    true = max(from_hull(point, found.points) for point in points)
+    assert found.radius == pytest.approx(true, abs=1e-9)
+
+
 def test_points_that_are_all_taken_leave_nothing_to_hold() -> None:
     assert fewer(cloud(np.random.default_rng(0), 20)).radius == pytest.approx(0.0, abs=1e-15)
 

@@ -22,6 +22,8 @@ CLOSE = 5e-4
 """m: a radius below which no more are taken."""
 SHARE = 0.6
 """Of the farthest point's height over its facet: points that stand out less wait for the next round."""
+FLAT = 1e-9
+"""m, about: points that span less have no hull."""
 TINY = float(np.finfo(float).tiny)
 
 
@@ -38,8 +40,7 @@ def fewer(points: Array, most: int = MOST, close: float = CLOSE) -> Fewer:
 
     Fewer are taken if a radius of `close` m is enough for them.
     """
-    signs = np.array([sign for sign in product((-1.0, 0.0, 1.0), repeat=3) if any(sign)])
-    taken = np.unique((points @ signs.T).argmax(axis=0))
+    taken = _first(points)
     while True:
         hull = ConvexHull(points[taken])
         heights = points @ hull.equations[:, :3].T + hull.equations[:, 3]
@@ -48,6 +49,21 @@ def fewer(points: Array, most: int = MOST, close: float = CLOSE) -> Fewer:
         taken = np.concatenate([taken, _farthest(heights, most - len(taken), close)])
     beyond = outside(points, points[taken][hull.simplices], heights)
     return Fewer(points[taken], float(beyond.max()))
+
+
+def _first(points: Array) -> Index:
+    """The outermost along axes and diagonals; where these are flat, four more that are not."""
+    signs = np.array([sign for sign in product((-1.0, 0.0, 1.0), repeat=3) if any(sign)])
+    taken = np.unique((points @ signs.T).argmax(axis=0))
+    if np.linalg.matrix_rank(points[taken] - points[taken[0]], tol=FLAT) == 3:
+        return taken
+    corners, rest = [0], points - points[0]
+    for _ in range(3):  # the farthest from the point, the line, the plane so far
+        lengths = np.linalg.norm(rest, axis=1)
+        corners.append(int(lengths.argmax()))
+        along = rest[corners[-1]] / lengths.max()
+        rest = rest - np.outer(rest @ along, along)
+    return np.unique([*taken, *corners])
 
 
 def _farthest(heights: Array, room: int, close: float) -> Index:
