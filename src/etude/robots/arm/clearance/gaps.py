@@ -76,6 +76,12 @@ class Gaps:
         return found
 
     @cached_property
+    def _grown(self) -> Array:
+        """(number of sensed gaps,) m by which shapes are nearer than the geoms that stand for them."""
+        shapes = self.skeleton.shapes
+        return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
+
+    @cached_property
     def _batch(self) -> Any:
         from mujoco.batch import Batch
 
@@ -110,9 +116,9 @@ class Gaps:
         batch, count = self._batch, len(poses)
         batch.qpos[:count, self.skeleton.addresses] = poses
         batch.forward(ids=np.arange(count), stage=mujoco.mjtStage.mjSTAGE_POS)
-        sensed = batch.sensordata[:count, : len(self.sensed)]
+        sensed = batch.sensordata[:count, : len(self.sensed)] - self._grown
         if not self.walled:
-            return np.array(sensed)
+            return np.asarray(sensed)
         return np.concatenate(
             [sensed, self._to_walls(batch.geom_xpos[:count], batch.geom_xmat[:count])], axis=1
         )

@@ -12,6 +12,7 @@ from etude.robots.arm.clearance.pairs import excluded_links, gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
 from etude.robots.arm.clearance.skeleton import BOX, Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
+from etude.robots.arm.clearance.stand_ins import said
 from etude.robots.arm.clearance.surroundings import ADD_FLOOR, Surroundings
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.loading.loaded import Loaded
@@ -37,7 +38,7 @@ def clearance_of(spec: ArmSpec, margins: Margins) -> Clearance | None:
     out = [
         f"The distance of {a} and {b}, which the file excludes." for a, b in excluded_links(skeleton, loaded)
     ]
-    unseen = (*out, *beside_base(skeleton), *not_looked_at(loaded, complete.around))
+    unseen = (*out, *beside_base(skeleton), *said(skeleton), *not_looked_at(loaded, complete.around))
     margin = complete.around.collision.margin
     # proofs without tracking margins are remembered beyond one limit: a command asks for its limits often
     known = {} if margins else proofs

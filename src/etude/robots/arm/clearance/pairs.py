@@ -8,30 +8,40 @@ robot file ignores.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 from typing import Any
 
 from etude.contracts import Array
 from etude.errors import UsageError
+from etude.robots.arm.clearance.fewer import Fewer
 from etude.robots.arm.clearance.gaps import CUTOFF, Gap, Gaps
 from etude.robots.arm.clearance.skeleton import BOX, Skeleton, skeleton_of
+from etude.robots.arm.clearance.stand_ins import put
 from etude.robots.arm.clearance.surroundings import Column, Surroundings, Wall
 from etude.robots.arm.loading.loaded import Loaded, refused
 
+NONE: Mapping[str, Fewer] = MappingProxyType({})
 
-def gaps_of(loaded: Loaded, lower: Array, upper: Array, around: Surroundings) -> Gaps:
+
+def gaps_of(
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, stand_ins: Mapping[str, Fewer] = NONE
+) -> Gaps:
     """Every distance that is looked at.
 
     Args:
         loaded: the robot. lower, upper: (k,) limits of its joints.
         around: what stands around, and what is ignored.
+        stand_ins: by the names of shapes of meshes what is looked at in their place.
 
     Raises:
         UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
     """
     spec = _spec(loaded, around)
-    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper)
+    put(spec, stand_ins)
+    grown = {name: one.radius for name, one in stand_ins.items()}
+    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
     _check_names(skeleton, around)
     ignored = {frozenset(pair) for pair in around.collision.ignore}
     excluded = {frozenset(pair) for pair in loaded.excluded}
@@ -40,7 +50,7 @@ def gaps_of(loaded: Loaded, lower: Array, upper: Array, around: Surroundings) ->
     walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
     for gap in (*sensed, *boxes):
         _add_sensor(spec, skeleton, gap)
-    with_sensors = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper)
+    with_sensors = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
     walls, planes = zip(*walled, strict=True) if walled else ((), ())
     return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
 
@@ -52,6 +62,7 @@ def _spec(loaded: Loaded, around: Surroundings) -> Any:
     spec = loaded.spec()
     for sensor in list(spec.sensors):
         spec.delete(sensor)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # sensors do not need them
     for i, geom in enumerate(spec.geoms):
         geom.name = geom.name or f"{geom.parent.name or 'base'}#{i}"
     _take_out(spec, around.collision.boxed)
@@ -147,9 +158,11 @@ def _with_thing(skeleton: Skeleton, i: int, other: int, name: str) -> Gap:
 def _add_sensor(spec: Any, skeleton: Skeleton, gap: Gap) -> None:
     import mujoco
 
-    one, other = (skeleton.shapes[i].name for i in (gap.one, gap.other))
+    ends = [skeleton.shapes[i] for i in (gap.one, gap.other)]
+    cutoff = CUTOFF + sum(end.grown for end in ends)
     geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
-    spec.add_sensor(type=kind, objtype=geom, objname=one, reftype=geom, refname=other, cutoff=CUTOFF)
+    names = {"objname": ends[0].name, "refname": ends[1].name}
+    spec.add_sensor(type=kind, objtype=geom, reftype=geom, cutoff=cutoff, **names)
 
 
 def _is_ignored(gap: Gap, ignored: set[frozenset[str]]) -> bool:

@@ -13,6 +13,7 @@ from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.skeleton import BOX
 from etude.robots.arm.clearance.srdf import Pairs
 from etude.robots.arm.clearance.stance import box_about, clearest
+from etude.robots.arm.clearance.stand_ins import stand_ins
 from etude.robots.arm.clearance.surroundings import Search, Surroundings
 from etude.robots.arm.loading.loaded import Loaded
 
@@ -77,6 +78,8 @@ def settled(
         low, high = box_about(gaps, home, around.collision.margin, rng) if gaps.list else (lower, upper)
         inside = np.ceil(low * ROUND) / ROUND, np.floor(high * ROUND) / ROUND
         around = replace(around, search=Search(*(tuple(ends.tolist()) for ends in (home, *inside))))
+    if found := stand_ins(gaps, home):
+        gaps = gaps_of(loaded, lower, upper, around, found)
     return Settled(gaps, around, tuple(confirm))
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +22,7 @@ BASE = "base"
 """Name of all that no joint moves."""
 BOX = "box: "
 """Starts the names of geoms that are boxes around the robot."""
+NOTHING: Mapping[str, float] = MappingProxyType({})
 SIDES = 128
 """Of the prism around a cylinder, which is thicker by 0.3 thousandths."""
 
@@ -33,6 +36,7 @@ class Shape:
         geom: number in the model. part: number of the rigid part that it belongs to.
         points: (V, 3) m in the geom's frame. radius: m.
         smooth: whether the geom has no corners of its own, so that points only hold it loosely.
+        grown: m of the radius that the geom does not have: the hull of fewer points, which stands for more.
     """
 
     name: str
@@ -41,6 +45,7 @@ class Shape:
     points: Array
     radius: float
     smooth: bool = False
+    grown: float = 0.0
 
     @property
     def link(self) -> str:
@@ -116,8 +121,18 @@ class Skeleton:
         return rng.uniform(self.lower, self.upper, (count, len(self.joints)))
 
 
-def skeleton_of(model: mujoco.MjModel, names: tuple[str, ...], lower: Array, upper: Array) -> Skeleton:
+def skeleton_of(
+    model: mujoco.MjModel,
+    names: tuple[str, ...],
+    lower: Array,
+    upper: Array,
+    grown: Mapping[str, float] = NOTHING,
+) -> Skeleton:
     """The skeleton of a model with exactly these joints.
+
+    Args:
+        model: compiled. names: of the joints. lower, upper: (k,) their limits.
+        grown: by the names of geoms m by which their shapes are thicker.
 
     Raises:
         UsageError: the model has another number of degrees of freedom, or lacks a joint.
@@ -139,12 +154,12 @@ def skeleton_of(model: mujoco.MjModel, names: tuple[str, ...], lower: Array, upp
             moves[part] = moves[parent[part]]  # parents come first
             moves[part] |= np.array([int(model.jnt_bodyid[number]) == weld for number in numbers])
     parts = tuple(BASE if weld == 0 else model.body(weld).name or f"body {weld}" for weld in welds)
-    shapes = tuple(_shapes(model, place))
+    shapes = tuple(_shapes(model, place, grown))
     joints, parents = np.array(numbers, dtype=np.int64), np.array(parent, dtype=np.int64)
     return Skeleton(model, joints, np.asarray(lower), np.asarray(upper), parts, parents, moves, shapes)
 
 
-def _shapes(model: mujoco.MjModel, place: dict[int, int]) -> list[Shape]:
+def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str, float]) -> list[Shape]:
     import mujoco
 
     found = []
@@ -155,7 +170,8 @@ def _shapes(model: mujoco.MjModel, place: dict[int, int]) -> list[Shape]:
             if len(points):
                 part = place[int(model.body_weldid[body])]
                 smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-                found.append(Shape(name, geom, part, points, radius, smooth))
+                more = grown.get(name, 0.0)
+                found.append(Shape(name, geom, part, points, radius + more, smooth, more))
     return found
 
 

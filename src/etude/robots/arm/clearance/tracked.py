@@ -100,21 +100,24 @@ class Scene:
         """At poses (M, k), with the normals of the gaps that are `near` (M, n)."""
         import mujoco
 
-        skeleton = gaps.skeleton
-        model, data, ends = skeleton.model, mujoco.MjData(skeleton.model), np.zeros(6)
+        skeleton, count = gaps.skeleton, len(poses)
+        model, data, addresses = skeleton.model, mujoco.MjData(skeleton.model), skeleton.addresses
         geoms = [tuple(skeleton.shapes[k].geom for k in (gap.one, gap.other)) for gap in gaps.sensed]
-        frames, normals = [], np.zeros((len(poses), len(gaps.sensed), 3))
+        seen = data.geom_xpos, data.geom_xmat, data.xanchor, data.xaxis
+        frames = [np.empty((count, *part.shape)) for part in seen]
+        ends = np.zeros((count, len(gaps.sensed), 6))
         for t, pose in enumerate(poses):
-            data.qpos[skeleton.addresses] = pose
+            data.qpos[addresses] = pose
             mujoco.mj_kinematics(model, data)
-            joints = data.xanchor[skeleton.joints], data.xaxis[skeleton.joints]
-            frames.append((data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy(), *joints))
-            for i in np.flatnonzero(near[t, : len(gaps.sensed)]).tolist():
-                mujoco.mj_geomDistance(model, data, *geoms[i], FARTHEST, ends)
-                normals[t, i] = ends[3:] - ends[:3]
+            for part, now in zip(frames, seen, strict=True):
+                part[t] = now
+            for i in near[t, : len(gaps.sensed)].nonzero()[0].tolist():
+                mujoco.mj_geomDistance(model, data, *geoms[i], FARTHEST, ends[t, i])
+        normals = ends[:, :, 3:] - ends[:, :, :3]
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), TINY)
-        places, turns, anchors, axes = (np.stack(part) for part in zip(*frames, strict=True))
-        return cls(gaps, places, turns, anchors, axes, normals)
+        places, turns, anchors, axes = frames
+        turns, joints = turns.reshape(count, -1, 3, 3), skeleton.joints
+        return cls(gaps, places, turns, anchors[:, joints], axes[:, joints], normals)
 
     def least(self, i: int, at: Index, error: Array) -> Array:
         """(len(at),) m that gap number `i` keeps at those poses, whatever the errors; -inf: not known."""
