@@ -74,12 +74,12 @@ def settled(
     touching = _touching(gaps, home, leave, given=around.search is not None and bool(around.search.lower))
     confirm += _sentences(touching, "overlap at home")
     gaps, around = _without(loaded, gaps, around, touching)
+    if found := stand_ins(gaps, home):
+        gaps = gaps_of(loaded, lower, upper, around, found)
     if around.search is None or not around.search.lower:
         low, high = box_about(gaps, home, around.collision.margin, rng) if gaps.list else (lower, upper)
         inside = np.ceil(low * ROUND) / ROUND, np.floor(high * ROUND) / ROUND
         around = replace(around, search=Search(*(tuple(ends.tolist()) for ends in (home, *inside))))
-    if found := stand_ins(gaps, home):
-        gaps = gaps_of(loaded, lower, upper, around, found)
     return Settled(gaps, around, tuple(confirm))
 
 
