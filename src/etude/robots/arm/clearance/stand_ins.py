@@ -72,6 +72,6 @@ def said(skeleton: Skeleton) -> tuple[str, ...]:
         return ()
     most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
     return (
-        f"Room of up to {most:.1f} mm about {', '.join(grown)}: hulls of fewer points that hold theirs, of "
-        f"more than {MANY:,}, are looked at in their place.",
+        f"The shapes themselves of {', '.join(grown)}, of more than {MANY:,} points: hulls of fewer points "
+        f"that hold them, up to {most:.1f} mm larger, are looked at in their place.",
     )
