@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.contracts import Array, Index
 from etude.robots.arm.clearance.skeleton import Shape, Skeleton
 from etude.robots.arm.clearance.surroundings import Column, Wall
 
@@ -74,6 +74,12 @@ class Gaps:
                 parts = (skeleton.shapes[i].part for i in (gap.one, gap.other))
                 row[:] = np.where(skeleton.between(*parts), L[gap.one] + L[gap.other], 0.0)
         return found
+
+    @cached_property
+    def geoms(self) -> Index:
+        """(number of sensed gaps, 2) numbers of their geoms in the model."""
+        numbers = np.array([shape.geom for shape in self.skeleton.shapes], dtype=np.int64)
+        return numbers[np.array([(gap.one, gap.other) for gap in self.sensed], dtype=np.int64).reshape(-1, 2)]
 
     @cached_property
     def _grown(self) -> Array:

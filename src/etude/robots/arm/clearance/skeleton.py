@@ -107,10 +107,13 @@ class Skeleton:
 
     def chain(self, part: int) -> list[int]:
         """Places of the joints that move a part, the innermost first."""
-        order = {int(joint): j for j, joint in enumerate(self.joints)}
-        moved = [int(self.joints[j]) for j in np.flatnonzero(self.moves[part])]
+        return self._chains[part]
+
+    @cached_property
+    def _chains(self) -> list[list[int]]:
         # in a model, joints of outer bodies come after those of inner ones
-        return [order[joint] for joint in sorted(moved)]
+        order = np.argsort(self.joints)
+        return [[int(j) for j in order if moved[j]] for moved in self.moves]
 
     def between(self, one: int, other: int) -> Mask:
         """(k,) joints that move one of two parts and not the other: on them alone their distance depends."""

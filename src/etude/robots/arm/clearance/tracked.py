@@ -102,19 +102,24 @@ class Scene:
 
         skeleton, count = gaps.skeleton, len(poses)
         model, data, addresses = skeleton.model, mujoco.MjData(skeleton.model), skeleton.addresses
-        geoms = [tuple(skeleton.shapes[k].geom for k in (gap.one, gap.other)) for gap in gaps.sensed]
         seen = data.geom_xpos, data.geom_xmat, data.xanchor, data.xaxis
         frames = [np.empty((count, *part.shape)) for part in seen]
-        ends = np.zeros((count, len(gaps.sensed), 6))
+        at, of = near[:, : len(gaps.sensed)].nonzero()
+        pairs, ends, first = (
+            gaps.geoms[of].tolist(),
+            np.zeros((len(at), 6)),
+            np.searchsorted(at, range(count + 1)),
+        )
         for t, pose in enumerate(poses):
             data.qpos[addresses] = pose
             mujoco.mj_kinematics(model, data)
             for part, now in zip(frames, seen, strict=True):
                 part[t] = now
-            for i in near[t, : len(gaps.sensed)].nonzero()[0].tolist():
-                mujoco.mj_geomDistance(model, data, *geoms[i], FARTHEST, ends[t, i])
-        normals = ends[:, :, 3:] - ends[:, :, :3]
-        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), TINY)
+            for k in range(first[t], first[t + 1]):
+                mujoco.mj_geomDistance(model, data, *pairs[k], FARTHEST, ends[k])
+        between = ends[:, 3:] - ends[:, :3]
+        normals = np.zeros((count, len(gaps.sensed), 3))
+        normals[at, of] = between / np.maximum(np.linalg.norm(between, axis=1, keepdims=True), TINY)
         places, turns, anchors, axes = frames
         turns, joints = turns.reshape(count, -1, 3, 3), skeleton.joints
         return cls(gaps, places, turns, anchors[:, joints], axes[:, joints], normals)
