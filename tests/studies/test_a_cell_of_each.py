@@ -34,14 +34,17 @@ SEED = 7700
 
 
 def numbers(found: Any) -> Iterable[float]:
-    """Every number in nested cells."""
+    """Every number in nested cells; a word counts as one."""
     if is_dataclass(found) and not isinstance(found, type):
         found = asdict(found)
     if isinstance(found, msgspec.Struct):
         found = msgspec.structs.asdict(found)
     if isinstance(found, Mapping):
         found = list(found.values())
-    if isinstance(found, str | bytes) or found is None:
+    if found is None:
+        return
+    if isinstance(found, str):
+        yield float(len(found))
         return
     if isinstance(found, Iterable):
         for own in found:
