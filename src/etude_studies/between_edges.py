@@ -9,19 +9,18 @@ those of most draws alone, which is no merit of what lies between.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
-from etude.models.held_out import block_masks, near
+from etude.models.held_out import block_masks
 from etude.models.model import LearnedModel
 from etude.models.score import figures
 from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.real_between import again
 from etude_studies.real_draws import DRAWS, drawn
-from etude_studies.real_logs import QUARTERS, REAL_LOGS, arm_log
+from etude_studies.real_logs import REAL_LOGS, arm_log, quarter_masks
 from etude_studies.rows import Row, mean_rows, table
 from etude_studies.world import World, one_period
 
@@ -59,20 +58,15 @@ def log_rows(name: str, logs: Path | None) -> list[Row]:
     every = joined_samples(parts)
     own = np.concatenate([np.full(len(part), draw) for draw, part in enumerate(parts)])
     found: list[Row] = []
-    for kind, splits in (("blocks", [block_masks(every.t, gap)]), ("quarters", list(quarters(every.t, gap)))):
+    for kind, splits in (
+        ("blocks", [block_masks(every.t, gap)]),
+        ("quarters", list(quarter_masks(every.t, gap))),
+    ):
         errors = np.array([_errors(world, every, own == draw, splits, draw) for draw in range(DRAWS)])
         for place, way in enumerate(("others", "inside"), start=1):
             ratios = (errors[:, place] / errors[:, 0]).tolist()
             found += mean_rows(f"{name}_{kind}_{way}", ratios, "1", "", [])
     return found
-
-
-def quarters(t: Array, gap_s: float) -> Iterator[Split]:
-    """Masks for training and test, each quarter of the times t (n,) in turn as the test."""
-    place = np.argsort(np.argsort(t, kind="stable")) * QUARTERS // len(t)
-    for number in range(QUARTERS):
-        test = place == number
-        yield ~test & ~near(t, test, gap_s), test
 
 
 def _errors(world: World, every: Samples, own: Mask, splits: list[Split], draw: int) -> tuple[float, ...]:

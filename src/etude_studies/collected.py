@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from etude_studies.spec import Spec
 
 ORDER = (*KEYS[1:], "k", "seed")
+SHORT = 9
+"""Digits of a commit that people read."""
 
 
 def collect(store: Path, runs: Mapping[str, Sequence[Spec]], target: Path) -> dict[str, tuple[Spec, ...]]:
@@ -159,3 +161,7 @@ class Results:
         seed, `batches` (seeds of the same commit, versions and machine). KeyError: there is no such run.
         """
         return self.descriptions[run]
+
+    def commits(self, run: str) -> str:
+        """The commits that made a run's results, by as many digits as people read."""
+        return ", ".join(commit[:SHORT] for commit in self.made(run)["commit"].split(", "))

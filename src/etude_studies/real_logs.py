@@ -6,14 +6,14 @@ folder that the user names.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Samples
+from etude.contracts import Log, Mask, Samples
 from etude.models.held_out import near, split_blocks
 from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.world import World
@@ -103,9 +103,15 @@ def recording(log: Log, world: World) -> Recording:
 
 def quarters(samples: Samples, gap_s: float) -> tuple[tuple[Samples, Samples], ...]:
     """Training and test samples, each quarter of one log in the order of time from the other three."""
-    place = np.argsort(np.argsort(samples.t, kind="stable")) * QUARTERS // len(samples)
-    tests = [place == number for number in range(QUARTERS)]
-    return tuple((samples.take(~own & ~near(samples.t, own, gap_s)), samples.take(own)) for own in tests)
+    return tuple((samples.take(train), samples.take(test)) for train, test in quarter_masks(samples.t, gap_s))
+
+
+def quarter_masks(t: Array, gap_s: float) -> Iterator[tuple[Mask, Mask]]:
+    """Masks for training and test, each quarter of the times t (n,) in turn as the test."""
+    place = np.argsort(np.argsort(t, kind="stable")) * QUARTERS // len(t)
+    for number in range(QUARTERS):
+        test = place == number
+        yield ~test & ~near(t, test, gap_s), test
 
 
 def panda(path: Path) -> Recording:

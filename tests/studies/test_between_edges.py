@@ -9,10 +9,10 @@ import numpy as np
 from etude.contracts import joined_samples
 from etude.models.held_out import split_blocks
 from etude_studies import between_edges
-from etude_studies.between_edges import inside, log_rows, new_motion, quarters
+from etude_studies.between_edges import inside, log_rows, new_motion
 from etude_studies.real_between import again
 from etude_studies.real_draws import DRAWS
-from etude_studies.real_logs import REAL_LOGS, arm_log
+from etude_studies.real_logs import REAL_LOGS, arm_log, quarter_masks
 from etude_studies.world import World
 
 BRIEF = {"steps": 3, "fit_points": 40, "candidates": ("default",)}
@@ -30,7 +30,7 @@ def test_inside_counts_as_much_as_a_draw_alone_and_reaches_no_further() -> None:
 
 
 def test_quarters_hold_out_everything_once_and_keep_their_distance() -> None:
-    splits = list(quarters(T, 0.03))
+    splits = list(quarter_masks(T, 0.03))
     assert np.sum([test for _, test in splits], axis=0).tolist() == [1] * len(T)
     for train, test in splits:
         assert np.abs(T[train][:, None] - T[test]).min() >= 0.03 - 1e-9

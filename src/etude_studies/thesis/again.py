@@ -18,8 +18,6 @@ SAME = 1e-6
 """Relative; figures are kept in single precision."""
 LEAST = 1e-6
 """In a figure's own unit, or less is no difference: simulators converge so far."""
-SHORT = 9
-"""Digits of a commit that people read."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def again(run: str, seeds: Sequence[int], here: Results, kept: Results) -> Again
     return Again(
         run=run,
         seeds=tuple(shared),
-        commits=", ".join(name[:SHORT] for name in kept.made(run)["commit"].split(", ")),
+        commits=kept.commits(run),
         figures=len(both),
         mean=float(away.mean()),
         largest=float(away.max()),

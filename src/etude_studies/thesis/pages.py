@@ -128,8 +128,7 @@ def _origins(results: Results) -> str:
     lines = ["| run | what | seeds | planned | commit | CPU s a seed |", "|---|---|---|---|---|---|"]
     for run in results.runs:
         made, seeds, own = results.made(run), len(results.seeds(run)), known[run]
-        commits = ", ".join(commit[:9] for commit in str(made["commit"]).split(", "))
         cost = f"{made['cpu_s'] / seeds:.3g}"
-        lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {commits} | {cost} |")
+        lines.append(f"| {run} | {own.what} | {seeds} | {own.seeds} | {results.commits(run)} | {cost} |")
     told = f"\nNot run yet: {', '.join(missing)}.\n" if missing else ""
     return "\n".join(lines) + "\n" + told
