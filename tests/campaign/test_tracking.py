@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyro
 from small_robot import make_campaign, stub_learner, write_log
 
 from etude.campaign.ask import ask
@@ -17,6 +18,7 @@ from etude.campaign.proposals import stored_trajectory
 from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
 from etude.campaign.tracking import kept_now
+from etude.commands.ask import Ask
 from etude.contracts import Proof
 from etude.errors import UsageError
 from etude.trajectories.fourier import FourierTrajectory
@@ -87,6 +89,20 @@ def test_a_slower_run_says_nothing_of_the_full_one(lab: Campaign, tmp_path: Path
     ask(lab, speed=50)
     run_and_tell(lab, tmp_path, 1, speed=50)
     assert "tracked" not in (lab.state().rounds[1].told or {})
+
+
+def test_ask_says_slowly_first_until_a_log_shows_how_far_it_leaves_its_plan(
+    lab: Campaign, tmp_path: Path
+) -> None:
+    def slowly(*arguments: str) -> bool:
+        asked = tyro.cli(Ask, args=[str(lab.path), *arguments])
+        return any(line.startswith("First slowly") for line in asked.run([].append).text.splitlines())
+
+    assert slowly()
+    assert not slowly("--speed", "50")
+    run_and_tell(lab, tmp_path, 1)
+    assert not slowly()
+    assert slowly("--control", "learned", "--new")
 
 
 def test_a_large_error_is_cut_to_the_room_and_said(lab: Campaign) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
 FEEDFORWARD = "feedforward.csv"
+SLOWLY = "First slowly: the same with --speed 50; no log shows that its margins are enough."
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""
 
@@ -63,7 +64,7 @@ class Ask(Common):
     def run(self, say: Say) -> Outcome:
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)
-        unseen = _unseen(found)
+        unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
@@ -79,6 +80,7 @@ class Ask(Common):
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
+            *([SLOWLY] if slowly else []),
             *_then(self.folder, self.confirm),
         ]
         data = {
@@ -159,6 +161,11 @@ def _control(certificate: Certificate) -> list[str]:
     """What the margins of tracking are of."""
     under = next((row.control for row in certificate.seen if row.control), "")
     return [f"Tracked within: under {under}."] if under else []
+
+
+def _assumed(certificate: Certificate) -> bool:
+    """Whether a margin of tracking is somebody's word alone."""
+    return any(row.margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
 
 
 def _row(row: Proof) -> list[str]:
