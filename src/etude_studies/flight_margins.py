@@ -26,7 +26,7 @@ import etude
 from etude.campaign.controls import FEEDBACK, LEARNED
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
-from etude.campaign.simulate import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
+from etude.campaign.loop import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
 from etude.campaign.stored import newest_model
 from etude.contracts import Array, Controller, Log, Robot, Trajectory
 from etude.logs.log_file import write_log

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.campaign import simulate as simulating
+from etude.campaign import loop as simulating
 from etude.campaign.ask import ask
 from etude.campaign.controls import asked_under
 from etude.campaign.create import create_campaign

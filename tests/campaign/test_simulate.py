@@ -11,15 +11,15 @@ import pytest
 
 from etude.campaign import ask as asking
 from etude.campaign import learn as learning
-from etude.campaign import simulate as module
+from etude.campaign import loop as module
 from etude.campaign import tell as telling
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.learn import Learned
+from etude.campaign.loop import test_motions as motions_of
 from etude.campaign.motions import typical_motions
 from etude.campaign.several import tell
 from etude.campaign.simulate import simulate
-from etude.campaign.simulate import test_motions as motions_of
 from etude.campaign.state import CHANGED
 from etude.cli import main
 from etude.contracts import Controller, Finding, Model

@@ -9,6 +9,7 @@ PUBLIC = (
     "foretold",
     "journal",
     "learn",
+    "loop",
     "questions",
     "rounds",
     "simulate",
