@@ -2,7 +2,8 @@
 
 A loop is one motion, run: drawn at random inside the limits less the margins that the runs before have left,
 eight in a row from a robot that nobody knows. Feedback alone, or the exact inverse beside it from the second
-run on, as a learned one would be. Truth is the simulation's own position and its rate, not the encoder's.
+run on, as a learned one would be; each of the two has margins of its own, as in a campaign. Truth is the
+simulation's own position and its rate, not the encoder's.
 
     python -m etude_studies.closed_loops FILE [ROWS_OF_EIGHT]
 
@@ -62,20 +63,21 @@ def cases(rows: int) -> list[Case]:
 
 
 def run_row(case: Case) -> list[dict[str, Any]]:
-    """What became of each run."""
+    """What became of each run; `logs`: those that its margins are of."""
     robot, world = _robot(case.robot)
     spec: ArmSpec = world.spec
     known = world.kind.largest_error(spec)  # type: ignore[attr-defined]
     tracking = world.config.tracking
-    rng, errors, found = np.random.default_rng([case.seed, 15]), list[Array](), []
+    rng, found = np.random.default_rng([case.seed, 15]), []
+    errors: dict[bool, list[Array]] = {False: [], True: []}
     ranges = Ranges.of((spec.lower, spec.upper), (-spec.velocity, spec.velocity), _home(spec), _units(spec))
     for run in range(RUNS):
-        told = {case.form: errors} if errors else {}
+        exact = case.control == "feedforward" and run > 0
+        told = {case.form: errors[exact]} if errors[exact] else {}
         wanted = margins_of(tracking, ranges, told, FORMS, known)
         margins = {f: within_room(t, np.asarray(c), ranges, tracking.most) for f, (t, c) in wanted.items()}
         kept = world.kind.limits(spec, world.config, None, margins if case.margin else {})
         motion = _motion(world, case.form, kept, margins if case.margin else {}, rng)
-        exact = case.control == "feedforward" and run > 0
         log = robot.run(motion, _exact(robot) if exact else None, rng)
         true = _true_errors(log, motion)
         outside = _outside(log, motion, spec)
@@ -83,6 +85,7 @@ def run_row(case: Case) -> list[dict[str, Any]]:
         found.append(
             {
                 "run": run,
+                "logs": len(errors[exact]),
                 "outside": outside.max(axis=1).tolist(),
                 "covered": [bool(np.all(true[i] <= table[i])) for i in range(HELD)],
                 "cut": [bool(np.any(margins[case.form][0][i] < table[i])) for i in range(HELD)],
@@ -90,7 +93,7 @@ def run_row(case: Case) -> list[dict[str, Any]]:
                 "margin": (table / ranges.room).max(axis=1).tolist(),
             }
         )
-        errors.append(largest_errors(log, motion, "q")[case.form])
+        errors[exact].append(largest_errors(log, motion, "q")[case.form])
     return found
 
 
@@ -154,13 +157,13 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     ]
     for margin in (True, False):
         for name in [*ROBOTS, "all"]:
-            for part in ("first", "learned"):
+            for part in ("assumed", "learned"):
                 own = [
                     run
                     for row in rows
                     if row["margin"] == margin and name in (row["robot"], "all")
                     for run in row["runs"]
-                    if (run["run"] == 0) == (part == "first")
+                    if (run["logs"] == 0) == (part == "assumed")
                 ]
                 if own:
                     lines.append(_line(f"{'with' if margin else 'without'} margins, {name}, {part}", own))
