@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from etude.robots.arm.clearance.surroundings import Wall
 from etude.robots.arm.loading.choice import Choice
-from etude.robots.arm.loading.mjcf_parts import PLANE, name_of
+from etude.robots.arm.loading.mjcf_parts import PLANE, name_of, numbered
 
 if TYPE_CHECKING:
     import mujoco
@@ -25,7 +25,7 @@ def planes_of(model: mujoco.MjModel) -> tuple[Wall, ...]:
     found: list[Wall] = []
     for g in range(model.ngeom):
         if int(model.geom_type[g]) == PLANE and not model.body_weldid[model.geom_bodyid[g]]:
-            name = _free(model.geom(g).name or "plane", [wall.name for wall in found])
+            name = numbered(model.geom(g).name or "plane", [wall.name for wall in found], " ")
             # people read them, and -0.0 is none of their business
             at, normal = (v.round(DIGITS) + 0.0 for v in (data.geom_xpos[g], data.geom_xmat[g][2::3]))
             found.append(Wall(name, tuple(at.tolist()), tuple(normal.tolist())))
@@ -46,11 +46,5 @@ def beside(model: mujoco.MjModel, choice: Choice, shapes: Mapping[str, int]) -> 
         if int(model.body_rootid[b]) not in roots:
             own = model.geom(g).name or (name_of(model, b) if b else "box")
             # a name with # would be one of a link's shapes
-            found[shape] = _free(own.replace("#", " "), list(found.values()))
+            found[shape] = numbered(own.replace("#", " "), found.values(), " ")
     return found
-
-
-def _free(name: str, taken: list[str]) -> str:
-    """The name, with a number if it is taken."""
-    names = (name, *(f"{name} {k}" for k in range(2, 10**6)))
-    return next(one for one in names if one not in taken)

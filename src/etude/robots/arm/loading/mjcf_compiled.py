@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from etude.errors import UsageError
 from etude.robots.arm.loading.loaded import refused
 from etude.robots.arm.loading.mjcf_joints import HINGE, SLIDE
+from etude.robots.arm.loading.mjcf_parts import numbered
 
 if TYPE_CHECKING:
     import mujoco
@@ -86,8 +87,7 @@ def name_joints(spec: Any) -> list[str]:
     taken, given = {joint.name for joint in spec.joints}, []
     for joint in spec.joints:
         if not joint.name:
-            stem = f"{joint.parent.name or 'body'}_joint"
-            joint.name = next(n for n in (stem, *(f"{stem}{k}" for k in range(2, 10**6))) if n not in taken)
+            joint.name = numbered(f"{joint.parent.name or 'body'}_joint", taken)
             taken.add(joint.name)
             given += [joint.name] if int(joint.type) in (SLIDE, HINGE) else []
     return given

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from etude.robots.arm.loading.choice import Choice
@@ -73,3 +74,9 @@ def geoms_of(model: mujoco.MjModel, b: int) -> range:
 
 def name_of(model: mujoco.MjModel, b: int) -> str:
     return model.body(b).name or f"body{b}"
+
+
+def numbered(name: str, taken: Collection[str], between: str = "") -> str:
+    """The name, with a number from 2 on if it is taken."""
+    more = (f"{name}{between}{k}" for k in count(2))
+    return next(one for one in chain((name,), more) if one not in taken)
