@@ -183,6 +183,9 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
         ("run.parquet", (CSV + "0,1,1,1,1,1,1\n" * 60).encode(), "cannot be read as Parquet"),
         ("run.parquet", log_bytes(LOG)[:-200], "cannot be read as Parquet"),
         ("run.bag", b"#ROSBAG V2.0\n", "no reader for '.bag' files"),
+        ("run.dat", bytes(range(256)) * 40, "no reader for '.dat' files"),
+        ("run.log", b"1 2 3 4\n5 6 7 8\n", "no header, only 4 columns of numbers"),
+        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "ought to be the header holds a number"),
     ],
 )
 def test_bad_files(tmp_path: Path, name: str, content: bytes, words: str) -> None:
@@ -210,6 +213,23 @@ def test_cut_csv_loses_its_last_line_only(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.t, LOG.t[:-1])
     said = "The log was cut in the middle of a line, which was dropped."
     assert log.repairs == (f"{said} {np.ptp(log.t):.3g} s of it are left.",)
+
+
+@pytest.mark.parametrize("name", ["run.dat", "run.log", "run.asc", "run.out"])
+def test_tables_by_another_name(name: str, tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", columns_of(LOG)).rename(tmp_path / name)
+    assert_same_motion(read(tmp_path / name), LOG)
+
+
+@pytest.mark.parametrize("separator", [",", ";", " "])
+def test_a_first_row_that_lacks_cells_is_a_row_like_others(separator: str, tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "run.csv", columns_of(LOG))
+    lines = path.read_text().replace(",", separator).splitlines()
+    lines[1] = lines[1].rpartition(separator)[0]
+    path.write_text("\n".join(lines) + "\n")
+    log = read(path)
+    np.testing.assert_array_equal(log.t, LOG.t[1:] - LOG.t[1])
+    assert any(said.startswith("1 rows with empty") for said in log.repairs)
 
 
 def left_of(t: list[float]) -> str:
