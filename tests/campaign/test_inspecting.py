@@ -13,6 +13,7 @@ from etude.campaign.folder import Campaign
 from etude.campaign.inspecting import Inspected, inspect
 from etude.cli import main
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 LIGHTS = ("green", "yellow", "red", "cannot tell")
 Rows = np.ndarray
 
@@ -113,6 +114,53 @@ def test_every_fault_has_its_light_and_its_sentence(name: str, right: Path, robo
     assert light in [f.light for f in inspect(path, robot).findings if f.check == check], inspect(path, robot)
 
 
+def table(path: Path, columns: dict[str, object]) -> Path:
+    """A CSV file with these columns."""
+    rows = zip(*columns.values(), strict=True)  # type: ignore[call-overload]
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    return path
+
+
+def flight() -> dict[str, object]:
+    """Of a vehicle: its orientation and four motors by number, as arms number joints; cells of text."""
+    t = 0.02 * np.arange(400)
+    half = 0.5 * np.sin(t)
+    turn = {"q0": np.cos(half), "q1": np.sin(half), "q2": 0.0 * t, "q3": 0.0 * t}
+    motors = {f"u{k}": 0.5 + 0.1 * np.sin(t + k) for k in range(4)}
+    return {"t": t, **turn, **motors, "mode": ["position"] * 400, "phi": np.where(t < 3.0, np.nan, t)}
+
+
+def test_without_a_robot_an_orientation_is_no_four_joints(tmp_path: Path) -> None:
+    found = inspect(table(tmp_path / "flight.csv", flight()))
+    assert not found.refused
+    assert "q0, q1, q2, q3 are an orientation" in found.findings[0].sentence
+    arm = {n: 1.01 * v if n[0] == "q" else v for n, v in flight().items()}  # type: ignore[operator]
+    assert "q (joint_0" in inspect(table(tmp_path / "arm.csv", arm)).findings[0].sentence
+
+
+def test_without_a_robot_no_column_is_needed(tmp_path: Path) -> None:
+    """So one that lacks cells, or holds text, is no reason for tell to refuse the log."""
+    found = {f.check: f for f in inspect(table(tmp_path / "flight.csv", flight())).findings}
+    assert found["empty"].light == "yellow"
+    assert "mode: 100 %" in found["empty"].sentence
+    assert "mode" not in found["dead"].sentence
+    assert found["motion"].sentence == "Without --robot nobody knows which columns move."
+    assert "units" not in found
+
+
+def test_a_guess_that_does_not_fit_is_said_and_refuses_nothing(tmp_path: Path) -> None:
+    columns = {name: values for name, values in flight().items() if name != "u2"}
+    found = inspect(table(tmp_path / "plane.csv", columns))
+    assert not found.refused
+    assert "The headers do not tell which joints there are (" in found.findings[0].sentence
+
+
+@pytest.mark.parametrize(("step", "light"), [(0.02, "green"), (1.0, "yellow"), (1e-5, "yellow")])
+def test_a_clock_that_no_robot_has_is_worth_a_look(step: float, light: str, tmp_path: Path) -> None:
+    columns = {"t [s]": step * np.arange(400), "x": np.sin(0.02 * np.arange(400))}
+    assert lights(inspect(table(tmp_path / "log.csv", columns)))["rate"] == light
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"\x00\xff\x00", b"a,b\n1,2\n", b"t,q_hip\n0,nan\n1,inf\n", b"PK\x03\x04"]
 )
@@ -121,6 +169,32 @@ def test_a_file_that_is_no_log_is_a_finding(content: bytes, tmp_path: Path, robo
     path.write_bytes(content)
     assert inspect(path).findings
     assert inspect(path, robot).refused
+
+
+@pytest.mark.parametrize(("rows", "ms"), [(6, 120), (15, 300)])
+def test_a_delay_is_told_however_long(rows: int, ms: int, right: Path, robot: Path) -> None:
+    late = edited(right, lambda r: np.column_stack([r[:-rows, :1], r[:-rows, 1:3], r[rows:, 3:]]))
+    (found,) = (f for f in inspect(late, robot).findings if f.check == "delay")
+    assert found.light == "yellow"
+    told = float(found.sentence.removeprefix("The motion is ").partition(" ms")[0])
+    assert told == pytest.approx(ms, abs=10)
+
+
+def test_a_motion_that_every_delay_fits_tells_none(right: Path, robot: Path) -> None:
+    """Commands that grow steadily fit any of them: the longest that is tried is no best one."""
+
+    def slowly(r: Rows) -> Rows:
+        t = r[:, 0] + 1.0
+        return np.column_stack([r[:, 0], np.sin(0.3 * t), np.cos(0.3 * t), np.exp(0.1 * t), np.exp(0.09 * t)])
+
+    slow = edited(right, slowly)
+    (found,) = (f for f in inspect(slow, robot).findings if f.check == "delay")
+    assert (found.light, "too slow" in found.sentence) == ("cannot tell", True), found
+
+
+def test_of_a_vehicle_no_delay_of_joints_is_told() -> None:
+    flight = EXAMPLES / "crazyflie" / "log16"
+    assert "delay" not in lights(inspect(flight, EXAMPLES / "crazyflie" / "crazyflie.toml"))
 
 
 def test_random_damage_never_breaks_it(right: Path, robot: Path) -> None:

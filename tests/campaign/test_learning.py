@@ -107,6 +107,17 @@ def test_a_foreign_log_is_scored_on_held_out_blocks(learned: Campaign) -> None:
     assert max(found["nmse"]["gp"]) < max(found["nmse"]["linear regression"])
 
 
+def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different_models(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learning, "label", lambda _: MIXED)
+    campaign = make_campaign(tmp_path, config=CONFIG)
+    tell(campaign, write_log(tmp_path / "foreign.csv", random_motion(campaign, 8)))
+    found = status(campaign)["held_out"]
+    assert found["chosen"] == MIXED
+    assert found["nmse"][MIXED] == found["nmse"]["gp"]  # the only one that there is
+
+
 def test_the_stored_model_predicts(learned: Campaign) -> None:
     model = newest_model(learned, learned.state())
     motion = stored_trajectory(learned, 3).motion(np.linspace(2.0, 18.0, 40), 3)

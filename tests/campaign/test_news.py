@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
@@ -96,6 +97,52 @@ def test_a_short_log_stands_at_the_top(campaign: Campaign, tmp_path: Path, capsy
     assert main(["report", str(campaign.path)]) == 0
     page = (campaign.path / "report.html").read_text()
     assert page.index(UNCERTAIN) < page.index("<h2")
+
+
+def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -> State:
+    """The first log, some of whose blocks were held out."""
+    nmse = {"gp": [9.0, 9.0], "mixed": mixed, "linear regression": linear}
+    blocks = {"blocks": [3], "of": 20, "chosen": "mixed", "nmse": nmse}
+    trained = {"chosen": "mixed", "models": {}, "held_out": blocks, "order": 1}
+    return State(rounds={number: Round(number, told={"robot_seconds": 60.0}, trained=trained)})
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (2.9, [("prediction", "red"), ("linear regression", "yellow")]),
+        (1.0, [("prediction", "red")]),
+        (0.99, []),
+        (None, []),
+    ],
+)
+def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tuple[str, str]]) -> None:
+    found = bad_news(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
+    assert [(f.check, f.light) for f in found] == told
+    assert all(f.sentence.startswith("knee: on blocks of log 3 that were held out, ") for f in found)
+
+
+def test_a_later_log_that_answers_a_proposal_has_the_last_word_on_blocks() -> None:
+    rounds = of_blocks([0.1, 2.9], [0.2, 0.2], 2).rounds | state(GOOD).rounds
+    assert news(State(rounds=rounds)) == []
+
+
+def test_an_output_that_nothing_tells_of_stands_at_the_top(
+    campaign: Campaign, tmp_path: Path, capsys: Any
+) -> None:
+    """After the first log: its held-out blocks say that a constant would do as well."""
+    path = write_log(tmp_path / "log.csv", random_motion(campaign, 1), 1, start=0.0)
+    header, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    rng, column = np.random.default_rng(1), header.index("tau_knee")
+    for row in rows:
+        row[column] = f"{5.0 * rng.standard_normal():.4f}"
+    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+    assert main(["tell", str(campaign.path), str(path), "--foreign"]) == 0
+    capsys.readouterr()
+    assert main(["status", str(campaign.path)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("RED: knee: on blocks of log 1 that were held out, a constant would have")
+    assert "First see to what is red." in said
 
 
 def test_red_comes_before_yellow() -> None:

@@ -56,6 +56,31 @@ def test_the_command_is_the_column_of_the_robots_unit(unit: str, word: str) -> N
     ] == headers[3:]
 
 
+@pytest.mark.parametrize(
+    ("unit", "pair", "taken"),
+    [
+        ("1", ("u{}[N]", "u{}[PWM]"), 1),
+        ("pwm", ("u{}[PWM]", "u{}[N]"), 0),
+        ("V", ("u{}[N]", "u{}[mV]"), 1),
+        ("N m", ("tau_{} [Nm]", "u{}"), 0),
+    ],
+)
+def test_of_two_columns_of_a_command_the_one_in_its_unit_is_taken(
+    unit: str, pair: tuple[str, str], taken: int
+) -> None:
+    headers = [f"q_{j}" for j in JOINTS] + [h.format(k) for k in (1, 2, 3) for h in pair]
+    found = match_columns(headers, joint_channels(unit=unit), "f")
+    assert [c.name for c in found.channels["command"]] == [pair[taken].format(k) for k in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("pair", [("u{}", "cmd{}"), ("u{} [A]", "cmd{} [mA]")])
+def test_of_two_columns_of_a_command_in_the_same_unit_none_is_taken(pair: tuple[str, str]) -> None:
+    headers = [f"q_{j}" for j in JOINTS] + [h.format(k) for k in (1, 2, 3) for h in pair]
+    with pytest.raises(DataError, match="mean the same thing") as problem:
+        match_columns(headers, joint_channels(unit="A"), "f")
+    assert "ignored" in problem.value.next_step
+
+
 def test_desired_is_not_measured() -> None:
     headers = [f"{c}_{j}" for c in ("desired_position", "position", "effort") for j in JOINTS]
     assert names_of(headers, "q_des") == headers[:3]

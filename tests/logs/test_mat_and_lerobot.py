@@ -16,6 +16,7 @@ from etude.errors import DataError
 from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import variables
 from etude.logs.read import read_log
+from etude.logs.readers import read_raw
 
 LOG = make_log()
 ROWS = len(LOG)
@@ -64,6 +65,16 @@ def test_version_5_is_not_taken_for_version_4(tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"t": LOG.t})
     assert not is_mat4((tmp_path / "run.mat").read_bytes())
     assert not is_mat4(b"")
+
+
+def test_what_matlab_notes_of_objects_is_no_column(tmp_path: Path) -> None:
+    """It stands in a variable without a name."""
+    savemat(tmp_path / "run.mat", {"t": LOG.t, "q": LOG["q"], "zz": np.ones((2 * ROWS, 1))})
+    data = (tmp_path / "run.mat").read_bytes()
+    (tmp_path / "run.mat").write_bytes(data.replace(b"\x01\x00\x02\x00zz", b"\x01\x00\x00\x00\0\0"))
+    raw = read_raw(tmp_path / "run.mat")
+    assert set(raw.values) == {"t", "q_1", "q_2", "q_3"}
+    assert raw.repairs == ()
 
 
 def test_structs_of_a_mat_file(tmp_path: Path) -> None:
@@ -152,7 +163,9 @@ def dataset(folder: Path, names: object, episodes: int = 1) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("names", [list(JOINTS), {"motors": [f"{j}.pos" for j in JOINTS]}, None])
+@pytest.mark.parametrize(
+    "names", [list(JOINTS), [list(JOINTS)], {"motors": [f"{j}.pos" for j in JOINTS]}, None]
+)
 def test_a_lerobot_dataset(names: object, tmp_path: Path) -> None:
     folder = dataset(tmp_path / "data set", names)
     for path in (folder, folder / "data" / "chunk-000" / "file-000.parquet"):
@@ -160,6 +173,31 @@ def test_a_lerobot_dataset(names: object, tmp_path: Path) -> None:
         np.testing.assert_array_equal(log["q"], LOG["q"])
         np.testing.assert_array_equal(log["command"], LOG["command"])
         np.testing.assert_allclose(log["q_des"], LOG["q"] + 0.01)
+
+
+def test_a_list_of_names_within_a_list_names_the_joints(tmp_path: Path) -> None:
+    raw = read_raw(dataset(tmp_path / "set", [[f"k{j}" for j in JOINTS]]))
+    assert f"position/k{JOINTS[0]}" in raw.values
+
+
+def test_names_that_are_too_few_are_told(tmp_path: Path) -> None:
+    raw = read_raw(dataset(tmp_path / "set", list(JOINTS[:-1])))
+    assert "position/0" in raw.values
+    told = [said for said in raw.repairs if said.startswith("meta/info.json names")]
+    assert "2 of the 3 entries of observation.state" in told[0]
+
+
+def test_a_pointer_of_git_lfs_is_named(tmp_path: Path) -> None:
+    """In a dataset and alone, whatever its suffix."""
+    folder = dataset(tmp_path / "set", list(JOINTS))
+    inside = folder / "data" / "chunk-000" / "file-000.parquet"
+    for path in (inside, tmp_path / "run.mcap", tmp_path / "run.csv", tmp_path / "run.xyz"):
+        path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:3dac\nsize 16336096\n")
+        with pytest.raises(DataError, match="pointer of Git LFS") as problem:
+            read(path)
+        assert "git lfs pull" in problem.value.next_step
+    with pytest.raises(DataError, match="pointer of Git LFS"):
+        read(folder)
 
 
 def test_an_episode_is_a_log(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, RATE, columns_of, mak
 
 from etude.contracts import Log
 from etude.errors import DataError
+from etude.logs.cut import with_rest_told
 from etude.logs.log_file import log_bytes, write_log
 from etude.logs.read import read_log
 from etude.logs.units import Limits
@@ -182,6 +183,9 @@ CSV = "t,q_pan,q_lift,q_elbow,tau_pan,tau_lift,tau_elbow\n"
         ("run.parquet", (CSV + "0,1,1,1,1,1,1\n" * 60).encode(), "cannot be read as Parquet"),
         ("run.parquet", log_bytes(LOG)[:-200], "cannot be read as Parquet"),
         ("run.bag", b"#ROSBAG V2.0\n", "no reader for '.bag' files"),
+        ("run.dat", bytes(range(256)) * 40, "no reader for '.dat' files"),
+        ("run.log", b"1 2 3 4\n5 6 7 8\n", "no header, only 4 columns of numbers"),
+        ("run.csv", b"4000,mag,0.19,-0.08\n4000,baro,487.7\n" * 60, "ought to be the header holds a number"),
     ],
 )
 def test_bad_files(tmp_path: Path, name: str, content: bytes, words: str) -> None:
@@ -209,6 +213,41 @@ def test_cut_csv_loses_its_last_line_only(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.t, LOG.t[:-1])
     said = "The log was cut in the middle of a line, which was dropped."
     assert log.repairs == (f"{said} {np.ptp(log.t):.3g} s of it are left.",)
+
+
+@pytest.mark.parametrize("name", ["run.dat", "run.log", "run.asc", "run.out"])
+def test_tables_by_another_name(name: str, tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", columns_of(LOG)).rename(tmp_path / name)
+    assert_same_motion(read(tmp_path / name), LOG)
+
+
+@pytest.mark.parametrize("separator", [",", ";", " "])
+def test_a_first_row_that_lacks_cells_is_a_row_like_others(separator: str, tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "run.csv", columns_of(LOG))
+    lines = path.read_text().replace(",", separator).splitlines()
+    lines[1] = lines[1].rpartition(separator)[0]
+    path.write_text("\n".join(lines) + "\n")
+    log = read(path)
+    np.testing.assert_array_equal(log.t, LOG.t[1:] - LOG.t[1])
+    assert any(said.startswith("1 rows with empty") for said in log.repairs)
+
+
+def left_of(t: list[float]) -> str:
+    """What is said of the rest of a log with these times that was cut."""
+    log = Log(np.array(t), {}, {}, "run.csv", ("The log was cut.",))
+    return with_rest_told(log).repairs[0].removeprefix("The log was cut.").strip()
+
+
+def test_what_is_left_is_told_in_seconds_whatever_single_stamps_say() -> None:
+    t = np.arange(0.0, 8.0, 0.01)
+    assert left_of([*t]) == "7.99 s of it are left."
+    for wild in (2.68e154, -1.79e308, 1e9):
+        stray = t.copy()
+        stray[[100, 500]] = wild, -wild
+        assert left_of([*stray]) in ("7.95 s of it are left.", "7.96 s of it are left.")
+    assert left_of([*(1e150 * t)]) == "Its times do not tell how much is left."
+    assert left_of([*t[:300], *(t[300:] + 2.0)]) == "9.99 s of it are left."  # a pause is part of it
+    assert left_of([1.0]) == left_of([1.0, 1.0]) == ""
 
 
 def test_a_last_line_without_an_end_may_be_whole(tmp_path: Path) -> None:

@@ -197,3 +197,31 @@ def test_degrees_are_a_matter_of_units_not_of_names() -> None:
     believed = from_degrees(log, ("q", "qd"))
     np.testing.assert_array_equal(believed["q"], log["q"])
     assert "believed" in believed.repairs[-1]
+
+
+@pytest.mark.parametrize(
+    ("unit", "step", "right"),
+    [("ms", 10.0, True), ("ms", 9864.0, False), ("s", 1.9, True), ("s", 2.1, False), ("ns", 1e-4, False)],
+)
+def test_a_stated_unit_of_time_in_which_nothing_is_recorded_is_refused(
+    unit: str, step: float, right: bool
+) -> None:
+    """Microseconds called ms: the reader of such a flight would believe minutes."""
+    raw = raw_log({f"# time[{unit}]": step * np.arange(50.0), "q": np.zeros(50)}, "log.csv")
+    if right:
+        assert read_time(raw, RATE, "log.csv")[0][-1] == pytest.approx(49 * step / PER_SECOND[unit])
+        return
+    with pytest.raises(DataError, match=f"in {unit} by the header, give a row every"):
+        read_time(raw, RATE, "log.csv")
+
+
+def test_a_vehicle_far_from_its_room_is_not_in_millimetres() -> None:
+    """Its place, which no model looks at: noted. What mm would be goes thousands of m."""
+    lower, upper = np.full(3, -5.0), np.full(3, 5.0)
+    channel = Channel("position", ("x", "y", "z"), ("m",) * 3, "aside")
+    way = 1.0 - np.cos(np.linspace(0.0, 6.0, 200))[:, None] * np.ones(3)
+    log = Log(np.arange(200.0), {}, {}, "flight.ulg")
+    far = check_positions(log.put(channel, 28.0 * way), {"position": (lower, upper)})
+    assert far.repairs == tuple(f"{a} went 51 m outside its position limits; kept." for a in "xyz")
+    with pytest.raises(DataError, match=r"look like milliradians \(or mm\)"):
+        check_positions(log.put(channel, 1000.0 * way), {"position": (lower, upper)})

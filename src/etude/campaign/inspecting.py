@@ -17,7 +17,7 @@ from etude.contracts import Channel, Finding, Kind, Log
 from etude.errors import EtudeError
 from etude.logs.cut import cut_sentences, end_findings, with_rest_told
 from etude.logs.doctor import drop_unreadable, order_rows
-from etude.logs.guess import guessed_channels
+from etude.logs.guess import guessed_of
 from etude.logs.health.clock import clock_findings
 from etude.logs.health.columns import column_findings
 from etude.logs.health.motion import motion_findings
@@ -54,7 +54,7 @@ class Inspected:
 
 @dataclass(frozen=True)
 class _Known:
-    """What is known of the robot: described by its kind, or guessed from the headers."""
+    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels."""
 
     channels: Sequence[Channel]
     limits: Limits
@@ -63,6 +63,7 @@ class _Known:
     kind: Kind | None = None
     spec: Any = None
     config: LogConfig = field(default_factory=LogConfig)
+    why: str = ""
 
 
 def inspect(
@@ -113,8 +114,8 @@ def _described(robot: str) -> _Known:
 
 
 def _guessed(path: Path, topics: Sequence[str]) -> _Known:
-    raw = read_raw(path, topics)
-    return _Known(guessed_channels(list(raw.values)), {}, USUAL_RATE, "q")
+    channels, why = guessed_of(read_raw(path, topics))
+    return _Known(channels, {}, USUAL_RATE, "q", why=why)
 
 
 def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[str]]:
@@ -160,7 +161,7 @@ def _judged(log: Log, known: _Known, stated: set[str]) -> Inspected:
 def _columns(log: Log, known: _Known) -> Finding:
     """Which columns were matched, and how."""
     if not known.channels:
-        fact = "No header says position and command of a joint: columns are looked at one by one."
+        fact = f"{known.why}: columns are looked at one by one."
         return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
     matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
     guessed = "" if known.kind else "guessed from the headers, "
@@ -169,6 +170,8 @@ def _columns(log: Log, known: _Known) -> Finding:
 
 
 def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
+    if not known.channels:
+        return (Finding("motion", "cannot tell", "Without --robot nobody knows which columns move."),)
     if motion is None:
         what = "joint positions" if known.path == "q" else known.path
         fact = f"The log has no {what} to look at, or is too short."
@@ -180,6 +183,8 @@ def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]
 
 def _ranges(log: Log, known: _Known, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
     """The cleaned log, or the same one where it would be refused; and what was done or refused."""
+    if not known.channels:
+        return log, ()
     if known.kind is None:
         return log, _tried("units", lambda: _units(log, stated))
     try:

@@ -206,6 +206,8 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dic
     inputs = kind.inputs(spec, config).tuned(train)
     ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
     scores = prequential(ladder.model, test)
+    if label(ladder.chosen) == MIXED:
+        scores[MIXED] = score(test, *ladder.model.predict(test.log))
     nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
     linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
     beside = score(test, linear)

@@ -33,7 +33,8 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, 
         outputs: names of the commands.
         axes: how many coordinates the path has.
     """
-    found = [*_of_logs(state), *_of_training(state), *_of_scores(state, outputs), *_of_tests(state, axes)]
+    scores = [*_of_scores(state, outputs), *_of_blocks(state, outputs)]
+    found = [*_of_logs(state), *_of_training(state), *scores, *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda finding: finding.light != "red"))
 
 
@@ -69,12 +70,10 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
     scored = next((r for r in reversed(state.trained) if _in_use(r)), None)
     if scored is None:
         return []
-    used, linear = _in_use(scored), _scores(scored, "linear").get("nmse") or []
-    where, then = f"on log {scored.number}, predicted before it was learned", _then(scored)
+    used, linear = _in_use(scored).get("nmse") or [], _scores(scored, "linear").get("nmse") or []
+    where = f"on log {scored.number}, predicted before it was learned"
     coverage = coverages(scored)
     unsure = [(n, c) for n, c in zip(outputs, coverage, strict=False) if c is not None and c < LEAST_COVERAGE]
-    useless = _named(outputs, used.get("nmse") or [], lambda value, _: value >= NO_BETTER, linear)
-    beaten = _named(outputs, used.get("nmse") or [], lambda value, other: value > BEATEN * other, linear)
     found = []
     if unsure:
         parts = ", ".join(f"{name} {100 * c:.0f} %" for name, c in unsure)
@@ -86,6 +85,31 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
                 "Do not use its deviations yet: tell another log, of motion like that which it is for.",
             )
         )
+    return [*found, *_of_errors(outputs, used, linear, where, f"{_then(scored)}, then in use")]
+
+
+def _of_blocks(state: State, outputs: Sequence[str]) -> list[Finding]:
+    """Of the newest log, where some of its blocks were held out: all there is to tell after the first one."""
+    newest = state.trained[-1] if state.trained else None
+    blocks = (newest.trained or {}).get("held_out") if newest else None
+    if not newest or not blocks:
+        return []
+    nmse, chosen = blocks["nmse"], blocks["chosen"]
+    where = f"on blocks of log {newest.number} that were held out"
+    return _of_errors(outputs, nmse.get(chosen) or [], nmse.get("linear regression") or [], where, chosen)
+
+
+def _of_errors(
+    outputs: Sequence[str], used: Sequence[Any], linear: Sequence[Any], where: str, chosen: str
+) -> list[Finding]:
+    """Outputs that a constant, or linear regression, would have predicted as well.
+
+    Args:
+        used, linear: nMSE of each output, of what is or was in use and of linear regression; None: unknown.
+    """
+    useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
+    beaten = _named(outputs, used, lambda value, other: value > BEATEN * other, linear)
+    found = []
     if useless:
         found.append(
             Finding(
@@ -100,7 +124,7 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
             Finding(
                 "linear regression",
                 "yellow",
-                f"{', '.join(beaten)}: {where}, linear regression erred less than {then}, then in use",
+                f"{', '.join(beaten)}: {where}, linear regression erred less than {chosen}",
                 'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
             )
         )

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
-from etude.logs.words import SENSORS
+from etude.logs.words import DIMENSIONS, SENSORS, split_unit
 
 LISTED = 12  # columns in a message
 
@@ -62,6 +62,7 @@ def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) 
         mine = _by_number(channel, numbered, repairs, where)
     missing = [part for part in channel.parts if part not in mine]
     if not missing:
+        mine = _in_its_unit(channel, mine)
         _check_single(channel, mine, where)
         return tuple(mine[part][0] for part in channel.parts)
     if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
@@ -110,13 +111,23 @@ def _by_number(
     return {part: numbered[number] for part, number in zip(channel.parts, numbers, strict=True)}
 
 
+def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, list[Column]]:
+    """The columns, and of a part that has several the one whose header states a unit of the channel."""
+    kept = dict(mine)
+    for part, unit in zip(channel.parts, channel.units, strict=True):
+        own = [c for c in mine[part] if c.stated and split_unit(c.name)[1] in DIMENSIONS.get(unit, ())]
+        if len(mine[part]) > 1 and len(own) == 1:
+            kept[part] = own
+    return kept
+
+
 def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -> None:
     double = [[c.name for c in columns] for columns in mine.values() if len(columns) > 1]
     if double:
         raise DataError(
             f"columns {' and '.join(double[0])} mean the same thing (channel '{channel.name}')",
             where=where,
-            next_step="Remove one of them, or rename it.",
+            next_step='Remove one of them, rename it, or leave it out: ignored = ["header"] in [log].',
         )
 
 

@@ -158,9 +158,17 @@ def _named(found: Header) -> Header:
 
 
 def _check(found: Header, rows: Sequence[_Line], where: str) -> None:
-    """DataError: a name stands twice, or the first row has more cells than there are columns, so that nobody
-    knows which is which.
+    """DataError: a name is a fraction or stands twice, or the first row has more cells than there are
+    columns, so that nobody knows which is which.
     """
+    number = next((name for name in found.names if is_number(name) and not name.lstrip("+-").isdigit()), "")
+    if number:
+        raise DataError(
+            f"the line that ought to be the header holds a number ({number})",
+            where=where,
+            next_step="Add a header row such as t,q_<joint>,tau_<joint>; of rows of several kinds, export "
+            "each kind on its own.",
+        )
     double = sorted({name for name in found.names if found.names.count(name) > 1})
     if double:
         raise DataError(f"column '{double[0]}' appears twice", where=where, next_step="Remove one of them.")

@@ -173,12 +173,16 @@ def _frame(block: bytes, form: _Form, path: Path, dtypes: Sequence[type[pl.DataT
     schema = dict(zip(form.names, dtypes, strict=True))
     if not block.strip():
         return pl.DataFrame(schema=schema)
+    # The first line says how many columns there are: before one that lacks cells goes a line of empty ones.
+    separator, most = form.separator.encode(), len(form.names) - 1
+    short = block.partition(b"\n")[0].count(separator) < most
+    text = separator * most + b"\n" + block if short else block
 
     def parsed() -> pl.DataFrame:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that a block is malformed shows in its cells
             return pl.read_csv(
-                block,
+                text,
                 has_header=False,
                 separator=form.separator,
                 comment_prefix="#",
@@ -188,4 +192,4 @@ def _frame(block: bytes, form: _Form, path: Path, dtypes: Sequence[type[pl.DataT
                 truncate_ragged_lines=True,
             )
 
-    return guarded(parsed, path, "CSV")
+    return guarded(parsed, path, "CSV")[int(short) :]

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Finding, Log
+from etude.contracts import Array, Finding, Log
 
+LEAP = 1e3  # times the usual step: no pause of a recorder, a stamp that is garbage
+LONGEST = 1e7  # s: no log lasts longer
 WAS_CUT = "was cut"
 """In the sentence of a reader which says that the end of a file is missing."""
 
@@ -23,11 +25,21 @@ def with_rest_told(log: Log) -> Log:
     Args:
         log: as it was read; times in s, rows as recorded.
     """
-    told, cut = log.t[np.isfinite(log.t)], cut_sentences(log)
-    if not cut or len(told) < 2:
+    cut, seconds = cut_sentences(log), _recorded(log.t)
+    if not cut or seconds == 0.0:
         return log
-    left = f"{cut[0]} {np.ptp(told):.3g} s of it are left."
+    left = f"{cut[0]} {seconds:.3g} s of it are left."
+    if seconds > LONGEST:
+        left = f"{cut[0]} Its times do not tell how much is left."
     return replace(log, repairs=tuple(left if one == cut[0] else one for one in log.repairs))
+
+
+def _recorded(t: Array) -> float:
+    """Seconds that times as recorded advance by steps that a clock may take; 0 of a single row."""
+    with np.errstate(all="ignore"):
+        steps = np.diff(t[np.isfinite(t)])
+    steps = steps[steps > 0.0]
+    return float(steps[steps <= LEAP * np.median(steps)].sum()) if len(steps) else 0.0
 
 
 def end_findings(log: Log) -> tuple[Finding, ...]:

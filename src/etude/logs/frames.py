@@ -20,6 +20,7 @@ from etude.errors import DataError
 from etude.logs.cells import numbers_of
 from etude.logs.named_arrays import named_columns
 from etude.logs.parquet_shape import check_shape
+from etude.logs.pointers import check_whole
 
 if TYPE_CHECKING:
     import polars as pl
@@ -76,6 +77,7 @@ def parquet_metadata(path: Path) -> Mapping[str, str]:
 def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
     def checked() -> T:
         data = path.read_bytes()
+        check_whole(data, path)
         check_shape(data)
         with without_panics_on_screen():
             return read(io.BytesIO(data))

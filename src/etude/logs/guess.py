@@ -5,13 +5,42 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from etude.contracts import Channel
+import numpy as np
+
+from etude.contracts import Array, Channel, Log
+from etude.errors import DataError
+from etude.logs.columns import match_columns
 from etude.logs.controllers import plain
 from etude.logs.headers import words_of
 from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_unit
 
 ROLES = (Channel("q", ("",), ("rad",)), Channel("qd", ("",), ("rad/s",)))
 FEWEST = 1
+UNIT = 1e-3  # a quaternion's length is 1, to the digits that logs have
+
+
+def guessed_of(raw: Log) -> tuple[tuple[Channel, ...], str]:
+    """The channels that raw columns seem to hold, and why there are none."""
+    channels = guessed_channels(list(raw.values))
+    if not channels:
+        return (), "No header says position and command of a joint"
+    try:
+        columns = match_columns(list(raw.values), channels, raw.source).channels["q"]
+    except DataError as error:
+        return (), f"The headers do not tell which joints there are ({error.fact})"
+    if _is_quaternion(np.hstack([raw[column.name] for column in columns])):
+        names = ", ".join(column.name for column in columns)
+        return (), f"{names} are an orientation, of length 1 throughout, and no joints"
+    return channels, ""
+
+
+def _is_quaternion(values: Array) -> bool:
+    """Whether values (T, k) are four of length 1 in every row that holds numbers, and turn."""
+    if values.shape[1] != 4:
+        return False
+    known = values[np.isfinite(values).all(axis=1)]
+    size = np.linalg.norm(known, axis=1)
+    return bool(len(known) and np.ptp(known) > 0.0 and (np.abs(size - 1.0) < UNIT).all())
 
 
 def guessed_channels(headers: Sequence[str]) -> tuple[Channel, ...]:

@@ -77,13 +77,15 @@ def _root(path: Path) -> Path | None:
 
 
 def _names(root: Path) -> dict[str, list[str]]:
-    """Names of the entries of each feature; they may stand in a list, or in one under a word."""
+    """Names of the entries of each feature; they may stand in a list, or in one within it or under a word."""
     try:
         features = json.loads((root / INFO).read_text(encoding="utf-8"))["features"]
         found = {}
         for feature in FEATURES:
             names = features.get(feature, {}).get("names")
             names = next(iter(names.values()), None) if isinstance(names, dict) else names
+            names = names[0] if isinstance(names, list) and len(names) == 1 else names
+            names = [names] if isinstance(names, str) else names
             if isinstance(names, list) and all(isinstance(name, str) for name in names):
                 found[feature] = names
         return found
@@ -132,6 +134,7 @@ def _rows(frame: pl.DataFrame, episode: int) -> pl.DataFrame:
 
 def _log(frame: pl.DataFrame, names: Mapping[str, Sequence[str]], path: Path) -> Log:
     columns: dict[str, Array] = {}
+    said = ["This is a LeRobot dataset; the actions are wanted positions."]
     if "timestamp" in frame.columns:
         columns["timestamp"] = numbers_of(frame["timestamp"])
     for feature, word in FEATURES.items():
@@ -139,9 +142,14 @@ def _log(frame: pl.DataFrame, names: Mapping[str, Sequence[str]], path: Path) ->
             values = _entries(frame[feature])
             own = names.get(feature, ())
             if len(own) != values.shape[1]:
+                if own:
+                    said.append(
+                        f"{INFO.as_posix()} names {len(own)} of the {values.shape[1]} entries of {feature}: "
+                        "they were numbered from 0."
+                    )
                 own = [str(i) for i in range(values.shape[1])]
             columns |= {_header(word, name): values[:, i] for i, name in enumerate(own)}
-    return raw_log(columns, path.name, ("This is a LeRobot dataset; the actions are wanted positions.",))
+    return raw_log(columns, path.name, tuple(said))
 
 
 def _entries(series: pl.Series) -> Array:

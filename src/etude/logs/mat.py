@@ -90,6 +90,8 @@ def _loaded(path: Path) -> Mapping[str, Variable]:
 def _columns(found: Mapping[str, Variable], prefix: str) -> Iterator[tuple[str, Array]]:
     """(path, (T,)) of every array of numbers; a matrix's columns are numbered from 1, as MATLAB does."""
     for name, value in found.items():
+        if not name:  # MATLAB's own notes on objects
+            continue
         if isinstance(value, Mapping):
             yield from _columns(value, f"{prefix}{name}.")
             continue

@@ -11,6 +11,7 @@ from etude.errors import DataError
 from etude.logs.units import Limits
 
 SMALLER = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
+SEEN = 0.02  # of a range: what is less in the other unit is rather far outside in its own
 FAR = 2.0  # ranges outside the limits: no other robot, another unit
 OVERSHOOT = 0.1  # of a range: a controller may overshoot, a description may be a little tight
 COMMAND_EXCESS = 1.5  # times the limit: measured effort exceeds its rating, another unit exceeds it more
@@ -72,7 +73,11 @@ def _suspicion(values: Array, lower: Array, upper: Array, angles: bool) -> str:
     if not ((excess > FAR * (upper - lower)).any() and np.abs(values).max() > np.pi):
         return ""
     units = {unit: factor for unit, factor in SMALLER.items() if angles or unit != "degrees"}
-    return next((unit for unit, factor in units.items() if _fits(values * factor, lower, upper)), "")
+    way = np.ptp(values, axis=0) / (upper - lower)
+    for unit, factor in units.items():
+        if _fits(values * factor, lower, upper) and (way * factor > SEEN).any():
+            return unit
+    return ""
 
 
 def _fits(values: Array, lower: Array, upper: Array) -> bool:

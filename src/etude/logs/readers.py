@@ -23,6 +23,7 @@ from etude.logs.indices import with_index
 from etude.logs.lerobot import is_lerobot
 from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
+from etude.logs.pointers import check_whole
 from etude.logs.silence import silences
 
 GROUP = "etude.readers"
@@ -42,6 +43,8 @@ INSTEAD: Mapping[str, str] = {
     ".bag": "This is a bag of ROS 1: rosbags-convert --src run.bag --dst run writes it as one of ROS 2.",
 }
 """Suffix -> what to do with a file that nobody reads."""
+TABLES = (".dat", ".log", ".asc", ".out")
+"""Suffixes of files that no other reader knows, and that are read as CSV if they are text."""
 BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
 HEAD = 4096
 AGAIN = "Export the log again."
@@ -56,6 +59,7 @@ def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
     path = Path(path)
     name = _of_folder(path) if path.is_dir() else ""
     head = b"" if name else file_head(path)
+    check_whole(head, path)
     if not head and not path.is_dir():
         raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
     name = name or _reader_of(path, head)
@@ -101,6 +105,8 @@ def _reader_of(path: Path, head: bytes) -> str:
     for name in brought:
         if _recognises(name, path, head):
             return name
+    if path.suffix.lower() in TABLES and b"\0" not in head:
+        return "csv"
     if path.name == "metadata.yaml":
         step = "Tell the folder that it lies in."
         raise DataError("this belongs to a bag", where=str(path), next_step=step)

@@ -32,9 +32,23 @@ FASTEST = {"rates": 10.0}
 """Channels whose root mean square is no larger, rad/s: more is degrees."""
 TURN = {"attitude": ("roll", "pitch")}
 """Angles within a half turn."""
-LIKE_TIME = {"time", "times", "stamp", "timestamp", "clock", "sec", "secs", "seconds", "millis", "zeit"}
+LIKE_TIME = {
+    "time",
+    "times",
+    "tick",
+    "ticks",
+    "stamp",
+    "timestamp",
+    "clock",
+    "sec",
+    "secs",
+    "seconds",
+    "millis",
+    "zeit",
+}
 """Words of a header that may be a clock's."""
 SIXTY, ALIKE = 60.0, 1.15  # a clock taken for minutes or their inverse; of rates
+SLOWEST_ROWS, FASTEST_ROWS = 0.5, 1e6  # a second: no motion is seen by fewer, no recorder writes more
 CLOCK_FACTOR = 50.0  # the log's rate over the usual one, or its inverse: beyond, no unit of time fits
 
 
@@ -87,12 +101,26 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
     known = {**TIME_UNITS, **MINUTES}
     stated = unit or next((u for u in known if normal(bare).endswith(f"_{u}")), "")
     factor, name = (known[stated], stated) if stated in known else time_factor(finite, rate, where)
+    if stated in known:
+        _check_step(finite, factor, stated, f"{where}, column {header}")
     repairs = [] if name == "s" else [f"Time was converted from {name} (column {header})."]
     if factor == 1.0:
         return values, repairs
     # Nanoseconds since 1970 lose digits when scaled: subtract the start first.
     start = finite[0] if abs(finite[0]) * factor > 1e6 else 0.0
     return (values - start) * factor, repairs
+
+
+def _check_step(t: Array, factor: float, unit: str, where: str) -> None:
+    """DataError: in the unit that the header states no robot is recorded so."""
+    steps = np.abs(np.diff(t))
+    step = factor * float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0 / FASTEST_ROWS
+    if not 1.0 / FASTEST_ROWS <= step <= 1.0 / SLOWEST_ROWS:
+        raise DataError(
+            f"the times, in {unit} by the header, give a row every {step:.3g} s: no robot is recorded so",
+            where=where,
+            next_step="Correct the unit in the header; times of [log.columns] are named with theirs too.",
+        )
 
 
 def time_factor(t: Array, rate: float, where: str) -> tuple[float, str]:

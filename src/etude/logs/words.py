@@ -79,6 +79,11 @@ UNITS: Mapping[str, float] = {
     **{"g": GRAVITY, "mg": 1e-3 * GRAVITY, "%": 0.01},
 }
 """Unit in a header -> factor to SI."""
+DIMENSIONS: Mapping[str, tuple[str, ...]] = {
+    **{"N m": ("nm", "n m", "n*m", "n.m", "mnm"), "N": ("n",), "A": ("a", "ma"), "V": ("v", "mv")},
+    **{"pwm": ("pwm", "%"), "1": ("1", "pwm", "%")},
+}
+"""Unit of a command -> units in a header that can be converted to it."""
 UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V or pwm."
 
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")

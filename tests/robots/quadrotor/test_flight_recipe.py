@@ -102,7 +102,9 @@ def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     assert kept.t[0] == pytest.approx(2.5)
     assert kept.repairs[-1].endswith("2.5 s at the ends were cut.")
     strong = log.put(log.channels["command"], log["command"] / 100.0)
-    assert findings(SPEC, strong)[-1].light == "yellow"
+    scale = findings(SPEC, strong)[-1]
+    assert scale.light == "yellow"
+    assert not scale.flag  # a note: `tell` takes the flight, so there is nothing to answer
     assert findings(replace(SPEC, vehicle=None), log)[-1].light == "cannot tell"
 
 

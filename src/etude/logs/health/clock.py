@@ -10,6 +10,7 @@ from etude.logs.smoothing import GAP_FACTOR
 JITTER = 0.5  # of a step, in 95 % of the rows: beyond, linear interpolation starts to bend the motion
 REPEATED = 0.01  # of the rows
 STANDS = 20  # equal rows in a run: that is rest
+SLOWEST, FASTEST = 2.0, 5e4  # rows a second that a robot's recorder writes
 SPANS = 50  # that are marked
 
 
@@ -30,6 +31,8 @@ def clock_findings(log: Log) -> tuple[Finding, ...]:
 def _rate(forward: Array, step: float) -> Finding:
     spread = float(np.quantile(np.abs(forward / step - 1.0), 0.95))
     said = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.2g} % of {step:.4g} s."
+    if not SLOWEST < 1.0 / step < FASTEST:
+        return Finding("rate", "yellow", said, "No robot is recorded so: are the times in another unit?")
     if spread < JITTER:
         return Finding("rate", "green", said)
     return Finding(

@@ -16,11 +16,14 @@ DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can 
 SATURATED = 0.01  # of the rows at an extreme
 AT_EDGE = 1e-3  # of the range
 NOT_FILLED = "Was it recorded? Leave it out of the log if nobody filled it."
+EMPTY = 0.2  # of the rows: a log that lacks more of what is needed is refused
 LEAPS = 30.0  # times the step that 99 % of the rows stay below
 
 
 def column_findings(log: Log, limits: Limits) -> tuple[Finding, ...]:
-    """What each column says by itself; rows in order, cells may be empty."""
+    """What each column says by itself; rows in order, cells may be empty. A raw column may be one that no
+    robot needs: an empty one is no reason to refuse the log.
+    """
     return (_dead(log), _empty(log), _coarse(log), _saturated(log, limits), _leaping(log))
 
 
@@ -42,7 +45,7 @@ def _dead(log: Log) -> Finding:
     dead, worse, still = [], [], False
     for channel in judged(log):
         values = log[channel.name]
-        for j in np.flatnonzero(_range(values) == 0.0).tolist():
+        for j in np.flatnonzero((_range(values) == 0.0) & np.isfinite(values).any(axis=0)).tolist():
             dead.append(label(channel, j))
             still |= channel.role == "state"
             moves = channel.acts_on in log and _range(log[channel.acts_on])[j] > 0.0
@@ -66,20 +69,21 @@ def _range(values: Array) -> Array:
 
 
 def _empty(log: Log) -> Finding:
-    shares = {
-        label(c, j): float(share)
-        for c in judged(log)
-        for j, share in enumerate(1.0 - np.isfinite(log[c.name]).mean(axis=0))
-        if share > 0.0
-    }
+    shares, needed = {}, 0.0
+    for channel in judged(log):
+        for j, share in enumerate((1.0 - np.isfinite(log[channel.name]).mean(axis=0)).tolist()):
+            if share > 0.0:
+                shares[label(channel, j)] = share
+                needed = max(needed, share if channel.parts[j] else 0.0)
     if not shares:
         return Finding("empty", "green", "Every cell holds a number.")
     worst = max(shares, key=lambda name: shares[name])
+    some = "1 column has" if len(shares) == 1 else f"{len(shares)} columns have"
     return Finding(
         "empty",
-        "red" if shares[worst] > 0.2 else "yellow",
-        f"{len(shares)} columns have empty or infinite cells, most {worst}: {100 * shares[worst]:.3g} %.",
-        "Such rows are dropped; export all channels at the same times.",
+        "red" if needed > EMPTY else "yellow",
+        f"{some} empty or infinite cells, most {worst}: {100 * shares[worst]:.3g} %.",
+        "Such rows are dropped, of a column that is needed; export all channels at the same times.",
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Channel, Finding, Log
-from etude.logs.lag import command_lag
+from etude.logs.lag import LONGEST_LAG, command_lag
 from etude.logs.smoothing import median_rate, resample, uniform_grid
 from etude.logs.steps import longest_stretch
 from etude.logs.truth.seen import LEAST_ROWS, RATE, Seen
@@ -15,17 +15,26 @@ from etude.logs.units import Limits
 NOISY = 0.3  # deviation of the acceleration's noise over that of the acceleration
 THIRD = 20.0  # variance of the third difference of white noise
 STANDING, SMALL = 0.8, 0.2  # of the time; of the limits
-LATE_S = 0.05
+LATE_S, LATEST_S, LATEST = 0.05, 1.0, 1.0 / 25.0  # s, s, and of the log
+SAME_CLOCK = "Log command and position with stamps of the same clock."
 
 
 def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
     """Of the coordinates `path` of a log whose rows are in order and hold numbers."""
-    found = [_noise(log, path, motion), _delay(motion, path)]
+    found = [_noise(log, path, motion)]
     if motion.moves.any():
-        found.insert(1, _rest(motion))
+        found.append(_rest(motion))
+    if not _commanded_elsewhere(log, path):
+        found.append(_delay(motion, path))
     if path.name in limits:
         found.append(_coverage(log, path, motion, limits))
     return tuple(found)
+
+
+def _commanded_elsewhere(log: Log, path: Channel) -> bool:
+    """Whether all commands act on something else than these positions: a vehicle's motors."""
+    commands = [c for c in log.channels.values() if c.role == "command" and c.name in log]
+    return bool(commands) and all(c.acts_on != path.name for c in commands)
 
 
 def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
@@ -99,8 +108,18 @@ def _delay(motion: Seen, path: Channel) -> Finding:
         log = log.put(Channel(name, parts, ("",) * len(own)), values[:, own])
     rubbing = np.tanh(motion.qd[:, own] / (0.05 * np.abs(motion.qd[:, own]).max(axis=0)))
     log = log.put(Channel("rubbing", parts, ("",) * len(own)), rubbing)
-    lag = command_lag([log], ("q", "qd", "qdd", "rubbing"))
-    said = f"The motion is {1e3 * lag:.0f} ms behind the commands (to {500.0 / RATE:.0f} ms)."
+    states = ("q", "qd", "qdd", "rubbing")
+    lag = command_lag([log], states)
+    if lag >= LONGEST_LAG - motion.step:  # the best of those tried is no best one: a longer delay, or none
+        longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
+        lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
+        if lag < longest - motion.step:
+            return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
+        return Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")
     if lag < LATE_S:
-        return Finding("delay", "green", said)
-    return Finding("delay", "yellow", said, "Log command and position with stamps of the same clock.")
+        return Finding("delay", "green", _behind(lag))
+    return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
+
+
+def _behind(lag: float) -> str:
+    return f"The motion is {1e3 * lag:.0f} ms behind the commands (to {500.0 / RATE:.0f} ms)."

@@ -51,5 +51,5 @@ def _scale(spec: QuadrotorSpec, log: Log) -> Finding:
     said = f"The mean command is {mean:.3g} V, it should hover at {vehicle.hover_voltage:.3g} V."
     if HOVER[0] < mean / vehicle.hover_voltage < HOVER[1]:
         return Finding("scale", "green", said)
-    step = "Check mass, thrust_constant, motor_constant and resistance in robot.toml, and the commands' unit."
-    return Finding("scale", "yellow", said, step, flag="Is the vehicle described right?")
+    step = "Is the vehicle described right? Check mass, thrust_constant, motor_constant and resistance in "
+    return Finding("scale", "yellow", said, f"{step}robot.toml, and the commands' unit.")
