@@ -15,10 +15,8 @@ from etude.logs.truth.swapped import APART_S, LEAST_ROWS
 
 CHECK = "mounting"
 TURNED = 20.0  # degrees off the file's gravity: no zero of a joint that is a little off
-EARTH, OFF = (
-    9.81,
-    1.4,
-)  # m/s^2, and the factor by which the size may be off: beyond, masses or units are wrong
+EARTH = 9.81  # m/s^2
+OFF = 1.4  # factor by which the size may be off: beyond, masses or units are wrong
 LEFT = 0.1  # of what friction does not explain of the commands: gravity has to explain the rest
 JOINTS, CLEARER = 2, 3.0  # that this holds of, each, and how much more the file's direction leaves there
 MARGIN = 30.0  # log likelihood over the file's direction
