@@ -28,6 +28,7 @@ from etude.robots.arm.motions import tests as motions_of_tests
 from etude.robots.arm.robot_file import parse_robot, robot_to_toml
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.moves import PointToPoint
 
 FLOOR = Surroundings(floor=Floor(0.0))
 LIMIT = clearance(planar(FLOOR))
@@ -60,6 +61,16 @@ def test_a_pair_that_is_near_at_home_keeps_half_of_that() -> None:
     rows = {row.axis: row for row in near.prove(swing(0.01, joint=2))}
     assert rows["upper and floor"].lower == pytest.approx(0.005)
     assert rows["hand and floor"].lower == 0.01
+
+
+def test_it_says_first_of_all_where_next_to_no_motion_is_left() -> None:
+    near = clearance(planar(Surroundings(floor=Floor(0.25))))  # 10 mm below the upper arm
+    (said,) = certify(swing(0.01), [near]).warnings
+    assert "no joint goes through more than 0.36 % of its range" in said
+    assert "upper and floor are 10 mm apart" in said
+    way = PointToPoint(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]]), 1.0)
+    for limit, motion in ((near, swing(0.3)), (LIMIT, swing(0.01)), (near, way)):
+        assert not limit.warned(motion)
 
 
 def test_tracking_that_leaves_no_room_is_counted_in_part_and_only_assumed() -> None:

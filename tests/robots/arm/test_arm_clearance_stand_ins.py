@@ -11,6 +11,7 @@ from clearance_examples import clearance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
 
 from etude.robots.arm.clearance.fewer import Fewer, fewer, to_triangles
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
@@ -66,6 +67,16 @@ def from_hull(point: np.ndarray, corners: np.ndarray) -> float:
     heavy = 1e3
     weights = nnls(np.vstack([corners.T, np.full(len(corners), heavy)]), np.append(point, heavy))[0]
     return float(np.linalg.norm(corners.T @ weights / weights.sum() - point))
+
+
+def test_the_points_of_a_shape_are_those_that_its_hull_needs() -> None:
+    """As another program finds them, of clouds with points inside."""
+    rng = np.random.default_rng(11)
+    clouds = {"egg": rng.standard_normal((400, 3)), "nut": rng.uniform(-1.0, 1.0, (300, 3))}
+    assets = {f"{name}.obj": obj_text(points, np.zeros((0, 3), int)) for name, points in clouds.items()}
+    for shape in gaps_of(Loaded(XML, assets, NAMES), -LIMIT, LIMIT, Surroundings()).skeleton.shapes[:2]:
+        points = clouds["nut" if shape.link == "upper" else "egg"]
+        assert len(shape.points) == len(ConvexHull(points).vertices) < len(points)
 
 
 def test_a_point_and_a_triangle() -> None:

@@ -165,6 +165,14 @@ def test_the_limb_that_is_proposed_ends_before_its_finger() -> None:
         chosen(found)
 
 
+def test_the_limb_that_is_proposed_is_a_leg_only_where_all_are() -> None:
+    legs = [*chain("left_hip", "left_knee", "left_ankle"), *chain("right_hip", "right_knee", "right_ankle")]
+    with pytest.raises(UsageError, match="--joints torso shoulder"):
+        chosen([*legs, *chain("torso", "shoulder")])
+    with pytest.raises(UsageError, match=r"--joints 'left_\*'"):
+        chosen(legs)
+
+
 def test_fingers_without_a_name_for_it_end_the_arm_that_an_example_chooses() -> None:
     hand = [joint for k in "123" for joint in chain(f"j{k}0", f"j{k}1", before="a3")]
     with pytest.raises(UsageError, match=r"after joint 'a3'.*Are they a hand\?.*--joints 'a\*'; the others"):

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from loading_examples import ARM, MESH, write
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.hulls import THINNEST, hull, obj_text
+from etude.robots.arm.loading.hulls import THINNEST, hull, is_hull, obj_text
+from etude.robots.arm.loading.load import load
 from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.slabs import SLABS, slabs, volume
@@ -122,6 +124,27 @@ def test_a_hull_as_obj_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     vertices, faces = hull(np.random.default_rng(0).normal(size=(30, 3)))
     (tmp_path / "a.obj").write_bytes(obj_text(vertices, faces))
     np.testing.assert_array_equal(read_triangles(tmp_path / "a.obj"), vertices[faces])
+
+
+def test_a_hull_that_was_written_once_is_taken_as_it_is_and_scaled_anew(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(1).normal(0.0, 0.1, (200, 3))
+    mesh = tmp_path / "cube.obj"
+    mesh.write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in cloud.tolist()))
+    plain, scaled = (f'<mesh filename="cube.obj" scale="{scale}"/>' for scale in ("1 1 1", "1 1 2"))
+    path = write(tmp_path, ARM.replace(MESH, plain))
+    (made,) = (data for name, data in load(path).assets.items() if "upper" in name)
+    mesh.write_bytes(made)
+    assert made in load(path).assets.values()
+    mesh.write_bytes(made.replace(b"\n", b"\n# by whoever packed it\n", 1))
+    assert mesh.read_bytes() in load(path).assets.values(), "not made again"
+    path = write(tmp_path, ARM.replace(MESH, scaled))
+    (tall,) = (data for name, data in load(path).assets.items() if "upper" in name)
+    assert is_hull(tall)
+    heights = [
+        np.array([line.split()[3] for line in data.splitlines() if line[:2] == b"v "], float)
+        for data in (made, tall)
+    ]
+    np.testing.assert_array_equal(np.sort(heights[1]), 2.0 * np.sort(heights[0]))
 
 
 @pytest.mark.parametrize(

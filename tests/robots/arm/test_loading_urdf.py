@@ -132,6 +132,20 @@ def test_a_floating_base_is_fixed_only_if_joints_are_named(urdf: Path) -> None:
     )
 
 
+XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="m" value="2"/>'
+
+
+def test_values_of_xacro_that_nothing_refers_to_are_no_reason_to_expand_a_file(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    plain = load(path)
+    path.write_text(robot().replace('<robot name="arm">', XACRO))
+    assert load(path).xml == plain.xml
+    for used in ('<box size="${m} 0.1 0.1"/>', "<xacro:box/>"):
+        path.write_text(robot(ARM.replace(BOX, used)).replace('<robot name="arm">', XACRO))
+        with pytest.raises(UsageError, match="xacro file"):
+            load(path)
+
+
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.urdf.xacro", "arm.xacro"])
 def test_xacro_is_refused_with_how_to_expand_it_into_a_new_file(tmp_path: Path, name: str) -> None:
     """What it says to type must not empty the very file, nor one that lies beside it."""

@@ -22,6 +22,7 @@ from etude.robots.arm.clearance.proof import QUICK, Nearest, nearest
 from etude.robots.arm.clearance.stance import ROOM
 from etude.robots.arm.clearance.tracked import all_keep, lost
 from etude.robots.arm.clearance.way import Way, way_of
+from etude.trajectories.fourier import FourierTrajectory
 
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
@@ -29,6 +30,8 @@ LOOK = 2
 TAKEN = 0.75
 """Of the room that a gap has at home beyond what searches keep, the part that tracking may take. The rest is
 for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
+SMALL = 0.1
+"""Of a joint's range: where no joint goes through more, a motion teaches hardly anything."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,24 @@ class Clearance:
         """One row for each pair of rigid parts, and for each part and what stands around."""
         return remembered(
             self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece))
+        )
+
+    def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
+        """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
+        at_home = self.gaps.of_poses(self.home[None])[0]
+        nearest = int(at_home.argmin())
+        ways = [way_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
+        if at_home[nearest] >= 2.0 * self.margin or not ways:
+            return ()
+        poses = np.concatenate([way.at(way.knots)[0] for way in ways])
+        part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
+        if part.max() >= SMALL:
+            return ()
+        gap, far = self.gaps.list[nearest].text, 1000.0 * at_home[nearest]
+        return (
+            f"Next to no motion is left: no joint goes through more than {100.0 * part.max():.2g} % of its "
+            f"range. At home {gap} are {far:.2g} mm apart, too little for tracking errors and motion: give "
+            "links that only seem to stand so close closer shapes, or [search] another home.",
         )
 
     def keeps(self, piece: Trajectory) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from types import MappingProxyType
 from typing import Any
@@ -50,7 +51,7 @@ def gaps_of(
     walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
     for gap in (*sensed, *boxes):
         _add_sensor(spec, skeleton, gap)
-    with_sensors = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
+    with_sensors = replace(skeleton, model=_compiled(spec, loaded))
     walls, planes = zip(*walled, strict=True) if walled else ((), ())
     return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
 

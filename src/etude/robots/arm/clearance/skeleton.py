@@ -197,18 +197,15 @@ def _points(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
         return signs * size, 0.0
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
-        first = int(model.mesh_vertadr[mesh])
-        points = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
-        return _corners(points), 0.0
+        return _corners(model, mesh), 0.0
     return np.zeros((0, 3)), 0.0
 
 
-def _corners(points: Array) -> Array:
-    """Those of the points that their hull needs; all if they are flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        corners: Array = points[ConvexHull(points).vertices]
-        return corners
-    except (QhullError, ValueError):
+def _corners(model: mujoco.MjModel, mesh: int) -> Array:
+    """Those of a mesh's points that its hull needs, as MuJoCo has found them; all if it has no hull."""
+    first, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
+    points: Array = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
+    if graph < 0:
         return points
+    count = int(model.mesh_graph[graph])  # then the number of faces, places of edges, numbers of points
+    return np.asarray(points[np.sort(model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count])])

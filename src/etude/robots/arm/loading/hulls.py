@@ -9,6 +9,8 @@ from etude.contracts import Array, Index
 
 THINNEST = 1e-4
 """m: thinner parts are made that thick, since a flat hull has no inside."""
+MADE = b"# the convex hull of a mesh\n"
+"""Begins the files that `obj_text` writes."""
 
 
 def hull(points: Array) -> tuple[Array, Index]:
@@ -44,8 +46,13 @@ def _principal(centred: Array) -> tuple[None, None, Array]:
     return None, None, np.linalg.eigh(centred.T @ centred)[1].T
 
 
+def is_hull(data: bytes) -> bool:
+    """Whether a mesh file is what `obj_text` writes: hulls of fine CAD take long to be made again."""
+    return data.startswith(MADE)
+
+
 def obj_text(vertices: Array, faces: Index) -> bytes:
     """OBJ of a triangle mesh; indices begin at 1 there."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
-    return ("\n".join(lines) + "\n").encode()
+    return MADE + ("\n".join(lines) + "\n").encode()

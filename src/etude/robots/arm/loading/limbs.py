@@ -12,6 +12,8 @@ from etude.errors import UsageError
 
 SHORTEST_STROKE = 0.1
 """m: a sliding joint at the very end with less way than this is a finger, not an axis."""
+LEG = ("hip", "leg", "thigh")
+"""In the name of a limb's first joint: another limb is rather what a person wants to move."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,12 @@ def without_tip(path: list[Moving], found: Sequence[Moving]) -> list[Moving]:
 
 
 def option(limbs: Sequence[Moving], after: Mapping[str, list[Moving]], found: Sequence[Moving]) -> str:
-    """What chooses the longest limb, without a hand at its end: a pattern, if it means these joints and no
-    others, else their names.
+    """What chooses the longest limb that is no leg, without a hand at its end: a pattern, if it means these
+    joints and no others, else their names.
     """
-    path = [max(limbs, key=lambda limb: length(limb, after))]
+    path = [
+        max(limbs, key=lambda limb: (not any(part in limb.name.lower() for part in LEG), length(limb, after)))
+    ]
     while (following := after[path[-1].name]) and not ends_in_hand(path, following, after):
         path.append(max(following, key=lambda one: length(one, after)))
     names = [joint.name for joint in without_tip(path, found)]

@@ -31,7 +31,7 @@ def parsed(path: Path) -> ET.Element:
             where=str(path),
             next_step="Take the file anew, or correct that place of it.",
         ) from None
-    if any("xacro" in element.tag for element in root.iter()) or path.suffix == ".xacro":
+    if _to_be_expanded(root) or path.suffix == ".xacro":
         raise UsageError(
             "this is a xacro file",
             where=str(path),
@@ -55,6 +55,16 @@ def declared(text: bytes) -> bytes:
     known = set(re.findall(rb"xmlns:([\w.-]+)\s*=", text)) | {b"xml", b"xmlns"}
     more = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in sorted(used - known))
     return re.sub(rb"<(robot|mujoco)\b", lambda root: root[0] + more, text, count=1)
+
+
+def _to_be_expanded(root: ET.Element) -> bool:
+    """Whether xacro would change anything: values that nothing refers to, as many URDFs keep, do not."""
+    own = [element for element in root.iter() if "xacro" in element.tag]
+    if any(not element.tag.endswith(("}property", "}arg")) for element in own):
+        return True
+    others = [element for element in root.iter() if "xacro" not in element.tag] if own else []
+    texts = [text for one in others for text in (*one.attrib.values(), one.text or "", one.tail or "")]
+    return any("${" in text or "$(" in text for text in texts)
 
 
 def _expanded(path: Path) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from etude.contracts import Array
-from etude.robots.arm.loading.hulls import hull, obj_text
+from etude.robots.arm.loading.hulls import hull, is_hull, obj_text
 from etude.robots.arm.loading.mesh_paths import MeshPaths
 from etude.robots.arm.loading.mesh_readers import read_triangles
 from etude.robots.arm.loading.urdf_checks import scale_of, vector
@@ -56,12 +56,18 @@ class _Meshes:
         if path is None:
             self.missing.append(name)
             return ""
-        if path not in self._read:
-            self._read[path] = read_triangles(path).reshape(-1, 3)
         scale = scale_of(mesh, f"{self.model}, link '{link}'")
         asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
-        self.assets[asset] = obj_text(*hull(self._read[path] * scale))
+        self.assets[asset] = self._hull(path, scale)
         return asset
+
+    def _hull(self, path: Path, scale: Array) -> bytes:
+        data = path.read_bytes() if path.suffix == ".obj" else b""
+        if is_hull(data) and np.all(scale == 1.0):
+            return data
+        if path not in self._read:
+            self._read[path] = read_triangles(path).reshape(-1, 3)
+        return obj_text(*hull(self._read[path] * scale))
 
 
 def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Sequence[Path]) -> Shapes:
