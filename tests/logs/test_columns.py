@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -117,6 +118,43 @@ def test_units_in_headers_become_factors() -> None:
     assert [c.factor for c in matching.channels["q"]] == pytest.approx([0.017453292519943295] * 3)
     with pytest.raises(DataError, match=r"unknown unit 'furlong'.*column 'q_pan_joint \[furlong\]'"):
         match_columns([f"q_{j} [furlong]" for j in JOINTS], CHANNELS, "f")
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "command", "factors"),
+    [
+        ("q_{}_deg", "qd_{}_deg_s", "tau_{}_nm", (np.pi / 180, np.pi / 180, 1.0)),
+        ("{} Position rad", "{} Velocity rad/s", "{} Torque mNm", (1.0, 1.0, 1e-3)),
+        ("q_{}_mrad", "qd_{}_dps", "effort_{}_Nm", (1e-3, np.pi / 180, 1.0)),
+    ],
+)
+def test_units_at_the_end_of_headers_become_factors(
+    position: str, velocity: str, command: str, factors: tuple[float, ...]
+) -> None:
+    headers = [text.format(joint) for text in (position, velocity, command) for joint in JOINTS]
+    matching = match_columns(headers, CHANNELS, "f")
+    found = [matching.channels[name] for name in ("q", "qd", "command")]
+    assert [[c.factor for c in own] for own in found] == [pytest.approx([f] * 3) for f in factors]
+    assert all(column.stated for own in found for column in own)
+    assert matching.ignored == ()
+
+
+def test_a_unit_at_the_end_counts_where_nothing_else_says_it() -> None:
+    """Beside plain columns, of too few joints, or twice: what was read before is read as before."""
+    plain = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS]
+    degrees = [f"q_{j}_deg" for j in JOINTS]
+    assert [c.name for c in match_columns([*degrees, *plain], CHANNELS, "f").channels["q"]] == plain[:3]
+    matching = match_columns([*plain, "qd_pan_joint_rad_s"], CHANNELS, "f")
+    assert "qd" not in matching.channels
+    assert matching.ignored == ("qd_pan_joint_rad_s",)
+    both = match_columns([*degrees, *(f"q_{j}_rad" for j in JOINTS), *plain[3:]], CHANNELS, "f")
+    assert [c.factor for c in both.channels["q"]] == [1.0] * 3
+
+
+def test_a_joint_whose_name_ends_like_a_unit_keeps_it() -> None:
+    channels = joint_channels(("lift_mm", "turn_deg", "tilt_rad"))
+    headers = [f"{c}_{j}" for c in ("q", "tau") for j in ("lift_mm", "turn_deg", "tilt_rad")]
+    assert [c.factor for c in match_columns(headers, channels, "f").channels["q"]] == [1.0] * 3
 
 
 @pytest.mark.parametrize(

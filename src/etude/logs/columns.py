@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
-from etude.logs.words import DIMENSIONS, SENSORS, split_unit
+from etude.logs.words import DIMENSIONS, SENSORS, unit_of
 
 LISTED = 12  # columns in a message
 
@@ -115,7 +115,7 @@ def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, l
     """The columns, and of a part that has several the one whose header states a unit of the channel."""
     kept = dict(mine)
     for part, unit in zip(channel.parts, channel.units, strict=True):
-        own = [c for c in mine[part] if c.stated and split_unit(c.name)[1] in DIMENSIONS.get(unit, ())]
+        own = [c for c in mine[part] if c.stated and unit_of(c.name) in DIMENSIONS.get(unit, ())]
         if len(mine[part]) > 1 and len(own) == 1:
             kept[part] = own
     return kept

@@ -12,7 +12,7 @@ from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.controllers import plain
 from etude.logs.headers import words_of
-from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_unit
+from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
 
 ROLES = (Channel("q", ("",), ("rad",)), Channel("qd", ("",), ("rad/s",)))
 FEWEST = 1
@@ -74,7 +74,7 @@ def _parts(headers: Sequence[str], words: Sequence[str]) -> list[list[str]]:
     """Of each header that begins or ends with one of the words: what may be left of it, longest first."""
     found = []
     for header in [header for header in headers if not is_time(header)]:
-        text = normal(split_unit(header)[0])
+        text = normal(split_suffix(split_unit(header)[0])[0])
         text = plain(text) or text
         left = {part for word in words if (part := _left(text, word))}
         found += [sorted(left, key=lambda part: (-len(part), part))] if left else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from etude.contracts import Channel
@@ -17,6 +17,7 @@ from etude.logs.words import (
     UNITS,
     UNITS_TO_USE,
     normal,
+    split_suffix,
     split_unit,
 )
 
@@ -44,6 +45,21 @@ class Column:
     word: int = 0
 
 
+@dataclass(frozen=True)
+class Claim:
+    """What a header may be.
+
+    Attributes:
+        place: "named", "numbered" or "bare": of `Found`. channel: its name.
+        part: of the channel, or its number. word: rank of the word, as in `Column`.
+    """
+
+    place: str
+    channel: str
+    part: str
+    word: int = 0
+
+
 @dataclass
 class Found:
     """What headers say, by channel: columns by part, by number, and by a part's bare name."""
@@ -53,41 +69,84 @@ class Found:
     bare: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
     ignored: list[str] = field(default_factory=list)
 
+    def of(self, claim: Claim) -> dict[str, list[Column]]:
+        """The columns of the claim's channel, in its place."""
+        places: dict[str, dict[str, dict[str, list[Column]]]] = vars(self)
+        return places[claim.place].setdefault(claim.channel, {})
+
+    def note(self, claim: Claim, header: str, unit: str) -> None:
+        """Adds a column."""
+        column = Column(header, UNITS[unit], unit != "", claim.word)
+        self.of(claim).setdefault(claim.part, []).append(column)
+
+    def columns(self) -> Iterator[Column]:
+        """All of them."""
+        for place in (self.named, self.numbered, self.bare):
+            for parts in place.values():
+                for own in parts.values():
+                    yield from own
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What headers may say of the channels that are looked for."""
+
+    named: Mapping[str, tuple[str, str, int]]
+    words: dict[str, str]
+    bare: Mapping[str, tuple[tuple[str, str], ...]]
+
+    def claims(self, text: str) -> tuple[Claim, ...]:
+        """Of a header without its unit: the part that it names, else the number of one, else what its bare
+        name may be.
+        """
+        rests = _rests(normal(text))
+        hit = next((self.named[rest] for rest in rests if rest in self.named), None)
+        if hit:
+            return (Claim("named", *hit),)
+        number = _number(rests, self.words)
+        if number:
+            return (Claim("numbered", *number),)
+        return tuple(Claim("bare", *own) for own in self.bare.get(rests[0], ()))
+
 
 def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:
-    """Every header's meaning. DataError: one has a meaning, and an unknown unit."""
-    named, words = _named(channels), _words(channels)
-    bare = _bare(channels)
-    found = Found()
-    again = doubles(headers)
+    """Every header's meaning. DataError: one has a meaning, and an unknown unit.
+
+    A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
+    channel is whole with it: such a column is no reason to refuse what is whole without it.
+    """
+    known = _Known(_named(channels), _words(channels), _bare(channels))
+    again, found, left = doubles(headers), Found(), []
     for header in headers:
-        if header in again:
-            found.ignored.append(header)
-            continue
         text, unit = split_unit(header)
-        rests = _rests(normal(text))
-        hit = next((named[rest] for rest in rests if rest in named), None)
-        number = None if hit else _number(rests, words)
-        claims = () if hit or number else bare.get(rests[0], ())
-        if not (hit or number or claims):
-            found.ignored.append(header)
-            continue
-        if unit not in UNITS:
+        claims = () if header in again else known.claims(text)
+        if claims and unit not in UNITS:
             raise DataError(
                 f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
             )
-        column = Column(header, UNITS[unit], unit != "")
-        if hit:
-            _note(found.named, hit[0], hit[1], Column(header, UNITS[unit], unit != "", hit[2]))
-        elif number:
-            _note(found.numbered, number[0], number[1], column)
-        for name, part in claims:
-            _note(found.bare, name, part, column)
+        for claim in claims:
+            found.note(claim, header, unit)
+        left += [] if claims else [header]
+    _add_suffixed(found, [h for h in left if h not in again and not split_unit(h)[1]], known, channels)
+    taken = {column.name for column in found.columns()}
+    found.ignored += [header for header in left if header not in taken]
     return found
 
 
-def _note(place: dict[str, dict[str, list[Column]]], channel: str, part: str, column: Column) -> None:
-    place.setdefault(channel, {}).setdefault(part, []).append(column)
+def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels: Sequence[Channel]) -> None:
+    """Columns whose headers end with a unit; of two of a part that in SI."""
+    more = Found()
+    for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
+        text, unit = split_suffix(header)
+        for claim in known.claims(text) if unit else ():
+            if claim.part not in more.of(claim):
+                more.note(claim, header, unit)
+    sizes = {channel.name: len(channel.parts) for channel in channels}
+    for place in ("named", "numbered", "bare"):
+        for name, columns in getattr(more, place).items():
+            own = getattr(found, place).get(name, {})
+            if len({*own, *columns}) == sizes[name]:
+                getattr(found, place)[name] = {**columns, **own}
 
 
 def _rests(text: str) -> list[str]:

@@ -19,7 +19,7 @@ import numpy as np
 from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.headers import Found, read_headers
-from etude.logs.words import NUMBERED, is_time, split_unit
+from etude.logs.words import NUMBERED, is_time, split_unit, unit_of
 
 NEAR, ALIKE = 3, 0.5
 """Headers that are offered for a part that has none, and how much they must resemble it."""
@@ -151,7 +151,7 @@ def _quoted(text: str) -> str:
 
 
 def _with_unit(to: str, header: str) -> str:
-    unit = split_unit(header)[1]
+    unit = unit_of(header)
     return f"{to} [{unit}]" if unit and not split_unit(to)[1] else to
 
 

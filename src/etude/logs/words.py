@@ -84,6 +84,12 @@ DIMENSIONS: Mapping[str, tuple[str, ...]] = {
     **{"pwm": ("pwm", "%"), "1": ("1", "pwm", "%")},
 }
 """Unit of a command -> units in a header that can be converted to it."""
+SUFFIXES: Mapping[str, str] = {
+    **{unit: unit for unit in ("rad", "deg", "degrees", "dps", "mrad", "mm", "nm", "mnm", "ma", "mv")},
+    **{"rad_s": "rad/s", "rad_per_s": "rad/s", "rads": "rad/s", "radps": "rad/s", "rad_s2": "rad/s2"},
+    **{"deg_s": "deg/s", "deg_per_s": "deg/s", "degps": "deg/s", "deg_s2": "deg/s2", "mm_s": "mm/s"},
+}
+"""Units at the end of a header without brackets, normalised; single letters are no units there."""
 UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V or pwm."
 
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
@@ -107,6 +113,20 @@ def split_unit(header: str) -> tuple[str, str]:
     if found is None or found.start() == 0 or found.group(1).strip().isdigit():
         return header, ""
     return header[: found.start()], found.group(1).strip().lower()
+
+
+def split_suffix(header: str) -> tuple[str, str]:
+    """('q1', 'deg') of 'q1_deg', ('dq1', 'rad/s') of 'dq1 rad/s'; without brackets, see `split_unit`."""
+    text = normal(header)
+    for suffix in sorted(SUFFIXES, key=len, reverse=True):
+        if text.endswith(f"_{suffix}"):
+            return text.removesuffix(f"_{suffix}"), SUFFIXES[suffix]
+    return header, ""
+
+
+def unit_of(header: str) -> str:
+    """The unit that a header states, in brackets or at its end; "" if none."""
+    return split_unit(header)[1] or split_suffix(header)[1]
 
 
 def normal(text: str) -> str:
