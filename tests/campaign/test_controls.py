@@ -22,7 +22,9 @@ from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
 from etude.campaign.tracking import kept_now, kept_under, seen_errors
 from etude.campaign.untell import untell
+from etude.contracts import Array
 from etude.errors import UsageError
+from etude.limits.tracking import HIDDEN
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 LEARNS = """\
@@ -76,20 +78,26 @@ def test_before_a_log_of_its_control_a_margin_is_the_start_value_and_assumed(lab
     np.testing.assert_array_equal(kept(lab, told((0.001, FEEDBACK)), LEARNED)[1], sure)
     assert not sure.any()
     table, sure = kept(lab, told((0.001, FEEDBACK), (0.002, LEARNED)), LEARNED)
-    np.testing.assert_allclose(table, 0.006)  # of one log: three times, however many others have
+    np.testing.assert_allclose(table, beyond(0.006))  # of one log: three times, however many others have
     np.testing.assert_array_equal(sure, 0.95)
+
+
+def beyond(error: float) -> Array:
+    """The margins (O, k) of errors of that size: velocities have more, their limit is 1 rad/s."""
+    return np.array([[error, error], [error + HIDDEN, error + HIDDEN]])
 
 
 def test_a_log_of_before_counts_for_each_control(lab: Campaign) -> None:
     for control in IN_WORDS:
-        np.testing.assert_allclose(kept(lab, told((0.001, None)), control)[0], 0.003)
-        np.testing.assert_allclose(kept(lab, told((0.004, None), (0.001, control)), control)[0], 0.008)
+        np.testing.assert_allclose(kept(lab, told((0.001, None)), control)[0], beyond(0.003))
+        both = told((0.004, None), (0.001, control))
+        np.testing.assert_allclose(kept(lab, both, control)[0], beyond(0.008))
 
 
 def test_for_either_control_the_larger_margin_is_kept(lab: Campaign) -> None:
     state = told((0.004, FEEDBACK), (0.001, LEARNED))
     both, sure = kept(lab, state, FEEDBACK, LEARNED)
-    np.testing.assert_allclose(both, 0.012)
+    np.testing.assert_allclose(both, beyond(0.012))
     np.testing.assert_array_equal(sure, 0.95)
     both, sure = kept(lab, told((0.001, FEEDBACK)), FEEDBACK, LEARNED)
     np.testing.assert_array_equal(both, kept(lab, told(), LEARNED)[0])

@@ -9,6 +9,7 @@ from etude.contracts import Proof
 from etude.errors import UsageError
 from etude.limits.tracking import (
     CONFIDENCE,
+    HIDDEN,
     Ranges,
     TrackingConfig,
     factor,
@@ -31,11 +32,11 @@ def test_the_fewer_logs_the_larger_the_factor() -> None:
 
 def test_the_largest_of_the_last_eight_counts() -> None:
     logs = [np.full((3, 2), float(e)) for e in (9, 1, 2, 1, 1, 1, 1, 1, 1)]
-    table, confidence = learned_table(logs)
-    np.testing.assert_array_equal(table, np.full((2, 2), 3.0))
+    table, confidence = learned_table(logs, RANGES)
+    np.testing.assert_array_equal(table, [[3.0, 3.0], [3.0 + HIDDEN, 3.0 + 3.0 * HIDDEN]])
     np.testing.assert_array_equal(confidence, np.full((2, 2), CONFIDENCE))
-    assert learned_table(logs[:8])[0][0, 0] == 1.5 * 9.0
-    assert learned_table(logs[:1])[0][0, 0] == 3.0 * 9.0
+    assert learned_table(logs[:8], RANGES)[0][0, 0] == 1.5 * 9.0
+    assert learned_table(logs[:1], RANGES)[0][0, 0] == 3.0 * 9.0
 
 
 def test_before_any_log_a_part_of_each_range_or_what_the_gains_allow() -> None:
@@ -58,7 +59,7 @@ def test_none_leaves_less_than_half_of_the_way_from_home() -> None:
 def test_forms_are_kept_apart_and_may_all_be_left_out() -> None:
     errors = {"fourier": [np.full((3, 2), 0.01)]}
     found = margins_of(TrackingConfig(), RANGES, errors, ("fourier", "moves"))
-    np.testing.assert_allclose(found["fourier"][0], 0.03)
+    np.testing.assert_allclose(found["fourier"][0], [[0.03, 0.03], [0.03 + HIDDEN, 0.03 + 3.0 * HIDDEN]])
     assert not np.any(found["moves"][1])
     told = margins_of(TrackingConfig(margin="assumed"), RANGES, errors, ("fourier",))
     np.testing.assert_array_equal(told["fourier"][0], found["moves"][0])
@@ -69,6 +70,7 @@ def test_a_velocity_that_nobody_limits_has_no_margin() -> None:
     free = Ranges.of((LOWER, UPPER), None, HOME)
     table, confidence = within_room(*start_table(TrackingConfig(), free, None), free)
     assert np.isnan(table[1]).all()
+    np.testing.assert_array_equal(learned_table([np.full((3, 2), 0.1)], free)[0], np.full((2, 2), 3.0 * 0.1))
     np.testing.assert_allclose(table[0], [0.08, 0.02])
     assert confidence.shape == (2, 2)
 
