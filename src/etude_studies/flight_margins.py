@@ -4,7 +4,7 @@ The first flight is flown under feedback alone, later ones lean against the drag
 simulate` does. "one list": all logs count as one control's, as they did before margins were kept for each;
 "by control": as they are; "slow first": the same, with the first flight at half of its speed.
 
-    python -m etude_studies.flight_margins FILE [FIRST_SEED SEEDS]
+    python -m etude_studies.flight_margins FILE [FIRST_SEED SEEDS [FLIGHTS]]
 
 goes on where FILE ends, one line of JSON for each campaign, and prints the tables.
 """
@@ -53,13 +53,13 @@ class Case:
     seed: int
 
 
-def campaign_of(case: Case) -> list[dict[str, Any]]:
+def campaign_of(case: Case, flights: int = FLIGHTS) -> list[dict[str, Any]]:
     """What became of each flight, and of the tests after it."""
     with TemporaryDirectory() as folder:
         campaign, _ = create_campaign(Path(folder) / "campaign", case.robot, seed=case.seed)
         robot = campaign.kind.robot(campaign.spec, campaign.config)
         assert robot is not None
-        return [_flown(campaign, robot, case.manner) for _ in range(FLIGHTS)]
+        return [_flown(campaign, robot, case.manner) for _ in range(flights)]
 
 
 def _flown(campaign: Campaign, robot: Robot, manner: str) -> dict[str, Any]:
@@ -117,14 +117,14 @@ def summary(rows: Sequence[Facts]) -> str:
     lines = [f"{'flights':<30}{'seeds':>6}{'beyond':>8}{'largest':>9}{'median m':>10}{'extent m':>10}"]
     for robot, manner in product(ROBOTS, MANNERS):
         own = _of(rows, robot, manner)
-        for flight in range(FLIGHTS if len(own) > 1 else 0):
+        for flight in range(_flights(own) if len(own) > 1 else 0):
             lines.append(
                 _line(f"{robot}, {manner}, {flight + 1}", [r["flights"][flight] for r in own.values()])
             )
     for robot, manner in product(ROBOTS, MANNERS[1:]):
         own, other = _of(rows, robot, manner), _of(rows, robot, MANNERS[0])
         seeds = sorted(own.keys() & other.keys())
-        for flight in range(FLIGHTS if len(seeds) > 1 else 0):
+        for flight in range(min(_flights(own), _flights(other)) if len(seeds) > 1 else 0):
             lines += [
                 f"{robot}, {manner} over one list, after {flight + 1}, {test}: "
                 f"{_ratio([[r[s]['flights'][flight]['errors'][test] for s in seeds] for r in (own, other)])}"
@@ -135,6 +135,11 @@ def summary(rows: Sequence[Facts]) -> str:
 
 def _of(rows: Sequence[Facts], robot: str, manner: str) -> dict[int, Facts]:
     return {row["seed"]: row for row in rows if (row["robot"], row["manner"]) == (robot, manner)}
+
+
+def _flights(rows: Mapping[int, Facts]) -> int:
+    """That all campaigns have."""
+    return min(len(row["flights"]) for row in rows.values())
 
 
 def _line(name: str, flights: Sequence[Facts]) -> str:
@@ -152,7 +157,7 @@ def _ratio(pair: Sequence[Sequence[float]]) -> str:
     )
 
 
-def main(path: Path, first: int, seeds: int) -> None:
+def main(path: Path, first: int, seeds: int, flights: int = FLIGHTS) -> None:
     """Runs what FILE lacks, and prints the tables."""
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {(row["robot"], row["manner"], row["seed"]) for row in done}
@@ -160,12 +165,12 @@ def main(path: Path, first: int, seeds: int) -> None:
     with path.open("a") as file:
         for case in cases:
             if (case.robot, case.manner, case.seed) not in known:
-                done.append({**vars(case), "flights": campaign_of(case)})
+                done.append({**vars(case), "flights": campaign_of(case, flights)})
                 file.write(json.dumps(done[-1]) + "\n")
                 file.flush()
     print(summary(done))  # noqa: T201
 
 
 if __name__ == "__main__":
-    own = [int(word) for word in sys.argv[2:4]]
+    own = [int(word) for word in sys.argv[2:5]]
     main(Path(sys.argv[1]), *(own or (FIRST, SEEDS)))

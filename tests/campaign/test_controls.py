@@ -79,7 +79,14 @@ def test_before_a_log_of_its_control_a_margin_is_the_start_value_and_assumed(lab
     assert not sure.any()
     table, sure = kept(lab, told((0.001, FEEDBACK), (0.002, LEARNED)), LEARNED)
     np.testing.assert_allclose(table, beyond(0.006))  # of one log: three times, however many others have
-    np.testing.assert_array_equal(sure, 0.95)
+
+
+def test_what_is_learned_anew_after_each_log_is_assumed_until_the_fourth(lab: Campaign) -> None:
+    for count in (1, 3):
+        assert not kept(lab, told(*[(0.002, LEARNED)] * count), LEARNED)[1].any()
+        np.testing.assert_array_equal(kept(lab, told(*[(0.002, FILE)] * count), FILE)[1], 0.95)
+        np.testing.assert_array_equal(kept(lab, told(*[(0.002, FEEDBACK)] * count), FEEDBACK)[1], 0.95)
+    np.testing.assert_array_equal(kept(lab, told(*[(0.002, LEARNED)] * 4), LEARNED)[1], 0.95)
 
 
 def beyond(error: float) -> Array:
@@ -95,7 +102,7 @@ def test_a_log_of_before_counts_for_each_control(lab: Campaign) -> None:
 
 
 def test_for_either_control_the_larger_margin_is_kept(lab: Campaign) -> None:
-    state = told((0.004, FEEDBACK), (0.001, LEARNED))
+    state = told((0.004, FEEDBACK), *[(0.001, LEARNED)] * 4)
     both, sure = kept(lab, state, FEEDBACK, LEARNED)
     np.testing.assert_allclose(both, beyond(0.012))
     np.testing.assert_array_equal(sure, 0.95)
