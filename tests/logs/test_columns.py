@@ -151,6 +151,19 @@ def test_a_unit_at_the_end_counts_where_nothing_else_says_it() -> None:
     assert [c.factor for c in both.channels["q"]] == [1.0] * 3
 
 
+@pytest.mark.parametrize("unit", ["ma", "mv", "deg"])
+def test_a_unit_at_the_end_of_another_dimension_says_nothing(unit: str) -> None:
+    """Milliamperes are no torque: such columns are refused as missing, not scaled."""
+    with pytest.raises(DataError, match="command"):
+        match_columns([*(f"q_{j}" for j in JOINTS), *(f"effort_{j}_{unit}" for j in JOINTS)], CHANNELS, "f")
+
+
+def test_numbered_columns_are_not_displaced_by_ones_with_a_unit_at_the_end() -> None:
+    numbered = [f"{c}{n}" for c in ("q", "tau") for n in (1, 2, 3)]
+    found = match_columns([*numbered, *(f"q_{j}_deg" for j in JOINTS)], CHANNELS, "f")
+    assert [c.name for c in found.channels["q"]] == numbered[:3]
+
+
 def test_a_joint_whose_name_ends_like_a_unit_keeps_it() -> None:
     channels = joint_channels(("lift_mm", "turn_deg", "tilt_rad"))
     headers = [f"{c}_{j}" for c in ("q", "tau") for j in ("lift_mm", "turn_deg", "tilt_rad")]

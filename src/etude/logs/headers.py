@@ -10,6 +10,7 @@ from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.controllers import doubles, plain
 from etude.logs.words import (
+    ALIKE,
     COMMANDS,
     PREFIXES,
     SETPOINTS,
@@ -135,17 +136,18 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
 
 def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels: Sequence[Channel]) -> None:
     """Columns whose headers end with a unit; of two of a part that in SI."""
-    more = Found()
+    more, described = Found(), {channel.name: channel for channel in channels}
     for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
         text, unit = split_suffix(header)
         for claim in known.claims(text) if unit else ():
-            if claim.part not in more.of(claim):
+            alike = ALIKE.get(described[claim.channel].units[0], ())
+            if unit in alike and claim.part not in more.of(claim):
                 more.note(claim, header, unit)
-    sizes = {channel.name: len(channel.parts) for channel in channels}
     for place in ("named", "numbered", "bare"):
         for name, columns in getattr(more, place).items():
             own = getattr(found, place).get(name, {})
-            if len({*own, *columns}) == sizes[name]:
+            elsewhere = any(name in getattr(found, p) for p in ("named", "numbered", "bare") if p != place)
+            if len({*own, *columns}) == len(described[name].parts) and not elsewhere:
                 getattr(found, place)[name] = {**columns, **own}
 
 

@@ -90,6 +90,12 @@ SUFFIXES: Mapping[str, str] = {
     **{"deg_s": "deg/s", "deg_per_s": "deg/s", "degps": "deg/s", "deg_s2": "deg/s2", "mm_s": "mm/s"},
 }
 """Units at the end of a header without brackets, normalised; single letters are no units there."""
+ALIKE: Mapping[str, tuple[str, ...]] = {
+    **{"rad": ("rad", "deg", "degrees", "mrad"), "rad/s": ("rad/s", "deg/s", "dps")},
+    **{"rad/s^2": ("rad/s2", "deg/s2"), "m": ("mm",), "m/s": ("mm/s",)},
+    **DIMENSIONS,
+}
+"""Unit of a channel -> units of `SUFFIXES` that are of the same dimension: others are none of its."""
 UNITS_TO_USE = "Use rad, rad/s, rad/s^2, deg, deg/s, m, m/s, m/s^2, g, N m, A, V or pwm."
 
 TIME_WORDS = ("t", "time", "timestamp", "stamp", "time_stamp", "seconds", "timestamps")
