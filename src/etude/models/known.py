@@ -6,7 +6,7 @@ It is found of the inputs that the processes are conditioned on, so that models 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,26 +15,21 @@ from etude.models.contracts import HasInputs
 from etude.models.parts import noise_of, outputs
 from etude.models.trust import known_in_training
 
-if TYPE_CHECKING:
-    from etude.models.model import LearnedModel
-
 MOST = 64
 """Inputs at which it is asked, evenly spread over all: a mean over them is known to a tenth."""
 
 
-def known_of(model: LearnedModel) -> Array:
+def known_of(candidates: Sequence[Candidate], believed: Sequence[bool]) -> Array:
     """(J,) what may be unknown of each command before a row lies outside; infinite where no process has
-    inputs.
+    inputs, and 0 where the mean is not believed: it is known nowhere.
     """
-    found = np.full(len(model.commands), np.inf)
-    for j in range(len(model.commands)):
-        own = [(c, c.commands.index(j)) for c in model.candidates if j in c.commands]
+    found = np.full(len(believed), np.inf)
+    for j in range(len(believed)):
+        own = [(c, c.commands.index(j)) for c in candidates if j in c.commands]
         own = [(c, place) for c, place in own if c.weights[place] > 0.0]
         X = _inputs(own)
-        if X is not None and not (model.least is not None and model.least[j] > 0.0):
-            found[j] = _known(own, X)
-        elif X is not None:  # a mean that is not believed is known nowhere
-            found[j] = 0.0
+        if X is not None:
+            found[j] = _known(own, X) if believed[j] else 0.0
     return found
 
 

@@ -190,7 +190,8 @@ class LearnedModel:
     @cached_property
     def known(self) -> Array:
         """(J,) what may be unknown of each before a row lies outside; infinite where nothing tells."""
-        return known_of(self)
+        doubted = np.zeros(len(self.commands)) if self.least is None else self.least
+        return known_of(self.candidates, (doubted <= 0.0).tolist())
 
     def _told(self, run: Run, each: _Each, *, fade: bool = True) -> Prediction:
         means = Means(run.log)
