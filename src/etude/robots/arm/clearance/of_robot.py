@@ -10,7 +10,7 @@ from etude.robots.arm.clearance.in_file import from_file
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import excluded_links, gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
-from etude.robots.arm.clearance.skeleton import BOX, Skeleton
+from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
 from etude.robots.arm.clearance.stand_ins import said
 from etude.robots.arm.clearance.surroundings import ADD_FLOOR, Surroundings
@@ -99,7 +99,7 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
 
 def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
     """A sentence for links that hang on the base, where more than their foot is fixed to it: a table."""
-    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.name.startswith(BOX))
+    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.box)
     shaped = {shape.part for shape in skeleton.shapes}
     first = [skeleton.parts[p] for p in sorted(shaped) if p and skeleton.parent[p] == 0]
     if len(fixed) < 2 or not first:
