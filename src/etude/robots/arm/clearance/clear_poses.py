@@ -13,11 +13,11 @@ from etude.contracts import Array, Mask, Reachable
 from etude.robots.arm.clearance.gaps import TOLERANCE
 from etude.robots.arm.clearance.limit import Clearance
 
-POSES = 2048
+POSES = 1024
 """Random ones that are tried."""
 SEED = 22
 """Of these: the same robot always has the same."""
-LINE = 0.1
+LINE = 0.2
 """rad (m): the longest step of a joint along a straight line that is looked at; clear poses leave room."""
 COARSE = 5
 """Instants of a line that are looked at first: most that collide do so there."""
