@@ -141,8 +141,8 @@ def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[s
 
 
 def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
-    """A sentence for each folder of these proposals that was written under another robot.toml or campaign.toml
-    than lies here now: its certificate is of those.
+    """A sentence for each folder of these proposals whose certificate is of another robot.toml or
+    campaign.toml than lie here now.
     """
     events, found = campaign.events(), []
     names = {
@@ -152,8 +152,8 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
     for name in sorted(names):
         if (campaign.path / name).is_file():
             folders.setdefault(name.rpartition("/")[0], []).append(name)
-    for folder, own in folders.items():
-        why = changed_since(campaign, events, own)
+    for folder, files in folders.items():
+        why = changed_since(campaign, events, files)
         if why:
             found.append(f"{folder} was proved before {why}: ask for it again, before it is run")
     return found
