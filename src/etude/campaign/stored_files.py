@@ -15,6 +15,7 @@ from pathlib import Path
 from etude.campaign.folder import ROBOT, Campaign
 from etude.campaign.journal import Event, recorded, require_intact
 from etude.errors import UsageError
+from etude.generation import GENERATION
 from etude.storage import unreadable, write_atomic
 
 RESTORE = "Restore the file from a copy."
@@ -45,9 +46,7 @@ def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> by
     except OSError as error:
         raise unreadable(path, error) from error
     if hashlib.sha256(data).hexdigest() != digest:
-        raise UsageError(
-            f"{name} was changed after it was committed", where=str(campaign.path), next_step=next_step
-        )
+        raise UsageError(f"{name} was changed after it was committed", where=str(path), next_step=next_step)
     return data
 
 
@@ -110,7 +109,7 @@ def settle(
     known, there = recorded(events), [path for path in contents if path.exists()]
     names = {path: name_of(campaign, path) for path in contents}
     committed = [path for path in contents if names[path] in known] if there else []
-    wrong = [path for path in contents if not path.exists() or path.read_bytes() != contents[path]]
+    wrong = [path for path, data in contents.items() if not _holds(path, data)]
     # one that holds what is to be written needs no other witness: a writer may have been killed on its way
     held = {names[path]: known[names[path]] for path in committed if path in wrong}
     require_intact(campaign.path, [Event("exported", "", number, "", held)], next_step)
@@ -125,7 +124,10 @@ def settle(
     folders = dict.fromkeys(name_of(campaign, path.parent) for path in anew)
     why = changed_since(campaign, events, [names[path] for path in committed])
     what = f"{', '.join(path.name for path in anew)} in {', '.join(folders)}"
-    return (f"Written anew, since {why or 'what they rest on has changed'}: {what}.",)
+    why = why or (
+        "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
+    )
+    return (f"Written anew, since {why}: {what}.",)
 
 
 def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> str:
@@ -157,6 +159,19 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
         if why:
             found.append(f"{folder} was proved before {why}: ask for it again, before it is run")
     return found
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    try:
+        return path.read_bytes() == data
+    except OSError:
+        return False
+
+
+def _is_older(events: Sequence[Event], names: Mapping[Path, str]) -> bool:
+    """Whether an earlier generation wrote one of these files last."""
+    last = [next((e for e in reversed(events) if name in e.files), None) for name in names.values()]
+    return any(e is not None and e.facts.get("generation", 1) < GENERATION for e in last)
 
 
 def _digest(data: bytes) -> str:
