@@ -171,7 +171,7 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
-            found[MIXED] = score(new, *before.predict(new.log), samples.take(~newest))
+            found[MIXED] = score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = score(new, mean.predict(new.log))
@@ -216,7 +216,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dic
     ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
     scores = prequential(ladder.model, test)
     if label(ladder.chosen) == MIXED:
-        scores[MIXED] = score(test, *ladder.model.predict(test.log))
+        scores[MIXED] = score(test, *ladder.model.posterior(test.log))
     nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
     linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
     beside = score(test, linear)
