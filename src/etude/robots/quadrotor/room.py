@@ -70,9 +70,7 @@ def _lag(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
     """
     if spec.plant is not None or any(np.any(np.asarray(sure) > 0.0) for _, sure in margins.values()):
         return 0.0
-    series = config.series
-    base = series.omega0 if series.omega0 is not None else 2.0 * math.pi / series.duration
-    fastest = spec.speed * series.harmonics * float(np.max(base))
+    fastest = spec.speed * config.harmonics * config.series.omega0_range[1]
     tilts = [GRAVITY * math.tan(tilt) for tilt in (spec.tilt, config.tilt) if tilt is not None]
     return ATTITUDE_LAG * min([fastest, *tilts])
 
