@@ -26,7 +26,6 @@ from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
-from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.open_commands import require_possible
@@ -79,7 +78,7 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
         made = _propose(campaign, state, number, kept, say)
     found = present(campaign, number, kept, made, FULL)
     motion = stored_trajectory(campaign, number)
-    written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
+    written = [export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats]
     return replace(found, exported=tuple(written))
 
 
@@ -141,7 +140,8 @@ def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], k
 def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:
     """trajectory.csv with the model's command beside each set-point, in the robot's command unit."""
     names, rows = read_table(files.table)
-    command = commanded(files.trajectory, model).command(rows[:, 0])
+    motion = files.trajectory.motion(rows[:, 0], model.inputs.orders)
+    command, _ = model.predict(model.inputs.states(motion))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([*names, *column_names(campaign.command)])
     text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())
