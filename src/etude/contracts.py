@@ -383,11 +383,13 @@ class Scaled(Protocol):
 
 class Followed(Protocol):
     """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
-    rows that follow one another as in a run from rest. `states` of a motion are such. carried: the same of
-    one row after another, with what the row before left (None: it is the first).
+    rows that follow one another as in a run from rest; as it is where it carries that. `states` of a motion
+    are such. apart: for rows that do not follow one another, so that nothing is remembered. carried: as
+    followed, of one row after another, with what the row before left (None: it is the first).
     """
 
     def followed(self, log: Log) -> Log: ...
+    def apart(self, log: Log) -> Log: ...
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
@@ -551,7 +553,9 @@ class Model(Protocol):
     @property
     def candidates(self) -> Sequence[Candidate]: ...
     def worth(self) -> Array: ...
-    def predict(self, log: Log) -> tuple[Array, Array]: ...  # (n, J), noise and calibration included
+    def predict(self, log: Log) -> tuple[Array, Array]: ...  # what to command (n, J): faded to what is safe
+    # given the data, nothing faded: what scores and designs ask; (n, J), noise and calibration included
+    def posterior(self, log: Log) -> tuple[Array, Array]: ...
     def static(self, log: Log) -> Array: ...  # gravity, with physics or without
 
 
@@ -713,6 +717,45 @@ class Posed(Protocol):
     """
 
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Reachable:
+    """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
+    at most; poses (n, k) inside them that are clear of everything and seen from home in a straight line,
+    home first; none where nothing has to be kept clear of.
+    """
+
+    lower: Array
+    upper: Array
+    poses: Array
+
+    @property
+    def clear(self) -> tuple[Array, Array]:
+        """(k,) ends between which clear poses lie; of a robot without any, the range."""
+        if not len(self.poses):
+            return self.lower, self.upper
+        return self.poses.min(axis=0), self.poses.max(axis=0)
+
+
+class Roaming(Protocol):
+    """Capability of a `Kind` that knows where its robots can be: motions are then looked for about clear
+    poses all over it, and what they visit is told. Who lacks the method, or answers None, has motions about
+    home alone.
+    """
+
+    def reachable(self, spec: Any) -> Reachable | None: ...
+
+
+class Placed(Protocol):
+    """Capability of a `Limit` on the path alone, however fast it is gone through. about: the same limit, its
+    cones another box (k,), (k,) for searches; roughly: whether poses (T, k) of a motion of that form about
+    `pose` (k,) keep it, for little. A part of a motion may then be widened to one side as long as the path
+    keeps the limit.
+    """
+
+    def about(self, lower: Array, upper: Array) -> Limit: ...
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
 
 
 class Gained(Protocol):
