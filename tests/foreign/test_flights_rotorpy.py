@@ -15,7 +15,7 @@ from rotorpy_vehicle import Geometric, fly
 
 from etude import plugins
 from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.json_text import from_json  # noqa: E402
+from etude.trajectories.json_text import from_json
 
 
 @pytest.fixture(scope="module")

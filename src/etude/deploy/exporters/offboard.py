@@ -1,8 +1,8 @@
 """Set-points for PX4's offboard mode, in its frame (north, east, down), and the program that sends them.
 
 PX4 holds each set-point until the next: its position, velocity and acceleration go to its controllers as they
-are, so that is what is certified. Where a model knows the drag, the accelerations are commands, the motion's own
-and what holds against the drag; the latter stands in columns of its own, so that the motion can be told from it.
+are, so that is what is certified. Where a model knows the drag, the accelerations are commands: the motion's
+own and what holds against the drag. The latter stands in columns of its own; what is left is the motion.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Offboard:
         most = float(np.linalg.norm(drag, axis=1).max())
         told, own = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
         return (
-            f"The acceleration set-points are commands, not the motion: they hold against the learned drag with up "
-            f"to {most:.3g} m/s^2 and tilt the vehicle up to {told:.3g} degrees, the motion alone {own:.3g}. "
+            "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
+            f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
             "Limits are proved of the motion.",
         )
 

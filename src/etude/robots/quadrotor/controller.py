@@ -58,8 +58,8 @@ class FlightFeedforward:
         return np.asarray(flat.motion.orders[2] + lean)
 
     def accelerations(self, motion: Motion) -> Array | None:
-        """What the feedback is to be told, (T, 3) m/s^2, world frame: the reference's own acceleration and the
-        drag that it leans against. None where no drag is known. UnsafeTrajectoryError: a singular motion.
+        """What the feedback is to be told, (T, 3) m/s^2, world frame: the reference's own acceleration and
+        what holds against the drag. None where no drag is known. UnsafeTrajectoryError: a singular motion.
         """
         return None if self.drag is None else self.accelerated(self.flat(motion))
 
