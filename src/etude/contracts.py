@@ -707,6 +707,45 @@ class Posed(Protocol):
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
+@dataclass(frozen=True, eq=False)
+class Reachable:
+    """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
+    at most; poses (n, k) inside them that are clear of everything and seen from home in a straight line,
+    home first; none where nothing has to be kept clear of.
+    """
+
+    lower: Array
+    upper: Array
+    poses: Array
+
+    @property
+    def clear(self) -> tuple[Array, Array]:
+        """(k,) ends between which clear poses lie; of a robot without any, the range."""
+        if not len(self.poses):
+            return self.lower, self.upper
+        return self.poses.min(axis=0), self.poses.max(axis=0)
+
+
+class Roaming(Protocol):
+    """Capability of a `Kind` that knows where its robots can be: motions are then looked for about clear
+    poses all over it, and what they visit is told. Who lacks the method, or answers None, has motions about
+    home alone.
+    """
+
+    def reachable(self, spec: Any) -> Reachable | None: ...
+
+
+class Placed(Protocol):
+    """Capability of a `Limit` on the path alone, however fast it is gone through. about: the same limit, its
+    cones another box (k,), (k,) for searches; roughly: whether poses (T, k) of a motion of that form about
+    `pose` (k,) keep it, for little. A part of a motion may then be widened to one side as long as the path
+    keeps the limit.
+    """
+
+    def about(self, lower: Array, upper: Array) -> Limit: ...
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
+
+
 class Gained(Protocol):
     """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
     NaN where unknown.

@@ -39,6 +39,12 @@ class UnsafeTrajectoryError(EtudeError):
     exit_code = 4
 
 
+class UnsafeModelError(EtudeError):
+    """A robot's compiled model that is not what its description says; nothing is made of it."""
+
+    exit_code = 4
+
+
 class StopRuleReached(EtudeError):
     """The campaign's stop rule fired: another trajectory is not worth its robot time."""
 

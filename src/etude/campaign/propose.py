@@ -10,6 +10,7 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.motions import reference_motions, segments_of, typical_motions, ways_of
+from etude.campaign.visited import roam_of
 from etude.contracts import Inputs, Limit, Model, Trajectory
 from etude.design.view import Latent
 
@@ -113,6 +114,7 @@ def _designed(
         given=open_ones,
         rate=float(spec.rate),
         physics=kind.physics(spec, config),
+        roam=roam_of(campaign, family, open_ones),
     )
     first, last = found.segments[0], found.segments[-1]
     facts = {

@@ -35,6 +35,18 @@ class Drawn:
     def trajectory(self) -> Trajectory:
         return self.family.trajectory(self.p)
 
+    @property
+    def standing(self) -> Array:
+        """(P,) standing still where all limits are kept."""
+        return self.feasible.centre
+
+    def allowed(self, kept: Kept, p: Array, worth: Callable[[Array], float]) -> Drawn:
+        """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
+        something.
+        """
+        p = kept.drawn_home(self.family, self.standing, p, quickly=True)
+        return replace(self, p=kept.grown(self.family, self.standing, p, worth))
+
 
 @dataclass(frozen=True, eq=False)
 class Source:

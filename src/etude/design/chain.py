@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajec
 from etude.design.candidates import Source
 from etude.design.config import DesignConfig
 from etude.design.reference import MOTIONS
+from etude.design.roaming import Roam, Roamed
 from etude.design.solve import Design, design, variance_removed
 from etude.design.view import Latent
 from etude.limits.certificate import certify
@@ -69,14 +70,17 @@ def design_chain(
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
+    roam: Roam | None = None,
 ) -> DesignedChain:
     """`count` segments of `family`, chained; other arguments and errors as `solve.design`.
 
     Segment i is designed given the planned samples of those before it: what they will say is not needed, as
     a variance does not depend on it.
     """
-    if not standing_in:
-        source = Source(family, tuple(limits), home, config.sampler)
+    if not standing_in or roam is not None:
+        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+        if roam is not None:
+            source = Roamed.of(family, tuple(limits), roam, config.sampler)
         standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
     found: list[Design] = []
     for _ in counted(range(count)):
@@ -95,10 +99,32 @@ def design_chain(
                 given=before,
                 rate=rate,
                 physics=physics,
+                roam=roam,
             )
         )
-    trajectory, kept = linked([own.trajectory for own in found], ways, limits, home)
-    return DesignedChain(trajectory, tuple(found[:kept]), count - kept)
+        if roam is not None:
+            roam = replace(roam, visited=roam.visited.adding([found[-1].trajectory]))
+    segments = [own.trajectory for own in found]
+    order = list(range(count)) if roam is None else near_to_near(segments, ways, home)
+    trajectory, kept = linked([segments[i] for i in order], ways, limits, home)
+    return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
+
+
+def near_to_near(segments: Sequence[Trajectory], ways: Ways, home: Array) -> list[int]:
+    """An order of the segments in which the ways between them are short: always the nearest next.
+
+    What they teach together does not depend on their order; ways are robot time that teaches nothing.
+    """
+    left, at, order = list(range(len(segments))), home, []
+    while left:
+        far = []
+        for i in left:
+            found = ways(segments[i], at)
+            far.append(np.inf if found is None else found[0].duration)
+        order.append(left.pop(int(np.argmin(far))))
+        last = segments[order[-1]]
+        at = last.motion(np.array([last.duration]), 1).orders[0, 0]
+    return order
 
 
 def linked(

@@ -10,6 +10,7 @@ import numpy as np
 from etude.contracts import Array, Family, Limit, Trajectory
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
+from etude.limits.blocks import Block
 from etude.limits.certificate import spare
 from etude.limits.feasible import FeasibleSet
 from etude.trajectories.extremes import ROOM
@@ -32,6 +33,8 @@ LEAST_GROWTH = 1.01
 """Less is not worth a proof."""
 HEAVY = 10.0
 """Weight of the penalty of a typical candidate, in values of the criterion."""
+Stand = Callable[[Array], Array]
+"""Of a family: pose (k,) -> parameters (P,) of standing still there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +168,39 @@ class Kept:
                     p, value = trial, trial_value
         return p
 
+    def widened(
+        self,
+        feasible: FeasibleSet,
+        family: Family,
+        p: Array,
+        stand: Stand,
+        factors: Sequence[float],
+        holds: Callable[[Array], bool] | None = None,
+    ) -> Array:
+        """The parameters (P,) with each part enlarged to one side and then to the other, as far as is clear.
+
+        One end of its way stays where it is and the other goes on, so that the whole motion need not shrink
+        for the side on which something stands. What the path alone decides is asked first.
+
+        Args:
+            feasible: of the limits that are convex, in blocks that are widened by themselves, in this order.
+            family: of the parameters.
+            p: where to begin, inside of all.
+            stand: pose (k,) -> parameters (P,) of standing still there.
+            factors: by which each part is tried to be enlarged.
+            holds: whether parameters are allowed; None: by a quick word of all limits.
+        """
+        allowed = holds or (lambda trial: _hold(self.limits, family, trial, True))
+        for factor in factors:
+            for block in feasible.blocks:
+                for side in (1, 0):
+                    for _ in range(TRIES):
+                        trial = _stretched(block, family, p, stand, self.times, side, factor)
+                        if trial is None or not allowed(trial):
+                            break
+                        p = trial
+        return p
+
     def settled(self, family: Family, home: Array, p: Array) -> Array:
         """The parameters (P,), drawn to `home` (P,) until all limits are proved: quick words mostly hold.
 
@@ -176,6 +212,22 @@ class Kept:
                 return p
             p = home + SHRUNK * (p - home)
         return self.drawn_home(family, home, p)
+
+
+def _stretched(
+    block: Block, family: Family, p: Array, stand: Stand, times: Array, side: int, factor: float
+) -> Array | None:
+    """A block stretched from the low (1) or the high (0) end of its way; None where it has no room."""
+    way = family.motion(p, times, 1).orders[0]
+    fixed = stand(way.min(axis=0) if side else way.max(axis=0))[block.members]
+    own = p[block.members]
+    _, most = block.chord(own[None], (own - fixed)[None])
+    step = min(factor - 1.0, ROOM * float(most[0]))
+    if not step > LEAST_GROWTH - 1.0:
+        return None
+    trial = p.copy()
+    trial[block.members] = own + step * (own - fixed)
+    return trial
 
 
 def _orders(limits: Sequence[Limit]) -> int:

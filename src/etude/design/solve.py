@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from etude.design.kept import Kept, Penalised
 from etude.design.objective import Objective
 from etude.design.reference import MOTIONS
 from etude.design.refine import refine
+from etude.design.roaming import Roam, Roamed
 from etude.design.view import Latent
 from etude.errors import UsageError
 from etude.progress import counted, part
@@ -89,6 +90,7 @@ def design(
     given: Sequence[Trajectory] = (),
     rate: float = 0.0,
     physics: Mapping[str, Physics] | None = None,
+    roam: Roam | None = None,
 ) -> Design:
     """The trajectory of `family` that teaches `model` most, inside the limits.
 
@@ -105,6 +107,7 @@ def design(
         given: motions that will be run before this one; their logs are not there yet.
         rate: Hz of the logs, for `config.planned_noise`.
         physics: of the kind, for criteria that need the identified model.
+        roam: where the robot can be, and what was visited; None: motions about home.
 
     Raises:
         UnsafeTrajectoryError: the limits leave no room.
@@ -116,7 +119,9 @@ def design(
         if axes != len(home):
             raise UsageError(f"a task has {axes} coordinates, the robot has {len(home)}")
     with threads_for(0):
-        source = Source(family, tuple(limits), home, config.sampler)
+        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+        if roam is not None:
+            source = Roamed.of(family, tuple(limits), roam, config.sampler)
         others = standing_in or [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
         aim = objective(family, inputs, model, config, tasks, others, given=given, rate=rate, physics=physics)
         found = search(aim.objective, source.candidates(rng, config.candidates), config, limits)
@@ -177,24 +182,17 @@ def search(
         searched = Penalised(own, kept, weight * abs(values[place])) if weight > 0.0 else own
         end = refine(searched, start.feasible, start.p, config.steps)
         evaluations += end.evaluations
-        found = _at_home(kept, replace(start, p=end.p), own.value)
+        found = start.allowed(kept, end.p, own.value)
         known = found.p is end.p and searched is own
         found_value = end.value if known else own.value(found.p)
         if found_value > value:
             best, value = found, found_value
     if kept.limits:
-        settled = kept.settled(best.family, best.feasible.centre, best.p)
+        settled = kept.settled(best.family, best.standing, best.p)
         if settled is not best.p:
             best = replace(best, p=settled)
             value = replace(aim, family=best.family).value(settled)
     return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
-
-
-def _at_home(kept: Kept, drawn: Drawn, worth: Callable[[Array], float]) -> Drawn:
-    """Drawn home until its limits are proved, and grown where that is worth something."""
-    home = drawn.feasible.centre
-    p = kept.drawn_home(drawn.family, home, drawn.p, quickly=True)
-    return replace(drawn, p=kept.grown(drawn.family, home, p, worth))
 
 
 def _status(config: DesignConfig, found: Found) -> str:

@@ -7,7 +7,7 @@ What is linear in the parameters and bounded in size at each instant is convex w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -141,6 +141,10 @@ class Block:
             own,
             still.astype(np.int64),
         )
+
+    def about(self, centre: Array) -> Block:
+        """The same block seen from another point (n,) inside."""
+        return replace(self, centre=centre, balls=tuple(replace(ball, centre=centre) for ball in self.balls))
 
     @cached_property
     def _start(self) -> Array:

@@ -56,6 +56,10 @@ class FeasibleSet:
         blocks = [Block.of(members, own, centre) for members, own in _coupled(cones, family.size)]
         return cls(tuple(blocks), centre)
 
+    def about(self, centre: Array) -> FeasibleSet:
+        """The same set seen from another point (P,) well inside, towards which it is then drawn."""
+        return FeasibleSet(tuple(block.about(centre[block.members]) for block in self.blocks), centre)
+
     @property
     def size(self) -> int:
         """P."""

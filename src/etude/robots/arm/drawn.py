@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from etude.robots.arm.loading.attached import Mounting
 from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.rotations import turn_of
 from etude.robots.arm.spec import ArmSpec
-
-if TYPE_CHECKING:
-    import mujoco
 
 FAR = 100.0
 """m to each side that is shown of a plane, at most: a picture cuts it."""
@@ -70,20 +66,13 @@ def _frames(loaded: Loaded, q: Array, names: list[str]) -> list[tuple[Array, Arr
 
     model = loaded.model()
     data, columns = mujoco.MjData(model), loaded.columns(model)
-    geoms = [_geom(model, name) for name in names]
+    geoms = [model.geom(f"{loaded.added[name]}#0").id for name in names]
     places, turns = np.zeros((len(geoms), len(q), 3)), np.zeros((len(geoms), len(q), 9))
     for k, pose in enumerate(q):
         data.qpos[columns] = pose
         mujoco.mj_kinematics(model, data)
         places[:, k], turns[:, k] = data.geom_xpos[geoms], data.geom_xmat[geoms]
     return [(place, turn.reshape(-1, 3, 3)) for place, turn in zip(places, turns, strict=True)]
-
-
-def _geom(model: mujoco.MjModel, name: str) -> int:
-    """Of a tool or a payload: the longest, made by `free_name` where a link has its name."""
-    names = {model.geom(g).name: g for g in range(model.ngeom)}
-    own = [one for one in names if re.fullmatch(f"(own_)*{name}#0", one)]
-    return names[max(own, key=len)]
 
 
 def _still(

@@ -22,6 +22,7 @@ from etude.contracts import (
     Log,
     Margins,
     Model,
+    Reachable,
     Samples,
     Trajectory,
 )
@@ -117,6 +118,12 @@ class ArmKind:
         from etude.robots.arm.clearance.of_robot import search_of
 
         return search_of(spec)[0]
+
+    def reachable(self, spec: ArmSpec) -> Reachable:
+        """Ranges, a turn at most, and of an arm with shapes clear poses in them."""
+        from etude.robots.arm.clearance.of_robot import reachable_of
+
+        return reachable_of(spec)
 
     def limit(self, spec: ArmSpec) -> Array:
         """(J,) the largest commands."""

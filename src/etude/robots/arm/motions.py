@@ -8,7 +8,7 @@ import numpy as np
 
 from etude.contracts import Array, Limit, Margins, Model, Trajectory
 from etude.limits.library import AxisLimit
-from etude.robots.arm.clearance.of_robot import clearance_of, search_of
+from etude.robots.arm.clearance.of_robot import clearance_of, ranges_of, search_of
 from etude.robots.arm.commands import commands_of
 from etude.robots.arm.space.of_robot import space_of
 from etude.robots.arm.spec import ArmSpec
@@ -21,13 +21,17 @@ TEST_DURATION = 60.0
 """s, of the test series."""
 TEST_RAMP = 2.0
 """s, of its phase ramps."""
+WAY = 0.8
+"""Part of its range, a turn at most, that a joint goes through in a segment about a clear pose, about."""
 UNHURRIED = 0.5
 """Part of the limits of velocity and acceleration that approach and return use."""
 
 
 def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
-    """Fourier series of every joint; if omega0 was left open, one period of what suits it and its box."""
-    _, lower, upper = search_of(spec)
+    """Fourier series of every joint; if omega0 was left open, one period of what suits the way that it is
+    likely to go.
+    """
+    lower, upper = way_of(spec)
     suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
     return FourierFamily.of(suited, axes=spec.dof)
 
@@ -50,6 +54,18 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
         *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),
     )
+
+
+def way_of(spec: ArmSpec) -> tuple[Array, Array]:
+    """(k,) ends of the way of each joint in a motion: of an arm that keeps clear of something, a part of its
+    range; else the whole.
+    """
+    home, lower, upper = search_of(spec)
+    if clearance_of(spec, {}) is None:
+        return lower, upper
+    low, high = ranges_of(spec)
+    half = 0.5 * WAY * (high - low)
+    return home - half, home + half
 
 
 def largest_error(spec: ArmSpec) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -50,12 +50,14 @@ class Gaps:
         skeleton: the robot, whose model has one sensor for each of the first gaps.
         sensed: gaps between geoms. walled: between shapes and planes, or a column.
         planes: of `walled`.
+        kept_at: what rows keep, by home and margin: remembered by `Clearance`.
     """
 
     skeleton: Skeleton
     sensed: tuple[Gap, ...]
     walled: tuple[Gap, ...]
     planes: tuple[tuple[Wall, ...] | Column, ...]
+    kept_at: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
     def list(self) -> tuple[Gap, ...]:

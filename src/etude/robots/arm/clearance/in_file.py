@@ -14,7 +14,6 @@ from etude.robots.arm.clearance.floor import BELOW, level
 from etude.robots.arm.clearance.gaps import Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL
-from etude.robots.arm.clearance.skeleton import BOX
 from etude.robots.arm.clearance.surroundings import MARGIN, Box, Surroundings, Wall
 from etude.robots.arm.loading.loaded import Loaded
 
@@ -98,7 +97,7 @@ def _held(gaps: Gaps) -> set[str]:
     distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), FEW))
     found = set()
     for gap, own in zip(gaps.list, distances.T, strict=True):
-        boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].name.startswith(BOX)
+        boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].box
         sunk = (own < -BELOW).mean() > ALWAYS and np.ptp(own) > STILL
         if ((own < MARGIN).mean() > ALWAYS) if boxed else (gap.other < 0 and sunk):
             found.add(gap.names[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -18,6 +18,7 @@ from etude.limits.tracking import ASSUMED
 from etude.limits.unseen import COLLISIONS
 from etude.robots.arm.clearance.confirmed import excess
 from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude.robots.arm.clearance.kept import kept
 from etude.robots.arm.clearance.proof import QUICK, Nearest, nearest
 from etude.robots.arm.clearance.stance import ROOM
 from etude.robots.arm.clearance.tracked import all_keep, lost
@@ -45,7 +46,7 @@ class Clearance:
         gaps: what is looked at.
         names: (k,) of the joints.
         home: (k,) a clear pose.
-        margin: m to keep; half of the distance at home where that is less.
+        margin: m to keep; neighbours may keep less, see `kept`.
         lower, upper: (k,) the box.
         margins: of tracking, by form of motion.
         not_looked_at: sentences, what this limit leaves out.
@@ -79,8 +80,11 @@ class Clearance:
     @cached_property
     def kept(self) -> Array:
         """(r,) m that each row keeps."""
-        at_home = self._by_row(self.gaps.of_poses(self.home[None]))[0]
-        return np.asarray(np.minimum(self.margin, 0.5 * at_home))
+        key = self.home.tobytes() + np.float64(self.margin).tobytes()
+        known = self.gaps.kept_at  # a command asks for its limits often
+        if key not in known:
+            known[key] = kept(self.gaps, self.row_of, self.home, self.margin)
+        return known[key]
 
     def _by_row(self, distances: Array) -> Array:
         """(T, r) the least of each row, from (T, n)."""
@@ -130,12 +134,28 @@ class Clearance:
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
         return all(self._kept_at(way.at(some)[0], error) for some in (first, others))
 
+    def about(self, lower: Array, upper: Array) -> Clearance:
+        """The same limit with another box for searches; both remember what either has proved."""
+        return replace(self, lower=lower, upper=upper)
+
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:
+        """Whether poses (T, k) keep all that, if tracking takes everywhere what it takes at `pose` (k,): to
+        choose between motions about it.
+        """
+        error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
+        sought = self.sought + TOLERANCE
+        if error.any():
+            at = self.gaps.of_poses(pose[None]) - TOLERANCE
+            sought = sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._wanted)[0]
+        sought = np.minimum(sought, CUTOFF)
+        return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
+
     def _kept_at(self, poses: Array, error: Array) -> bool:
         """Whether `_distances` at poses (T, k) are all what searches keep."""
         found = self.gaps.of_poses(poses) - TOLERANCE
         if not error.any() or np.any(found < self._wanted):
-            return bool(np.all(found >= self._sought))
-        return all_keep(self.gaps, poses, found, error, self._share(error), self._wanted, self._sought)
+            return bool(np.all(found >= self.sought))
+        return all_keep(self.gaps, poses, found, error, self._share(error), self._wanted, self.sought)
 
     @cached_property
     def _wanted(self) -> Array:
@@ -143,7 +163,7 @@ class Clearance:
         return np.asarray(self.kept[self.row_of])
 
     @cached_property
-    def _sought(self) -> Array:
+    def sought(self) -> Array:
         """(n,) m that samples of each gap keep in searches."""
         return np.asarray(self._wanted + np.minimum(ROOM, 0.5 * self._wanted))
 
@@ -175,7 +195,7 @@ class Clearance:
         if key not in self._shares:
             at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
             taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
-            room = TAKEN * np.maximum(at_home[0] - self._sought, 0.0)
+            room = TAKEN * np.maximum(at_home[0] - self.sought, 0.0)
             self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
         return self._shares[key]
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Margins, Proof
+from etude.contracts import Array, Margins, Proof, Reachable
+from etude.robots.arm.clearance.clear_poses import one_turn, reachable
 from etude.robots.arm.clearance.floor import with_floor
 from etude.robots.arm.clearance.in_file import from_file
 from etude.robots.arm.clearance.limit import Clearance
 from etude.robots.arm.clearance.pairs import excluded_links, gaps_of
 from etude.robots.arm.clearance.settled import Settled, settled
-from etude.robots.arm.clearance.skeleton import BOX, Skeleton
+from etude.robots.arm.clearance.skeleton import Skeleton
 from etude.robots.arm.clearance.srdf import Pairs, disabled
 from etude.robots.arm.clearance.stand_ins import said
 from etude.robots.arm.clearance.surroundings import ADD_FLOOR, Surroundings
@@ -20,6 +21,7 @@ from etude.robots.arm.of_file import of_file
 from etude.robots.arm.spec import ArmSpec
 
 PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
+_reachable: dict[str, Reachable] = {}
 _known: dict[str, tuple[Loaded, Settled, dict[str, tuple[Proof, ...]]]] = {}
 
 
@@ -55,6 +57,20 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
         return 0.5 * (spec.lower + spec.upper), spec.lower, spec.upper
     home, lower, upper = (np.array(side) for side in (search.home, search.lower, search.upper))
     return home, lower, upper
+
+
+def reachable_of(spec: ArmSpec) -> Reachable:
+    """Where an arm can be; without shapes its ranges alone."""
+    clearance = clearance_of(spec, {})
+    if clearance is not None:
+        return of_file(_reachable, spec, lambda: reachable(clearance))
+    return Reachable(*ranges_of(spec), np.zeros((0, spec.dof)))
+
+
+def ranges_of(spec: ArmSpec) -> tuple[Array, Array]:
+    """(k,) ends of the joints' ranges, of a hinge a turn about home at most."""
+    slides = np.array([axis.unit == "m" for axis in spec.axes])
+    return one_turn(spec.lower, spec.upper, search_of(spec)[0], slides)
 
 
 def completed(
@@ -99,7 +115,7 @@ def not_looked_at(loaded: Loaded, around: Surroundings) -> tuple[str, ...]:
 
 def beside_base(skeleton: Skeleton) -> tuple[str, ...]:
     """A sentence for links that hang on the base, where more than their foot is fixed to it: a table."""
-    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.name.startswith(BOX))
+    fixed = dict.fromkeys(s.link for s in skeleton.shapes if s.part == 0 and not s.box)
     shaped = {shape.part for shape in skeleton.shapes}
     first = [skeleton.parts[p] for p in sorted(shaped) if p and skeleton.parent[p] == 0]
     if len(fixed) < 2 or not first:

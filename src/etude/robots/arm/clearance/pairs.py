@@ -52,6 +52,7 @@ def gaps_of(
     for gap in (*sensed, *boxes):
         _add_sensor(spec, skeleton, gap)
     with_sensors = replace(skeleton, model=_compiled(spec, loaded))
+    loaded.check(with_sensors.model)
     walls, planes = zip(*walled, strict=True) if walled else ((), ())
     return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
 
@@ -123,12 +124,12 @@ def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
         a, b = one.part, other.part
         if a == b or skeleton.parent[a] == b or skeleton.parent[b] == a:
             continue
-        if BOX not in (one.name[: len(BOX)], other.name[: len(BOX)]):
+        if not (one.box or other.box):
             yield i, k
 
 
 def _boxed(skeleton: Skeleton) -> list[Gap]:
-    boxes = [(k, shape.link) for k, shape in enumerate(skeleton.shapes) if shape.name.startswith(BOX)]
+    boxes = [(k, shape.link) for k, shape in enumerate(skeleton.shapes) if shape.box]
     return [_with_thing(skeleton, i, k, name) for i in _moving(skeleton) for k, name in boxes]
 
 

@@ -10,7 +10,6 @@ from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.clearance.gaps import TOLERANCE, Gap, Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.skeleton import BOX
 from etude.robots.arm.clearance.srdf import Pairs
 from etude.robots.arm.clearance.stance import box_about, clearest
 from etude.robots.arm.clearance.stand_ins import stand_ins
@@ -117,7 +116,7 @@ def _may_touch(gaps: Gaps, gap: Gap, leave: Pairs) -> bool:
     """Whether it is no wonder that two shapes overlap: parts near one another, or a foot that turns."""
     shapes, skeleton = gaps.skeleton.shapes, gaps.skeleton
     one = shapes[gap.one].part
-    if gap.other < 0 or shapes[gap.other].name.startswith(BOX):
+    if gap.other < 0 or shapes[gap.other].box:
         poses = skeleton.random_poses(np.random.default_rng(SEED), FEW)
         distance = gaps.of_poses(poses)[:, gaps.list.index(gap)]
         return bool(np.ptp(distance) < STILL)

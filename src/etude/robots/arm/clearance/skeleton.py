@@ -37,6 +37,7 @@ class Shape:
         points: (V, 3) m in the geom's frame. radius: m.
         smooth: whether the geom has no corners of its own, so that points only hold it loosely.
         grown: m of the radius that the geom does not have: the hull of fewer points, which stands for more.
+        box: whether it is a box around the robot. A link may be called like one.
     """
 
     name: str
@@ -46,11 +47,12 @@ class Shape:
     radius: float
     smooth: bool = False
     grown: float = 0.0
+    box: bool = False
 
     @property
     def link(self) -> str:
         """The link of the model file, or the box; links that are fixed to one another are one part."""
-        return self.name.removeprefix(BOX).split("#")[0]
+        return self.name.removeprefix(BOX) if self.box else self.name.rpartition("#")[0] or self.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +170,14 @@ def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str,
     found = []
     for geom in range(model.ngeom):
         name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
-        if model.geom_contype[geom] or model.geom_conaffinity[geom] or name.startswith(BOX):
+        solid = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        if solid or name.startswith(BOX):
             points, radius = _points(model, geom)
             if len(points):
                 part = place[int(model.body_weldid[body])]
                 smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
                 more = grown.get(name, 0.0)
-                found.append(Shape(name, geom, part, points, radius + more, smooth, more))
+                found.append(Shape(name, geom, part, points, radius + more, smooth, more, not solid))
     return found
 
 

@@ -47,7 +47,8 @@ def links_of(spec: ArmSpec) -> Links:
     loaded = load_arm(spec, shapes=False, drives=True)
     model = replace(loaded, xml=loaded.xml.replace(FUSED, APART)).model()
     tree = tree_from_mujoco(model, spec.names)
-    names = tuple(model.body(b).name for b in range(1, model.nbody))
+    bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
+    names = tuple(loaded.links.get(body, body) for body in bodies)
     nominal = tree.nominal[1:].copy()
     still = [not tree.path(b) or tree.nominal[b, 0] <= NO_MASS for b in range(1, model.nbody)]
     nominal[np.array(still)] = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -126,13 +126,6 @@ def tip(found: Sequence[Moving], joints: Sequence[str], what: str) -> str:
             next_step="Name the link that carries it: link = ...",
         )
     return tips[0]
-
-
-def free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or one made of it that is not taken."""
-    while name in taken:
-        name = f"own_{name}"
-    return name
 
 
 @dataclass(frozen=True)

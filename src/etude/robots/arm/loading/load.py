@@ -39,16 +39,20 @@ def load(
     Raises:
         UsageError: no such file, not loadable, no arm or several, a floating base, a joint that does not
             exist, a held position outside its limits.
+        UnsafeModelError: the compiled model is not what the file and the additions say (`agreement`).
     """
     root = parsed(path)
     given = dict(held or {})
     if root.tag == "robot":
         from etude.robots.arm.loading.urdf import load_urdf
 
-        return load_urdf(root, path, joints, given, mesh_roots, shapes, added)
-    from etude.robots.arm.loading.mjcf import load_mjcf
+        loaded = load_urdf(root, path, joints, given, mesh_roots, shapes, added)
+    else:
+        from etude.robots.arm.loading.mjcf import load_mjcf
 
-    return load_mjcf(path, joints, given, drives, added)
+        loaded = load_mjcf(path, joints, given, drives, added)
+    loaded.model()  # is held against the description now, whatever is made of it later
+    return loaded
 
 
 def load_arm(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +13,8 @@ import numpy as np
 from etude.contracts import Index
 from etude.errors import UsageError
 from etude.robots.arm.clearance.surroundings import Wall
+from etude.robots.arm.loading.agreement import check_agreement
+from etude.robots.arm.loading.expected import Expected
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,6 +40,10 @@ class Loaded:
         planes: of an MJCF's world, in the frame of the file; they are no shapes of the model.
         beside: shape -> a name for it, of what an MJCF's world holds apart from the robot.
         source: the file, for messages.
+        links: body -> link of the file, where the body could not be called so.
+        added: "tool" and "payload" -> name of what the model calls "name#0", where they have shapes.
+        expected: what the file and the additions say at one pose; every model is held against it.
+        shapes: whether the model has any.
     """
 
     xml: str
@@ -48,24 +56,45 @@ class Loaded:
     planes: tuple[Wall, ...] = ()
     beside: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
+    links: Mapping[str, str] = field(default_factory=dict)
+    added: Mapping[str, str] = field(default_factory=dict)
+    expected: Expected | None = None
+    shapes: bool = True
 
     def spec(self) -> Any:
-        """A new `mujoco.MjSpec`, to add sensors, actuators or excluded pairs to.
+        """A new `mujoco.MjSpec`, to add sensors, actuators or excluded pairs to. Errors as `model`."""
+        assert self._checked is not None
+        return self._read()
+
+    def model(self) -> mujoco.MjModel:
+        """A new copy of the compiled model.
 
         Raises:
             UsageError: MuJoCo cannot read the model.
+            UnsafeModelError: it is not what the description says.
         """
+        return copy.copy(self._checked)
+
+    def check(self, model: mujoco.MjModel) -> None:
+        """UnsafeModelError if a model made of `spec` is not what the description says; it may lack shapes."""
+        if self.expected is not None:
+            check_agreement(model, self.expected, self.source, shapes=self.shapes, whole=False)
+
+    @cached_property
+    def _checked(self) -> mujoco.MjModel:
+        try:
+            model = self._read().compile()
+        except ValueError as problem:
+            raise refused(problem, self.source) from None
+        if self.expected is not None:
+            check_agreement(model, self.expected, self.source, shapes=self.shapes)
+        return model
+
+    def _read(self) -> Any:
         import mujoco
 
         try:
             return mujoco.MjSpec.from_string(self.xml, assets=dict(self.assets))
-        except ValueError as problem:
-            raise refused(problem, self.source) from None
-
-    def model(self) -> mujoco.MjModel:
-        """The compiled model. Errors as `spec`."""
-        try:
-            return self.spec().compile()
         except ValueError as problem:
             raise refused(problem, self.source) from None
 

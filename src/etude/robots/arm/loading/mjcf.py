@@ -14,6 +14,7 @@ from etude.robots.arm.loading.loaded import Loaded
 from etude.robots.arm.loading.mjcf_beside import beside, planes_of
 from etude.robots.arm.loading.mjcf_compiled import compiled
 from etude.robots.arm.loading.mjcf_couplings import check_loops, notes_of, unseen_of
+from etude.robots.arm.loading.mjcf_expected import mjcf_expected
 from etude.robots.arm.loading.mjcf_joints import BALL, FREE, HINGE, SLIDE, moving
 from etude.robots.arm.loading.mjcf_parts import name_of
 from etude.robots.arm.loading.mjcf_writer import written
@@ -40,7 +41,8 @@ def load_mjcf(
     notes = (*choice.notes, *(lying if bodies else ()), *found.notes, *notes_of(model, choice), *new.notes)
     room = {"planes": planes_of(model), "beside": beside(model, choice, new.shapes)}
     head = (new.xml, new.assets, choice.joints, choice.held, notes, unseen, new.excluded)
-    return Loaded(*head, **room, source=str(path))  # type: ignore[arg-type]
+    expected = mjcf_expected(model, choice, added)
+    return Loaded(*head, **room, source=str(path), added=new.added, expected=expected)  # type: ignore[arg-type]
 
 
 def chosen_in(

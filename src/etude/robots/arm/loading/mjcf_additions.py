@@ -19,8 +19,8 @@ def mounted(world: ET.Element, mounting: Mounting) -> ET.Element:
 
 
 def add_carried(body: ET.Element, name: str, one: Attached) -> None:
-    """Adds a tool or payload, under a name that is free, to the body that carries it."""
-    new, moments = ET.SubElement(body, "body", name=f"carried {name}"), one.moments()
+    """Adds a tool or payload, under a name that no body has, to the body that carries it."""
+    new, moments = ET.SubElement(body, "body", name=name), one.moments()
     full = _text(moments[i, j] for _, i, j in ENTRIES)
     ET.SubElement(new, "inertial", pos=_text(one.centre), mass=repr(one.mass), fullinertia=full)
     if one.shape != "none":

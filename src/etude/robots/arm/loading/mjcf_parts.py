@@ -7,6 +7,7 @@ from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from etude.robots.arm.loading.choice import Choice
+from etude.robots.arm.loading.names import free_name
 
 if TYPE_CHECKING:
     import mujoco
@@ -73,7 +74,9 @@ def geoms_of(model: mujoco.MjModel, b: int) -> range:
 
 
 def name_of(model: mujoco.MjModel, b: int) -> str:
-    return model.body(b).name or f"body{b}"
+    """Of a body; one that has none is called after its number."""
+    name = str(model.body(b).name)
+    return name or free_name(f"body{b}", {model.body(k).name for k in range(model.nbody)})
 
 
 def numbered(name: str, taken: Collection[str], between: str = "") -> str:

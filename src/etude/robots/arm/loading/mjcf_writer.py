@@ -11,12 +11,13 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.loading.attached import Additions, Attached, free_name, tip
+from etude.robots.arm.loading.attached import Additions, Attached, tip
 from etude.robots.arm.loading.choice import Choice
 from etude.robots.arm.loading.hulls import hull, obj_text
 from etude.robots.arm.loading.mjcf_additions import add_carried, mounted
 from etude.robots.arm.loading.mjcf_joints import moving
 from etude.robots.arm.loading.mjcf_parts import SHAPES, joints_of, name_of, shapes_of_bodies
+from etude.robots.arm.loading.names import free_name
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,6 +37,7 @@ class Written:
     unseen: tuple[str, ...]
     excluded: tuple[tuple[str, str], ...]
     shapes: Mapping[str, int]
+    added: Mapping[str, str]
 
 
 @dataclass
@@ -170,8 +172,9 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     for b in range(1, model.nbody):
         elements[b] = writer.body(elements[int(model.body_parentid[b])], b, shapes)
     bodies = [name_of(model, b) for b in range(model.nbody)]
+    carried = {what: free_name(what, bodies) for what, _ in added.carried}
     for what, one in added.carried:
-        add_carried(elements[_carrier(model, choice, what, one)], free_name(what, bodies), one)
+        add_carried(elements[_carrier(model, choice, what, one)], carried[what], one)
     for name in writer.assets:
         ET.SubElement(asset, "mesh", name=name.removesuffix(".obj"), file=name)
     if drives:
@@ -181,7 +184,7 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     xml = ET.tostring(root, encoding="unicode")
     names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}
     excluded = _excluded(model, writer.names)
-    return Written(xml, writer.assets, notes, tuple(writer.unseen), excluded, names)
+    return Written(xml, writer.assets, notes, tuple(writer.unseen), excluded, names, carried)
 
 
 def _carrier(model: mujoco.MjModel, choice: Choice, what: str, one: Attached) -> int:

@@ -19,11 +19,13 @@ from etude.robots.arm.loading.choice import Choice, choose
 from etude.robots.arm.loading.inertia import masses_of
 from etude.robots.arm.loading.limbs import example
 from etude.robots.arm.loading.loaded import Loaded
+from etude.robots.arm.loading.names import body_names
 from etude.robots.arm.loading.rotations import angles_of
 from etude.robots.arm.loading.urdf_additions import add_to_urdf
 from etude.robots.arm.loading.urdf_checks import axis_of
+from etude.robots.arm.loading.urdf_expected import urdf_expected
 from etude.robots.arm.loading.urdf_shapes import NO_SHAPES, shapes_of
-from etude.robots.arm.loading.urdf_tree import UrdfTree, hard_range, pose_of, read_tree
+from etude.robots.arm.loading.urdf_tree import UrdfTree, child, hard_range, parent, pose_of, read_tree
 
 COMPILER = {
     "fusestatic": "true",
@@ -32,8 +34,8 @@ COMPILER = {
     "boundmass": "1e-9",
     "boundinertia": "1e-12",
 }
-KEPT = ("parent", "child", "origin", "axis", "limit", "dynamics")
-"""Of a joint that moves."""
+KEPT = ("origin", "axis", "limit", "dynamics")
+"""Of a joint that moves, beside its ends."""
 
 
 def load_urdf(
@@ -52,18 +54,31 @@ def load_urdf(
     shapes = shapes_of(tree, choice.joints, path, mesh_roots) if with_shapes else NO_SHAPES
     new = ET.Element("robot", name=root.get("name", "robot"))
     ET.SubElement(ET.SubElement(new, "mujoco"), "compiler", COMPILER)
+    bodies = body_names(tree.links)
     for name in tree.links:
-        written = ET.SubElement(new, "link", name=name)
+        written = ET.SubElement(new, "link", name=bodies[name])
         if name in masses.elements:
             written.append(masses.elements[name])
         written.extend(shapes.elements.get(name, ()))
     for joint in tree.joints:
-        new.append(rewritten(joint, choice))
-    add_to_urdf(new, tree, choice.joints, added)
+        new.append(rewritten(joint, choice, bodies))
+    carried = add_to_urdf(new, tree, choice.joints, added, bodies)
     xml = ET.tostring(new, encoding="unicode")
     notes = (*choice.notes, *masses.notes, *shapes.notes)
     unseen = (*_base(tree), *choice.unseen, *shapes.unseen, *added.unseen())
-    return Loaded(xml, shapes.assets, choice.joints, choice.held, notes, unseen, source=str(path))
+    return Loaded(
+        xml,
+        shapes.assets,
+        choice.joints,
+        choice.held,
+        notes,
+        unseen,
+        source=str(path),
+        links={body: link for link, body in bodies.items() if body != link},
+        added=carried,
+        expected=urdf_expected(root, choice, added),
+        shapes=with_shapes,
+    )
 
 
 def chosen_of(tree: UrdfTree, wanted: Sequence[str] | None, given: Mapping[str, float]) -> Choice:
@@ -85,13 +100,12 @@ def _base(tree: UrdfTree) -> tuple[str, ...]:
     return (f"the base '{tree.root}' is taken to be fixed{loose}",)
 
 
-def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
-    """A chosen joint as it is; any other one fixed where it is held."""
+def rewritten(joint: ET.Element, choice: Choice, bodies: Mapping[str, str]) -> ET.Element:
+    """A chosen joint as it is; any other one fixed where it is held. `bodies`: the new names of links."""
     name = joint.get("name", "")
     if name in choice.joints:
-        return _moving(joint)
-    fixed = ET.Element("joint", name=name, type="fixed")
-    fixed.extend(part for part in joint if part.tag in ("parent", "child"))
+        return _moving(joint, bodies)
+    fixed = _between(joint, bodies, name=name, type="fixed")
     turn, at = pose_of(joint)
     axis = axis_of(joint)
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
@@ -107,12 +121,20 @@ def rewritten(joint: ET.Element, choice: Choice) -> ET.Element:
     return fixed
 
 
-def _moving(joint: ET.Element) -> ET.Element:
+def _between(joint: ET.Element, bodies: Mapping[str, str], **attributes: str) -> ET.Element:
+    """A new joint between the same links."""
+    new = ET.Element("joint", attributes)
+    ET.SubElement(new, "parent", link=bodies[parent(joint)])
+    ET.SubElement(new, "child", link=bodies[child(joint)])
+    return new
+
+
+def _moving(joint: ET.Element, bodies: Mapping[str, str]) -> ET.Element:
     """The joint without what does not matter; a hinge without a range turns without end.
 
     MuJoCo leaves such a range out too, but says so in a file that it writes wherever it runs.
     """
-    new = ET.Element("joint", joint.attrib)
+    new = _between(joint, bodies, **joint.attrib)
     new.extend(part for part in joint if part.tag in KEPT)
     lower, upper = hard_range(joint, joint.get("name", ""))
     if joint.get("type") == "revolute" and not (lower < upper and math.isfinite(upper - lower)):

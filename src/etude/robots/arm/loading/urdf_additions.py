@@ -3,36 +3,43 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.attached import Additions, Attached, free_name, tip
+from etude.robots.arm.loading.attached import Additions, Attached, tip
 from etude.robots.arm.loading.inertia import ENTRIES
+from etude.robots.arm.loading.names import free_name
 from etude.robots.arm.loading.urdf_tree import UrdfTree, child
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 
-def add_to_urdf(new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: Additions) -> None:
-    """Adds them to the new file.
+def add_to_urdf(
+    new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: Additions, bodies: Mapping[str, str]
+) -> dict[str, str]:
+    """Adds them to the new file, which calls links as `bodies` says; returns the names of tool and payload.
 
     Raises:
         UsageError: a link that is not there, or none is named and the arm has several ends.
     """
+    taken = {*tree.links, *bodies.values()}
     if added.mounting is not None:
-        ET.SubElement(new, "link", name=free_name("room", tree.links))
+        room = free_name("room", taken)
+        ET.SubElement(new, "link", name=room)
         at, turn = added.mounting.position, added.mounting.rotation
-        _fix(new, free_name("room", tree.links), tree.root, xyz=_text(at), rpy=_text(turn))
+        _fix(new, room, bodies[tree.root], xyz=_text(at), rpy=_text(turn))
+    names = {what: free_name(what, taken) for what, _ in added.carried}
     for what, one in added.carried:
-        name = free_name(what, tree.links)
-        new.append(_link(name, one))
-        _fix(new, one.link or _tip_link(tree, joints, what), name)
+        carrier = one.link or _tip_link(tree, joints, what)
+        new.append(_link(names[what], one))
+        _fix(new, bodies.get(carrier, carrier), names[what])
         if one.link and one.link not in tree.links:
             raise UsageError(
                 f"there is no link '{one.link}'",
                 where=f"[{what}]",
                 next_step=f"Its links are {', '.join(tree.links)}.",
             )
+    return names
 
 
 def _tip_link(tree: UrdfTree, joints: Sequence[str], what: str) -> str:
@@ -41,7 +48,9 @@ def _tip_link(tree: UrdfTree, joints: Sequence[str], what: str) -> str:
 
 
 def _fix(new: ET.Element, carrier: str, link: str, **origin: str) -> None:
-    joint = ET.SubElement(new, "joint", name=f"{link} fixed to {carrier}", type="fixed")
+    taken = {one.get("name", "") for one in new.findall("joint")}
+    name = free_name(f"{link} fixed to {carrier}", taken)
+    joint = ET.SubElement(new, "joint", name=name, type="fixed")
     ET.SubElement(joint, "parent", link=carrier)
     ET.SubElement(joint, "child", link=link)
     if origin:

@@ -10,11 +10,9 @@ from dataclasses import dataclass, replace
 from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.loading.limbs import Moving
+from etude.robots.arm.loading.names import WORLD
 from etude.robots.arm.loading.rotations import turn_of
 from etude.robots.arm.loading.urdf_checks import FLOATING, MOVING, check_joints, number, vector
-
-WORLD = "world"
-"""A link that Drake's files weld their base to without describing it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from etude.contracts import Array, Index
 from etude.errors import UsageError
+from etude.robots.arm.loading.names import free_name
 from etude.robots.arm.spec import ArmSpec
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def with_payload(body: Any, loaded: Loaded, spec: ArmSpec, mass: float) -> None:
     """Adds a point mass (kg) at the tip of what the last joint carries."""
     last = spec.names[-1]
     body.joint(last).parent.add_body(
-        name=TIP,
+        name=free_name(TIP, {one.name for one in body.bodies}),
         pos=tips(loaded, (last,))[0],
         mass=mass,
         inertia=[1e-9 * mass] * 3,

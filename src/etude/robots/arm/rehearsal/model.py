@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from etude.robots.arm.loading.names import free_name
 from etude.robots.arm.rehearsal.body import bare_body, with_payload
 from etude.robots.arm.rehearsal.motors import Motors
 from etude.robots.arm.rehearsal.overlay import Simulate
@@ -88,7 +89,7 @@ def _drive(body: Any, made: Made) -> None:
 def _actuator(body: Any, name: str, joint: str) -> Any:
     import mujoco
 
-    actuator = body.add_actuator(name=name, target=joint)
+    actuator = body.add_actuator(name=free_name(name, {one.name for one in body.actuators}), target=joint)
     actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
     return actuator
 
