@@ -3,12 +3,13 @@
     python tests/foreign/measure_arms.py RESULTS [--robots z1 xarm7 kinova] [--seeds 0 1 2] [--logs 3]
     python tests/foreign/measure_arms.py RESULTS --table
 
-Each robot and seed: `etude init`, then `ask`, the plant, `tell`, as often as there are logs; after the first and the last log
-three motions that nobody learned from. What is there is not computed again. RESULTS gets a folder for each robot and seed.
+Each robot and seed: `etude init`, then `ask`, the plant, `tell`, as often as there are logs; after the first
+and the last log three motions that nobody learned from. What is there is not computed again. RESULTS gets a
+folder for each robot and seed.
 
-The target is fixed: the logged torque after a zero-phase low-pass of 10 Hz, at the samples while any joint moves. Least squares
-has pinocchio's regressor, Coulomb and viscous friction, rotor inertia and an offset of each joint; its cut-off and its rank are
-chosen on blocks of the training logs. Both see the same filtered motion of a test.
+The target is fixed: the logged torque after a zero-phase low-pass of 10 Hz, at the samples while any joint
+moves. Least squares has pinocchio's regressor, Coulomb and viscous friction, rotor inertia and an offset of
+each joint; its cut-off and rank are chosen on blocks of the training logs. Both see the same filtered motion.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +62,11 @@ def arm_of(name: str, seed: int) -> plant.Arm:
 
 
 def etude(*words: str) -> str:
-    """The command in a process of its own. CalledProcessError: it refuses."""
-    found = subprocess.run([sys.executable, "-m", "etude", *words], capture_output=True, text=True)
+    """The command in a process of its own. RuntimeError: it refuses."""
+    words = (sys.executable, "-m", "etude", *words)
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
     if found.returncode:
-        raise RuntimeError(f"etude {' '.join(words)}: {found.returncode}\n{found.stdout}{found.stderr}")
+        raise RuntimeError(f"{' '.join(words)}: {found.returncode}\n{found.stdout}{found.stderr}")
     return found.stdout
 
 
@@ -102,7 +105,7 @@ def logged(run: plant.Run) -> Log:
 def moves_between(poses: Array, arm: plant.Arm) -> plant.Reference:
     """Minimum-jerk moves from pose to pose with a rest of 0.3 s, at half the speed limits, for 45 s."""
     parts, dt = [], 1.0 / plant.RATE
-    for a, b in zip(poses, poses[1:], strict=False):
+    for a, b in pairwise(poses):
         way = b - a
         seconds = max(0.5, float((np.abs(way) * 1.875 / (0.5 * arm.speed)).max()))
         seconds = max(seconds, math.sqrt(float((np.abs(way) * 5.774 / arm.speed).max())))
@@ -123,7 +126,10 @@ def series_inside(lower: Array, upper: Array, speed: Array, rng: np.random.Gener
     """Three harmonics of each joint inside a box, at most 90 % of these speeds, with ramps of 2 s."""
     t = np.arange(round(SERIES_S * plant.RATE) + 1) / plant.RATE
     n, w = len(lower), 2.0 * np.pi * np.array([0.1, 0.2, 0.3])
-    phases, sizes = rng.uniform(0, 2 * np.pi, (3, n)), rng.uniform(0.3, 1.0, (3, n)) / np.array([[1], [2], [3]])
+    phases, sizes = (
+        rng.uniform(0, 2 * np.pi, (3, n)),
+        rng.uniform(0.3, 1.0, (3, n)) / np.array([[1], [2], [3]]),
+    )
     u = np.clip(np.minimum(t, t[-1] - t) / 2.0, 0.0, 1.0)
     window = (u**3 * (10 - 15 * u + 6 * u**2))[:, None]
     path = sum(sizes[k] * np.sin(np.outer(t, [w[k]]) + phases[k]) for k in range(3))
@@ -167,7 +173,9 @@ class Shapes:
             q = rng.uniform(arm.lower, arm.upper)
             pin.computeCollisions(self.model, self.data, self.shapes, found, q, False)
             hits += [r.isCollision() for r in found.collisionResults]
-        pairs = [pin.CollisionPair(p.first, p.second) for p in self.shapes.collisionPairs]  # these move otherwise
+        pairs = [
+            pin.CollisionPair(p.first, p.second) for p in self.shapes.collisionPairs
+        ]  # these move otherwise
         for pair, count in zip(pairs, hits, strict=True):
             one, other = (self.shapes.geometryObjects[i].parentJoint for i in (pair.first, pair.second))
             if abs(one - other) <= 1 or count > 30:
@@ -193,7 +201,7 @@ def clear_poses(shapes: Shapes, arm: plant.Arm, rng: np.random.Generator, count:
 
 
 def tests_of(name: str, arm: plant.Arm, seed: int, log: Log) -> dict[str, plant.Reference]:
-    """Motions that nobody learns from: two inside the ranges and speeds of the first log, one of all poses."""
+    """Motions that nobody learns from: two inside what the first log visited, one of all poses."""
     rng = np.random.default_rng([seed, 77])
     q, qd, _ = log.motion(TARGET_HZ)
     lower, upper = np.quantile(q[log.moving], [0.02, 0.98], axis=0)
@@ -212,7 +220,7 @@ def tests_of(name: str, arm: plant.Arm, seed: int, log: Log) -> dict[str, plant.
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """Base parameters, friction, rotor inertia and offsets by least squares; `smooth` (J,) rad/s of the sign."""
+    """Base parameters, friction, rotor inertia, offsets; `smooth` (J,) rad/s of the sign."""
 
     arm: plant.Arm
     smooth: Array
@@ -284,7 +292,9 @@ def predicted(folder: Path, arm: plant.Arm, t: Array, q: Array, qd: Array, qdd: 
     with out.open() as file:
         columns = file.readline().strip().split(",")
     table = np.loadtxt(out, delimiter=",", skiprows=1)
-    place_of = [next(i for i, c in enumerate(columns) if c.startswith("command_") and c.endswith(n)) for n in names]
+    place_of = [
+        next(i for i, c in enumerate(columns) if c.startswith("command_") and c.endswith(n)) for n in names
+    ]
     own = table[:, columns.index("time")]
     return np.stack([np.interp(t - t[0], own, table[:, i]) for i in place_of], axis=1)
 
@@ -294,13 +304,25 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
     folder = results / f"{name}_{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "rows.jsonl"
-    done = {json.loads(line)["logs"] for line in record.read_text().splitlines()} if record.exists() else set()
+    done = (
+        {json.loads(line)["logs"] for line in record.read_text().splitlines()} if record.exists() else set()
+    )
     arm, lab = arm_of(name, seed), folder / "lab"
     if not lab.exists():
         urdf = folder / f"{name}.urdf"
         urdf.write_text(plant.one_turn((share() / ROBOTS[name][0]).read_text()))
         words = ["--joints", *ROBOTS[name][1]] if ROBOTS[name][1] else []
-        etude("init", str(lab), "--robot", str(urdf), "--mesh-root", str(share().parent.parent), "--seed", str(seed), *words)
+        etude(
+            "init",
+            str(lab),
+            "--robot",
+            str(urdf),
+            "--mesh-root",
+            str(share().parent.parent),
+            "--seed",
+            str(seed),
+            *words,
+        )
     logs: list[Log] = []
     for number in range(1, count + 1):
         kept = folder / f"log{number}.npz"
@@ -315,7 +337,12 @@ def cell(results: Path, name: str, seed: int, count: int) -> None:
         with np.load(kept) as found:
             logs.append(Log(found["t"], found["q"], found["tau"], found["moving"]))
         if number in (1, count) and number not in done:
-            row = {"robot": name, "seed": seed, "logs": number, "tests": judged(folder, name, arm, seed, logs)}
+            row = {
+                "robot": name,
+                "seed": seed,
+                "logs": number,
+                "tests": judged(folder, name, arm, seed, logs),
+            }
             with record.open("a") as file:
                 file.write(json.dumps(row) + "\n")
 
@@ -336,7 +363,10 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
         torque = {k: rms((v - log.target)[use]).tolist() for k, v in said.items()}
         step = round(plant.RATE / RATE)
         plan = [x[::step] for x in (reference.q, reference.qd, reference.qdd)]
-        ahead = {"etude": predicted(folder, arm, reference.t[::step], *plan), "least squares": squares.predict(*plan)}
+        ahead = {
+            "etude": predicted(folder, arm, reference.t[::step], *plan),
+            "least squares": squares.predict(*plan),
+        }
         tracking = {}
         for key, rows in ahead.items():
             effort = np.stack([np.interp(reference.t, reference.t[::step], row) for row in rows.T], axis=1)
@@ -351,7 +381,9 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
             "outside": outside.tolist(),
             "cutoff": squares.cutoff,
         }
-        print(name, seed, len(logs), title, {k: np.round(v, 3).tolist() for k, v in torque.items()}, flush=True)
+        print(
+            name, seed, len(logs), title, {k: np.round(v, 3).tolist() for k, v in torque.items()}, flush=True
+        )
     return out
 
 
@@ -378,12 +410,17 @@ def ratio(test: dict[str, Any], what: str) -> float:
 def table(results: Path) -> str:
     """Markdown: each robot, test and number of logs; over seeds the geometric mean and its range."""
     rows = list(rows_of(results))
-    lines = ["| arm | test | logs | seeds | torque, of least squares | tracking | torque, joint by joint |", "|" + "---|" * 7]
+    lines = [
+        "| arm | test | logs | seeds | torque, of least squares | tracking | torque, joint by joint |",
+        "|" + "---|" * 7,
+    ]
     for name in dict.fromkeys(r["robot"] for r in rows):
         for title in TESTS:
             for count in sorted({r["logs"] for r in rows if r["robot"] == name}):
                 own = [r["tests"][title] for r in rows if r["robot"] == name and r["logs"] == count]
-                joints = np.array([np.array(t["torque"]["etude"]) / t["torque"]["least squares"] for t in own])
+                joints = np.array(
+                    [np.array(t["torque"]["etude"]) / t["torque"]["least squares"] for t in own]
+                )
                 each = " ".join(f"{x:.2f}" for x in np.exp(np.log(joints).mean(axis=0)))
                 both = [_spread([ratio(t, what) for t in own]) for what in ("torque", "tracking")]
                 lines.append(f"| {name} | {title} | {count} | {len(own)} | {both[0]} | {both[1]} | {each} |")
