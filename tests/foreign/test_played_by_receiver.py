@@ -100,7 +100,7 @@ def test_the_table_ends_at_rest_where_the_motion_ends(place: str, asked: Asked) 
 
 
 def test_the_controller_takes_it_from_another_place_only_by_the_way_there(asked: Asked) -> None:
-    """Asked for from a pose, the first point is that pose: a controller that stands there commands no step."""
+    """Asked for from a pose, the first point is that pose: from there no step is commanded."""
     files, _ = asked.files("ros2_yaml", STARTS[2])
     message = message_of("ros2_yaml", files)
     stand = np.array([1.0, -0.5, 0.7])
