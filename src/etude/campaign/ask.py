@@ -21,6 +21,7 @@ from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.stored import is_learned, newest_model
 from etude.campaign.tracking import kept_now
+from etude.campaign.visited import Swept, as_facts, swept, teaches_little
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
@@ -50,6 +51,7 @@ class Proposal:
         status: how it was found.
         exported: the same motion in the formats that were asked for.
         way: from where the robot stands to its start, and back, if that was asked for.
+        swept: of each axis; none of kinds that do not know where their robots can be.
     """
 
     number: int
@@ -60,6 +62,7 @@ class Proposal:
     status: str
     exported: tuple[Exported, ...] = ()
     way: Approached | None = None
+    swept: tuple[Swept, ...] = ()
 
 
 def ask(
@@ -212,7 +215,11 @@ def _files(
     campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
 ) -> TrajectoryFiles:
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    return render(trajectory, kind, spec, config, limits, kept.unheld, control=kept.control)
+    rows = swept(campaign, trajectory, limits)
+    own = as_facts(rows), teaches_little(rows)
+    return render(
+        trajectory, kind, spec, config, limits, kept.unheld, control=kept.control, swept=own[0], warned=own[1]
+    )
 
 
 def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:
@@ -257,7 +264,9 @@ def present(
     if speed != FULL and not exported:
         campaign.commit("exported", number, files.write(folder), speed=speed)
     status = "asked for before, still open" if made is None else made[1]
-    return Proposal(number, folder, files.certificate, files.trajectory.duration, made is not None, status)
+    rows = swept(campaign, files.trajectory, kept.limits(campaign))
+    found = files.certificate, files.trajectory.duration, made is not None, status
+    return Proposal(number, folder, *found, swept=rows)
 
 
 def _check_files(campaign: Campaign, number: int, speed: int) -> bool:
