@@ -571,6 +571,14 @@ class Controller(Protocol):
     def observe(self, t: float, row: Row) -> None: ...
 
 
+class Accelerating(Protocol):
+    """Capability of a `Controller` of robots whose feedback takes accelerations: (T, k) what it is to be told
+    along a motion, the motion's own and what the model adds to it; None: the motion's own.
+    """
+
+    def accelerations(self, motion: Motion) -> Array | None: ...
+
+
 @dataclass(frozen=True)
 class Described:
     """A robot's description, whole: files that a campaign folder needs, robot.toml among them, by name,
@@ -767,7 +775,7 @@ class Gained(Protocol):
 
 
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
-# plays: certify that
+# plays: certify that; `notes(files)`, if there is one, are sentences on what they hold beside the motion
 Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
 # `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
 # `recognises(path, head)`

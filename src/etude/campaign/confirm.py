@@ -28,7 +28,6 @@ from etude.campaign.state import State
 from etude.campaign.stored_files import require_description
 from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
-from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
@@ -82,7 +81,9 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
         made = _propose(campaign, state, number, kept, say)
     found = present(campaign, number, kept, made, FULL, lambda files: _fed(campaign, number, files))
     motion = stored_trajectory(campaign, number)
-    written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
+    written = [
+        export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
+    ]
     return replace(found, exported=tuple(written))
 
 
@@ -160,7 +161,8 @@ def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], k
 def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:
     """trajectory.csv with the model's command beside each set-point, in the robot's command unit."""
     names, rows = read_table(files.table)
-    command = commanded(files.trajectory, model).command(rows[:, 0])
+    motion = files.trajectory.motion(rows[:, 0], model.inputs.orders)
+    command, _ = model.predict(model.inputs.states(motion))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([*names, *column_names(campaign.command)])
     text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())

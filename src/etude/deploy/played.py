@@ -50,7 +50,8 @@ def certify_played(
     """What the receiver of these files plays, held against the limits.
 
     Args:
-        exporter: its attribute `back` reads the files as their receiver does.
+        exporter: its attribute `back` reads the files as their receiver does; `notes`, if it has one, says
+            what they hold beside the motion.
         files: what it wrote.
         limits: of the robot.
         motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
@@ -63,7 +64,8 @@ def certify_played(
     played = exporter.back(files)  # type: ignore[attr-defined]
     if isinstance(played, Splined):
         played = _cut(replace(played, like=motion.form), motion)
-    found = certify(played, [Looked(limit) for limit in limits], control=control)
+    said = getattr(exporter, "notes", lambda _: ())(files)
+    found = replace(certify(played, [Looked(limit) for limit in limits], control=control), notes=said)
     for row in found.failed:
         if not spare(row) >= -SLACK * (row.upper - row.lower):
             raise UnsafeTrajectoryError(
