@@ -766,6 +766,14 @@ class Placed(Protocol):
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
 
 
+class Blocking(Protocol):
+    """Capability of a `Limit` that can say what a pose (k,) in a motion of that form runs into: a phrase,
+    "" for nothing.
+    """
+
+    def blocked(self, form: str, pose: Array) -> str: ...
+
+
 class Gained(Protocol):
     """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
     NaN where unknown.
