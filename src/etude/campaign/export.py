@@ -10,13 +10,12 @@ from etude import plugins
 from etude.campaign.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.folder import Campaign
 from etude.campaign.in_use import model_in_use
-from etude.campaign.journal import Event, require_intact
+from etude.campaign.stored_files import settle
 from etude.campaign.tracking import kept_under
 from etude.contracts import Trajectory
-from etude.deploy.commanded import Commanded, commanded, require_forces
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.played import certify_played
 from etude.limits.certificate import Certificate
-from etude.storage import write_atomic
 
 GROUP = "etude.exporters"
 CERTIFICATE = "certificate.json"
@@ -30,11 +29,13 @@ class Exported:
         format: its name among `etude.exporters`.
         files: their paths.
         certificate: of what the receiver plays of these bytes.
+        renewed: a sentence, if they were written anew.
     """
 
     format: str
     files: tuple[Path, ...]
     certificate: Certificate
+    renewed: tuple[str, ...] = ()
 
 
 def require_formats(names: Sequence[str]) -> None:
@@ -44,9 +45,17 @@ def require_formats(names: Sequence[str]) -> None:
 
 
 def export(
-    campaign: Campaign, number: int, trajectory: Trajectory, folder: Path, name: str, *, effort: bool = False
+    campaign: Campaign,
+    number: int,
+    trajectory: Trajectory,
+    folder: Path,
+    name: str,
+    *,
+    effort: bool = False,
+    drag: bool = True,
 ) -> Exported:
-    """Writes `folder`/`name`/... once and commits it; afterwards holds the files against the journal.
+    """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
+    and written anew where it is another by now.
 
     The caller holds the writer's lock.
 
@@ -55,6 +64,8 @@ def export(
         trajectory: what to run. folder: where its own files are.
         name: of the exporter.
         effort: with the learned command along the motion; margins are then those under it.
+        drag: whether accelerations, where the format has them, hold against what was learned of the drag, as
+            flights that are simulated do (`Kind.collecting`).
 
     Raises:
         UsageError: no such format, not one for this robot, no model to take commands from, commands that are
@@ -63,6 +74,7 @@ def export(
     """
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
+    what = _accelerated(campaign, what) if drag else what
     files = exporter(what, campaign.kind, campaign.spec)
     own = asked_under(campaign.round(number).asked)
     kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
@@ -70,17 +82,10 @@ def export(
     certificate = certify_played(exporter, files, limits, trajectory, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
-    paths = [place / file for file in contents]
-    earlier = _committed(campaign, number, paths[-1])
-    if earlier:
-        advice = "Do not run it. Restore the file from a copy, or delete the folder's files and ask again."
-        require_intact(campaign.path, earlier, advice)
-    else:
-        for path, data in zip(paths, contents.values(), strict=True):
-            write_atomic(path, data)
-        facts = {} if kept.controls == own else kept.as_facts()
-        campaign.commit("exported", number, paths, format=name, effort=effort, **facts)
-    return Exported(name, tuple(paths), certificate)
+    facts = {} if kept.controls == own else kept.as_facts()
+    written = {place / file: data for file, data in contents.items()}
+    renewed = settle(campaign, number, written, format=name, effort=effort, **facts)
+    return Exported(name, tuple(written), certificate, renewed)
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
@@ -89,9 +94,11 @@ def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     return commanded(trajectory, model_in_use(campaign).model)
 
 
-def _committed(campaign: Campaign, number: int, path: Path) -> list[Event]:
-    """The last export of that file, unless somebody deleted all of it."""
-    name = path.relative_to(campaign.path).as_posix()
-    found = [e for e in campaign.events() if e.number == number and e.event == "exported" and name in e.files]
-    there = found and any((campaign.path / file).exists() for file in found[-1].files)
-    return found[-1:] if there else []
+def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
+    """With what flights that collect are flown with, once something was learned."""
+    made = getattr(campaign.kind, "collecting", None)  # a kind that lacks it collects under feedback alone
+    if made is None or not campaign.state().trained:
+        return what
+    model = model_in_use(campaign).model
+    controller = made(campaign.spec, campaign.config, model)
+    return accelerated(what, controller, model.inputs.orders)

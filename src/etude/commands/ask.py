@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from etude.campaign.ask import Proposal
     from etude.campaign.export import Exported
     from etude.campaign.folder import Campaign
+    from etude.campaign.visited import Swept
     from etude.campaign.ways import Approached
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
@@ -62,15 +63,19 @@ class Ask(Common):
     """Ask although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
+        from etude.campaign.visited import as_facts
+
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)
         unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
-            f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             *(f"! {sentence}" for sentence in found.certificate.warnings),
+            f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
+            *_renewed(found),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
+            *_swept(found.swept),
             *_control(found.certificate),
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
@@ -94,9 +99,11 @@ class Ask(Common):
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "margins": _spared(found.certificate.seen),
             "way": [] if found.way is None else [str(path) for path in found.way.files],
+            "renewed": _renewed(found),
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": unseen,
             "warnings": list(found.certificate.warnings),
+            "swept": as_facts(found.swept),
         }
         return Outcome("\n".join(lines), data)
 
@@ -126,6 +133,14 @@ class Ask(Common):
         )
 
 
+def _swept(rows: Sequence[Swept]) -> list[str]:
+    """How much of where each joint can be the segments go through, and what stands in the way of more."""
+    if not rows:
+        return []
+    body = [[r.axis, f"{100 * r.of_range:.0f} %", f"{100 * r.of_clear:.0f} %", r.held] for r in rows]
+    return [table(["segments sweep", "of the range", "of where it is clear", "farther on"], body)]
+
+
 def _then(folder: Path, confirm: bool) -> list[str]:
     if not confirm:
         return [f"Run it, then: etude tell {folder} LOG"]
@@ -133,6 +148,12 @@ def _then(folder: Path, confirm: bool) -> list[str]:
         f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
         f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
     ]
+
+
+def _renewed(found: Proposal) -> list[str]:
+    """Which files were written anew, and why."""
+    own = [*found.renewed, *(() if found.way is None else found.way.renewed)]
+    return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
 
 
 def _unseen(found: Proposal) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.campaign.stored_files import changed_since
 from etude.contracts import Limit, Trajectory
 from etude.report.markup import (
     Html,
@@ -60,6 +61,7 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     else:
         parts.append(grid(_panels(record, trajectory), 3))
     parts.append(_proofs(record, certificate) if certificate else missing("There is no certificate for it."))
+    parts += _since(record, n) if certificate else []
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
     summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
@@ -67,6 +69,13 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
 
 def _dimensions(trajectory: Trajectory) -> int:
     return int(trajectory.motion(np.zeros(1), 1).orders.shape[2])
+
+
+def _since(record: Record, n: int) -> list[Html]:
+    """Whether robot.toml or campaign.toml have changed since the certificate was made."""
+    name = f"proposals/{n:04d}/certificate.json"
+    why = "" if record.campaign is None else changed_since(record.campaign, record.events, [name])
+    return [paragraph(f"This was proved before {why}.", class_="soft")] if why else []
 
 
 def _how(record: Record, n: int) -> list[Html]:
@@ -140,12 +149,23 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
     warnings = [paragraph(str(sentence), class_="alert") for sentence in certificate.get("warnings", ())]
-    proved = table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")
+    found = *distances(every), *_swept(certificate)
+    proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
         parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))
     return join(parts)
+
+
+def _swept(certificate: Facts) -> list[Html]:
+    """What part of each axis's range its segments go through; nothing of certificates that do not say."""
+    body = [
+        [str(row["axis"]), *(f"{100.0 * row[of]:.0f} %" for of in ("of_range", "of_clear")), str(row["held"])]
+        for row in certificate.get("swept", ())
+    ]
+    header = ["", "segments sweep of the range", "of where it is clear", "farther on"]
+    return [table(header, body)] if body else []
 
 
 def _unit(record: Record, quantity: str) -> str:
