@@ -185,7 +185,9 @@ def _enough(plan: Plan, k: int) -> list[str]:
         share = SHARE * float(most[j]) / factor if candidate.weights[i] and factor else NEVER
         terms = [real(min(share, NEVER)), *(f"{real(s)} * x[{c}] * x[{c}]" for c, s in pairs)]
         found.append(f"        spread{k}[{i}] = enough{k}[{i}] = {' + '.join(terms)};")
-    return ["    if (!exact) {", *found, "    }"]
+    unused = [i for i, weight in enumerate(candidate.weights) if not weight]
+    never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # nobody asks for these
+    return [*never, "    if (!exact) {", *found, "    }"]
 
 
 def _loose(plan: Plan, k: int) -> list[str]:
