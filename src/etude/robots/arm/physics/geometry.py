@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from etude.robots.arm.of_file import of_file
 from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.transmission import Drive
 from etude.robots.arm.spec import ArmSpec
@@ -35,3 +36,26 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
 
     model = load_arm(spec, shapes=False, drives=True).model()
     return Geometry(tree_from_mujoco(model, spec.names), drives_from_mujoco(model, spec.names))
+
+
+_known: dict[str, bool] = {}
+
+
+def has_masses(spec: ArmSpec) -> bool:
+    """Whether the robot has a model file that says what its links weigh; without, nothing is known of forces.
+
+    MuJoCo is not asked: a saved model predicts without it, and without the file, which then had masses.
+    """
+    if spec.model_file is None or not spec.model_file.is_file():
+        return spec.model_file is not None
+    file = spec.model_file
+
+    def made() -> bool:
+        from etude.robots.arm.loading.inertia import masses_of
+        from etude.robots.arm.loading.parsing import parsed
+        from etude.robots.arm.loading.urdf_tree import read_tree
+
+        root = parsed(file)  # an MJCF's bodies weigh what they state, or their shapes as water
+        return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
+
+    return of_file(_known, spec, made)
