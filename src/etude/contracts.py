@@ -383,11 +383,13 @@ class Scaled(Protocol):
 
 class Followed(Protocol):
     """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
-    rows that follow one another as in a run from rest. `states` of a motion are such. carried: the same of
-    one row after another, with what the row before left (None: it is the first).
+    rows that follow one another as in a run from rest; as it is where it carries that. `states` of a motion
+    are such. apart: for rows that do not follow one another, so that nothing is remembered. carried: as
+    followed, of one row after another, with what the row before left (None: it is the first).
     """
 
     def followed(self, log: Log) -> Log: ...
+    def apart(self, log: Log) -> Log: ...
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
@@ -551,7 +553,9 @@ class Model(Protocol):
     @property
     def candidates(self) -> Sequence[Candidate]: ...
     def worth(self) -> Array: ...
-    def predict(self, log: Log) -> tuple[Array, Array]: ...  # (n, J), noise and calibration included
+    def predict(self, log: Log) -> tuple[Array, Array]: ...  # what to command (n, J): faded to what is safe
+    # given the data, nothing faded: what scores and designs ask; (n, J), noise and calibration included
+    def posterior(self, log: Log) -> tuple[Array, Array]: ...
     def static(self, log: Log) -> Array: ...  # gravity, with physics or without
 
 

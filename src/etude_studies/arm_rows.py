@@ -108,7 +108,7 @@ def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:
     log = read_log_file(campaign.path / "tests" / f"0000.pd.{TESTS[0]}.parquet")
     groups = [np.zeros(len(log), dtype=np.int64)]
     new = campaign.kind.samples(campaign.spec, campaign.config, [log], groups)
-    found = score(new, *stored_model(campaign, number).predict(new.log))
+    found = score(new, *stored_model(campaign, number).posterior(new.log))
     return float(np.nanmean(found.z2)), float(np.nanmean(found.coverage))
 
 

@@ -98,7 +98,7 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
 
 
 def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[Row]:
-    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance), "bench")
+    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance, fade=False), "bench")
     us = microseconds(made, case.variance)
     kind = "float" if single else "double"
     name = f"{case.name}_{kind}"
@@ -160,7 +160,7 @@ def _beside_onnx(own: Sized, rows: list[Row]) -> list[Row]:
     found, parts = [], parts_of(own.model)
     widths = taken_by(parts, own.kind.channels(own.spec)).widths
     for kind, dtype in (("double", np.float64), ("float", np.float32)):
-        ask = session(written(parts, widths, dtype, variance=False))
+        ask = session(written(parts, widths, dtype, variance=False, fade=False))
         x = np.full((1, own.model.ranges.shape[1]), 0.1, dtype=dtype)
         best = np.inf
         for _ in range(BATCHES):

@@ -171,7 +171,7 @@ def _outcome(
     train, test, raw = _divided(flights, unseen, lag)
     world = crazyflie()
     model = world.learned(train, config or world.config.model, rng).model
-    mean, variance = model.predict(test.log)
+    mean, variance = model.posterior(test.log)
     latent, X = np.zeros_like(mean), model.inputs.of_log(test.log)
     for candidate in model.candidates:
         assert candidate.process is not None

@@ -139,7 +139,7 @@ class Arm:
             q, qd, qdd = test.motion(t, 3).orders
             known = {c.name: c for c in self.world.kind.channels(self.world.spec)}
             log = Log(t, {n: known[n] for n in ("q", "qd", "qdd")}, {"q": q, "qd": qd, "qdd": qdd})
-            wrong = np.abs(model.predict(log)[0] - self.made.inverse(q, qd, qdd))
+            wrong = np.abs(model.posterior(log)[0] - self.made.inverse(q, qd, qdd))
             found.append(wrong / self.world.kind.limit(self.world.spec))
         return 100.0 * float(np.mean(np.concatenate(found)))
 

@@ -94,6 +94,6 @@ def known_by(model: LearnedModel) -> tuple[ExactPosterior, Array]:
 
 
 def _figures(model: LearnedModel, test: Samples) -> dict[str, float | None]:
-    scores = score_trajectories(test, *model.predict(test.log), model.student)
+    scores = score_trajectories(test, *model.posterior(test.log), model.student)
     means = {name: getattr(scores, name) for name in FIGURES}
     return {name: float(np.nanmean(v)) if np.isfinite(v).any() else None for name, v in means.items()}

@@ -121,7 +121,7 @@ def test_what_is_in_use_is_scored_on_held_out_blocks_where_outputs_use_different
 def test_the_stored_model_predicts(learned: Campaign) -> None:
     model = newest_model(learned, learned.state())
     motion = stored_trajectory(learned, 3).motion(np.linspace(2.0, 18.0, 40), 3)
-    mean, variance = model.predict(model.inputs.states(motion))
+    mean, variance = model.posterior(model.inputs.states(motion))
     command = command_of(*motion.orders)
     assert np.mean((mean - command) ** 2) < 0.1 * np.var(command)
     assert (variance > 0).all()

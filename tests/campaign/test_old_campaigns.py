@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -45,11 +46,16 @@ def test_it_is_opened_and_replayed(old: Campaign) -> None:
 
 
 def test_the_open_proposal_is_presented_and_certified_again(old: Campaign) -> None:
-    before = {path: path.read_bytes() for path in old.path.glob("proposals/*/*")}
+    before = {path: path.read_bytes() for path in old.path.glob("proposals/*/trajectory.json")}
     proposal = ask(old)
     assert (proposal.number, proposal.new) == (old.state().proposals[0].number, False)
     assert proposal.certificate.ok
-    assert {path: path.read_bytes() for path in old.path.glob("proposals/*/*")} == before
+    assert {path: path.read_bytes() for path in old.path.glob("proposals/*/trajectory.json")} == before
+    # what is shown stands on the disk too; its old one held other limits
+    shown = json.loads(proposal.certificate.to_json())
+    assert json.loads((proposal.folder / "certificate.json").read_text()).items() >= shown.items()
+    assert "an earlier version wrote them" in proposal.renewed[0]
+    assert ask(old).renewed == ()
 
 
 def test_its_model_is_trained_again_with_one_sentence(old: Campaign) -> None:

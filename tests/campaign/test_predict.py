@@ -76,7 +76,7 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert main(["predict", str(lab), str(path), "--output", str(tmp_path / "c.parquet")]) == 0
     found = pl.read_parquet(tmp_path / "c.parquet")
     assert found.columns[:2] == ["time", "command_waist"]
-    assert found.columns[-2:] == ["deviation_wrist", "outside"]
+    assert found.columns[-2:] == ["outside_elbow", "outside_wrist"]
     log = etude.predict(lab, path)
     assert any("qd and qdd made of the positions" in sentence.lower() for sentence in log.repairs)
     assert 0.9 * len(t) < len(log) < len(t)
@@ -94,7 +94,8 @@ def test_the_command_writes_a_table_that_reads_back(
     printed = capsys.readouterr()
     said = json.loads(printed.out)
     found = pl.read_csv(target)
-    assert (len(found), int(found["outside"].sum())) == (said["rows"], said["outside"])
+    assert len(found) == said["rows"]
+    assert said["outside"]["elbow"] == pytest.approx(float(np.mean(found["outside_elbow"].to_numpy())))
     np.testing.assert_array_equal(found["command_elbow"], etude.predict(lab, source)["command"][:, 2])
     assert "the newest model is used, of log 1" in printed.err
     assert main(["predict", str(lab), str(source), "--output", str(tmp_path / "x.txt")]) == 2

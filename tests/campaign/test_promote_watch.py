@@ -78,28 +78,30 @@ def test_predict_takes_no_motion_of_another_robot_and_no_other_file(fresh: Campa
 
 
 def test_rows_outside_what_was_learned_are_marked_and_counted(fresh: Campaign, tmp_path: Path) -> None:
+    """By the deviation of each command, which a state far from all data has and one among them has not."""
     model = newest_model(fresh, fresh.state())
     plain = [i for i, column in enumerate(model.inputs.columns) if not column[3]]
-    middle, half = model.ranges[:, plain].mean(axis=0), 0.5 * np.ptp(model.ranges[:, plain], axis=0)
-    reach = np.array([0.0, 0.999, 0.0, 1.001, 0.0])  # of the knee's position, in half ranges
-    states = np.tile(middle, (5, 1))
-    states[:, 1] += reach * half[1]
-    states[4, 2] = middle[2] - 1.001 * half[2]
+    states = np.tile(model.ranges[:, plain].mean(axis=0), (5, 1))
+    states[3, 1] += 40.0  # the knee's position, rad
+    states[4, 2] -= 400.0  # the hip's velocity
     log = model.inputs.states(Motion(np.arange(5) / 50.0, states.reshape(5, 3, 2).transpose(1, 0, 2)))
     done: list[float] = []
     with watched(done.append):
         found = predict(fresh, log)
     assert 0.0 in done
     assert done[-1] == pytest.approx(1.0)
-    assert found["outside"][:, 0].tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
-    assert found.repairs == (
-        "2 of 5 rows (40 %) lie outside what was learned (q of knee, qd of hip): "
-        "there the model extrapolates.",
+    spread = found["deviation"]
+    assert (spread[3:, 1] > 2.0 * spread[:3, 1].max()).all()
+    np.testing.assert_array_equal(found["outside"][:, 1], [0.0, 0.0, 0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(found["outside"], model.outside(log))
+    (said,) = found.repairs
+    assert said.startswith(
+        "Outside of what was learned, of all rows: hip 40 %, knee 40 %. There the deviation"
     )
     assert predict(fresh, log.take(slice(0, 3))).repairs == ()
     write_table(tmp_path / "c.csv", found)
     lines = (tmp_path / "c.csv").read_text().splitlines()
-    assert [line.split(",")[-1] for line in lines] == ["outside", "0.0", "0.0", "0.0", "1.0", "1.0"]
+    assert [line.split(",")[-1] for line in lines] == ["outside_knee", "0.0", "0.0", "0.0", "1.0", "1.0"]
 
 
 def one_more(campaign: Campaign, folder: Path, seed: int) -> None:
@@ -159,7 +161,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     left_out = read_left_out(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()
     samples = in_order(told_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
-    error = samples.command - model_in_use(fresh).model.predict(samples.log)[0]
+    error = samples.command - model_in_use(fresh).model.posterior(samples.log)[0]
     knee = np.isfinite(left_out.error[own][:, 1])
     rms = [np.sqrt(np.mean(e[knee, 1] ** 2)) for e in (left_out.error[own], error)]
     assert used.by_command[1] == pytest.approx(rms[0] / rms[1])

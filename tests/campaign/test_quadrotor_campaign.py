@@ -132,7 +132,7 @@ def test_stored_models_predict_as_told(flown):
     campaign, _ = flown
     model = load_model(campaign.path)
     data = told_samples(campaign, [2])
-    mean, variance = model.predict(data.log)
+    mean, variance = model.posterior(data.log)
     assert mean.shape == data.command.shape
     assert np.all(variance > 0.0)
     assert np.mean((mean - data.command) ** 2) < 0.1 * np.var(data.command, axis=0).mean()

@@ -34,6 +34,7 @@ def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = 
     file = campaign.proposal(number) / "trajectory.json"
     if motion is not None:
         file.write_text(motion.to_json())
+        campaign.commit("exported", number, [file])
     trajectory = from_json(file.read_bytes())
     return tell(
         campaign,

@@ -43,15 +43,15 @@ class Library:
         variance = np.full(len(self.plan.limit), np.nan, dtype=self.real)
         pointers = [ctypes.c_void_p(a.ctypes.data) for a in (data, command, variance)]
         own = getattr(self._own, f"{self.plan.name}_{function}")
-        before = [] if function == "gravity" else [self._state]
-        count = 3 if function in ("predict", "faded") else 2
+        before = [] if function in ("gravity", "instant") else [self._state]
+        count = 3 if function == "predict" else 2
         return int(own(*before, *pointers[:count])), command, variance
 
 
 class LibraryController:
     """The exported C in the loop of a simulated robot (implements `contracts.Controller`)."""
 
-    def __init__(self, library: Library, function: str = "faded") -> None:
+    def __init__(self, library: Library, function: str = "predict") -> None:
         self.library, self.function = library, function
 
     def planned(self, motion: Motion) -> Array:

@@ -40,8 +40,8 @@ from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.robots.quadrotor.physics.linear_inverse import identify_linear
 
-WHOLE = Form(variance=True, fade=True, digest="ab" * 32)
-NOT_A_NUMBER, CLAMPED, UNTRAINED = 1, 2, 4
+WHOLE = Form(variance=True, digest="ab" * 32)
+NOT_A_NUMBER, FAR, UNTRAINED, NO_ANSWER = 1, 2, 4, 16
 
 
 def of(model: LearnedModel, form: Form = WHOLE, name: str = "arm", spec: Any = None) -> Any:
@@ -64,16 +64,15 @@ def test_no_input_makes_a_command_that_is_no_number(fast: Library) -> None:
     rows = golden(fast.plan, 8).inputs
     clean = [fast.call("predict", row)[1] for row in rows]
     for bad in (np.nan, np.inf, -np.inf, -np.nan, 1e308, -1e308):
-        for function in ("mean", "predict", "faded", "gravity"):
+        for function in ("mean", "predict", "instant", "gravity"):
             fast.begin()
             for row in rows:
                 spoilt = row.copy()
                 spoilt[[0, -1]] = bad
-                flags, command, variance = fast.call(function, spoilt)
+                flags, command, _ = fast.call(function, spoilt)
                 assert np.isfinite(command).all()
-                assert np.isfinite(variance).all() or function in ("mean", "gravity")
                 assert (np.abs(command) <= fast.plan.most).all()
-                expected = CLAMPED if np.isfinite(bad) else NOT_A_NUMBER
+                expected = UNTRAINED | NO_ANSWER if np.isfinite(bad) else NOT_A_NUMBER
                 assert flags & expected, (bad, function, flags)
     fast.begin()
     again = [fast.call("predict", row)[1] for row in rows]
@@ -94,16 +93,31 @@ def test_a_missing_number_is_the_last_good_one(fast: Library) -> None:
     assert flags == told[0] | NOT_A_NUMBER
 
 
-def test_far_outside_it_says_so_and_stays_at_the_edge(fast: Library) -> None:
-    middle = 0.5 * (fast.plan.trained_low + fast.plan.trained_high)
-    both = UNTRAINED | CLAMPED
-    for beyond, expected in ((1.0, 0), (1.2, UNTRAINED), (2.5, both), (1e30, both)):
+def test_far_outside_it_says_so_and_is_what_python_says(fast: Library) -> None:
+    middle, half = 0.5 * (fast.plan.low + fast.plan.high), 0.5 * (fast.plan.high - fast.plan.low)
+    both = UNTRAINED | FAR
+    for beyond, expected in ((0.0, 0), (20.0, both), (1e6, both)):
         fast.begin()
-        row = middle + 0.4999999 * beyond * (fast.plan.trained_high - fast.plan.trained_low)
-        flags, command, _ = fast.call("mean", row)
+        flags, command, _ = fast.call("mean", middle + beyond * half)
         assert flags & 7 == expected, beyond
-        told = answered(fast.plan, row[None])
+        told = answered(fast.plan, (middle + beyond * half)[None])
         assert np.abs(command - told.mean[0]).max() <= 1e-9 * fast.plan.limit.max()
+
+
+def test_without_fading_it_is_the_posterior_s_mean_and_flags_tell_ranges(
+    model: LearnedModel, tmp_path: Path
+) -> None:
+    bare = Library(of(model, Form(fade=False), "bare"), tmp_path)
+    middle, width = 0.5 * (bare.plan.low + bare.plan.high), bare.plan.high - bare.plan.low
+    for beyond, expected in ((0.49, 0), (0.6, UNTRAINED), (1.1, UNTRAINED | FAR)):
+        bare.begin()
+        row = middle + beyond * width
+        flags, command, _ = bare.call("mean", row)
+        assert flags & 7 == expected
+        told = answered(bare.plan, row[None], fade=False).mean[0]
+        assert np.abs(command - told).max() <= 1e-12 * bare.plan.limit.max()
+    with pytest.raises(AttributeError, match="bare_predict"):
+        bare.call("predict", middle)
 
 
 def test_what_friction_remembers_is_begun_anew(fast: Library) -> None:
@@ -265,7 +279,7 @@ def test_the_best_candidate_alone_is_the_one_that_weighs_most() -> None:
 
 def test_the_float_image_of_four_joints_fits(tmp_path: Path) -> None:
     """500 points of 12 inputs for each of four joints."""
-    made = of(arm_model("exact", "structured", points=64), Form(single=True))
+    made = of(arm_model("exact", "structured", points=64), Form(single=True, fade=False))
     per_point = made.tables / 64
     assert per_point * 512 <= 110 * 1024
 
@@ -298,7 +312,7 @@ int main(void)
 
 def test_a_c_user_needs_the_header_alone(model: LearnedModel, tmp_path: Path) -> None:
     """A program written from robot.h: built by plain cc, and beside what the CMake file builds."""
-    made = of(model, replace(WHOLE, fade=False), "robot")
+    made = of(model, WHOLE, "robot")
     for file, data in made.files.items():
         (tmp_path / file).write_bytes(data)
     header = made.files["robot.h"].decode()

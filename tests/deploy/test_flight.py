@@ -65,7 +65,7 @@ def expected(model: Any, own: Motion) -> tuple[Array, Array]:
     inside = [np.clip(values, plan.low, plan.high) for values in (X, hover)]
     assert (inside[0] == X).all()
     said = [
-        np.clip(model.predict(log_of(plan.channels, values, "golden"))[0], plan.least, plan.most)
+        np.clip(model.posterior(log_of(plan.channels, values, "golden"))[0], plan.least, plan.most)
         for values in inside
     ]
     return said[0] - said[1], X

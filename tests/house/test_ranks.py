@@ -16,6 +16,7 @@ import etude
 SOURCE = Path(etude.__file__).parent
 RANKS = {
     "errors": 0,
+    "generation": 0,
     "storage": 0,
     "threads": 0,
     "blas": 0,

@@ -187,7 +187,7 @@ def test_a_model_whose_mean_is_doubted_is_asked_in_full() -> None:
     inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
     ends = -np.full(2, 9.0), np.full(2, 9.0)
     for least, known in ((None, True), (np.ones(2), False)):
-        model = SimpleNamespace(inputs=inputs, predict=None, prior_deviation=np.ones(2), least=least)
+        model = SimpleNamespace(inputs=inputs, posterior=None, prior_deviation=np.ones(2), least=least)
         limit = by_model(model, "torque", ("N m", "N m"), NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
         assert (limit.most is not None) == known
 
@@ -210,7 +210,7 @@ def test_a_model_is_asked_along_the_plan() -> None:
         return 2.0 * log, np.full_like(log, 0.04)
 
     inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
-    model = SimpleNamespace(inputs=inputs, predict=predict)
+    model = SimpleNamespace(inputs=inputs, posterior=predict)
     ends = -np.full(2, 9.0), np.full(2, 9.0)
     limit = by_model(model, "torque", ("N m", "N m"), NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
     row = limit.prove(SWING)[0]

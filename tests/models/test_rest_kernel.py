@@ -77,12 +77,12 @@ def test_no_noise_makes_a_known_command_fade() -> None:
     candidate = Offered("gp", (0,), one, None, own, np.array([[0.0], [3.0]]), 1.5 * one)
     model = LearnedModel(cast("Any", Plain()), (candidate,), ("a",), np.zeros((2, 2)), True, one)
     states = {"q": np.array([[0.3], [0.3], [9.0], [9.0]]), "rest": np.array([[0.0], [1.0], [0.0], [1.0]])}
-    (mean, variance), (faded, same) = model.predict(states), model.faded(states)
+    (mean, variance), (faded, same) = model.posterior(states), model.predict(states)
     np.testing.assert_array_equal(variance, same)
     assert variance[1, 0] - variance[0, 0] == pytest.approx(1.5 * 9.0 * 400.0, rel=1e-6)
     assert mean[0, 0] > 0.3
     np.testing.assert_array_equal(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0])
-    np.testing.assert_array_equal(replace(model, least=one).faded(states)[0], 0.0)
+    np.testing.assert_array_equal(replace(model, least=one).predict(states)[0], 0.0)
 
 
 class Plain:

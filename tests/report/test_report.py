@@ -112,6 +112,8 @@ def test_a_certificate_that_fails_says_so(tmp_path: Path) -> None:
     content["ok"] = False
     content["rows"][0]["margin"] = -0.3
     path.write_text(json.dumps(content))
+    assert f"{path.relative_to(tmp_path)} could not be read: it was changed" in drawn(tmp_path).text
+    commit(tmp_path, "exported", 1, CONFIG, [path])
     page = drawn(tmp_path)
     assert "NOT proved inside its limits" in page.text
     assert "−33 %" in page.text
@@ -185,6 +187,7 @@ def test_a_log_of_a_real_robot_needs_no_desired_motion(tmp_path: Path) -> None:
     path = tmp_path / "runs/0002.parquet"
     bare = ("q_des", "qd_des", "qdd_des", "command_ff", "command_fb", "q_true")
     write_log(path, read_log_file(path).without(*bare))
+    commit(tmp_path, "exported", 2, CONFIG, [path])
     text = drawn(tmp_path).text
     assert "no desired position" in text
     assert "no separate feedforward" in text
@@ -319,6 +322,7 @@ def test_a_run_without_feedforward_is_not_said_to_have_one(tmp_path: Path) -> No
     path = tmp_path / "runs/0001.parquet"
     log = read_log_file(path)
     write_log(path, log.put(log.channels["command_ff"], np.zeros_like(log["command"])))
+    commit(tmp_path, "exported", 1, CONFIG, [path])
     assert "run without a feedforward" in drawn(tmp_path).text
 
 

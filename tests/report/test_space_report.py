@@ -138,7 +138,7 @@ def test_the_band_that_is_drawn_is_counted_right(flown: Path, page: Page) -> Non
     assert f"after round {ROUNDS}" in found[0]
     said = found[1]
     campaign = open_campaign(flown)
-    mean, variance = stored_model(campaign, ROUNDS).predict(said.samples.log)
+    mean, variance = stored_model(campaign, ROUNDS).posterior(said.samples.log)
     inside = np.abs(said.samples.command - mean) <= Z95 * np.sqrt(variance)
     assert f"here it holds {number(100.0 * float(inside[said.samples.moving].mean()))} %" in page.text
     for name in record.outputs:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,16 +13,17 @@ import numpy as np
 from etude.campaign.controls import require_learned, require_same, required
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.history import seen_by_the_rule
-from etude.campaign.journal import require_intact
+from etude.campaign.journal import Event, recorded, require_intact
 from etude.campaign.kept import Kept, kept_then
-from etude.campaign.proposals import FULL, speed_folder, stored_trajectory
+from etude.campaign.proposals import FULL, proposal_advice, speed_folder, stored_trajectory
 from etude.campaign.propose import proposed
 from etude.campaign.state import State
 from etude.campaign.stopping import judge
 from etude.campaign.stored import is_learned, newest_model
+from etude.campaign.stored_files import name_of, require_description, settle, stored_bytes
 from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
-from etude.deploy.trajectory_files import TrajectoryFiles, at_speed, render
+from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
 from etude.storage import write_atomic
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from etude.campaign.ways import Approached
     from etude.limits.certificate import Certificate
 
+Beside = Callable[[TrajectoryFiles], Mapping[Path, bytes]]
 ASK_STREAM = 1
 """Separates the random numbers of `ask` from those of training and testing."""
 
@@ -50,6 +52,7 @@ class Proposal:
         status: how it was found.
         exported: the same motion in the formats that were asked for.
         way: from where the robot stands to its start, and back, if that was asked for.
+        renewed: sentences, which of its files were written anew, and why.
     """
 
     number: int
@@ -60,6 +63,7 @@ class Proposal:
     status: str
     exported: tuple[Exported, ...] = ()
     way: Approached | None = None
+    renewed: tuple[str, ...] = ()
 
 
 def ask(
@@ -103,6 +107,7 @@ def ask(
     _require(formats)
     under = required(control, effort)
     with campaign.writing():
+        require_description(campaign)
         _learn(campaign, learner, say)
         state = campaign.state()
         if state.proposals and not new:
@@ -237,37 +242,48 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 
 
 def present(
-    campaign: Campaign, number: int, kept: Kept, made: tuple[TrajectoryFiles, str] | None, speed: int
+    campaign: Campaign,
+    number: int,
+    kept: Kept,
+    made: tuple[TrajectoryFiles, str] | None,
+    speed: int,
+    beside: Beside = lambda _: {},
 ) -> Proposal:
     """An asked trajectory as it lies in its folder, held against the journal; slowed if that is wanted.
 
-    made: its files and status, if it is new.
+    It is proved here from the bytes in the folder, under what robot.toml and campaign.toml say now; tables
+    and certificates that are not of these are written anew.
+
+    made: its files and status, if it is new. beside: more files that go with it, as they are to be.
     """
-    exported = _check_files(campaign, number, speed)
     folder = speed_folder(campaign, number, speed)
-    if made is None or speed != FULL:
+    advice = proposal_advice(campaign, number)
+    renewed: tuple[str, ...] = ()
+    if made is not None and speed == FULL:
+        files = made[0]
+    else:
+        _check(campaign, number, [name_of(campaign, campaign.proposal(number) / COEFFICIENTS)], advice)
         full = stored_trajectory(campaign, number)
         motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
             files = _again(campaign, motion, kept)
         else:
             files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
-    else:
-        files = made[0]
-    if speed != FULL and not exported:
-        campaign.commit("exported", number, files.write(folder), speed=speed)
+        if speed == FULL:  # what waits for its log stays what it is, to the byte
+            own = stored_bytes(campaign, folder / COEFFICIENTS, advice)
+            files = replace(files, coefficients=own)
+        contents = {**files.contents(folder), **(beside(files) if speed == FULL else {})}
+        asked = next(e for e in campaign.events() if (e.event, e.number) == ("asked", number))
+        settled = {name_of(campaign, path) for path in contents}
+        _check(campaign, number, [name for name in asked.files if name not in settled], advice)
+        renewed = settle(campaign, number, contents, advice, speed=speed)
     status = "asked for before, still open" if made is None else made[1]
-    return Proposal(number, folder, files.certificate, files.trajectory.duration, made is not None, status)
+    certificate, duration = files.certificate, files.trajectory.duration
+    return Proposal(number, folder, certificate, duration, made is not None, status, renewed=renewed)
 
 
-def _check_files(campaign: Campaign, number: int, speed: int) -> bool:
-    """Holds the proposal's files, which a robot may run, against the journal; whether this speed is in it."""
-    own = [event for event in campaign.events() if event.number == number]
-    asked = [event for event in own if event.event == "asked"]
-    exported = [e for e in own if e.event == "exported" and e.facts.get("speed") == speed]
-    advice = (
-        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
-        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
-    )
-    require_intact(campaign.path, asked + exported, advice)
-    return bool(exported)
+def _check(campaign: Campaign, number: int, names: Sequence[str], advice: str) -> None:
+    """UsageError: a file that was asked for is missing, or is not what was committed."""
+    last = recorded(campaign.events())
+    own = {name: last[name] for name in names if name in last}
+    require_intact(campaign.path, [Event("asked", "", number, "", own)], advice)

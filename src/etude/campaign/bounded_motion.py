@@ -6,7 +6,6 @@ from pathlib import Path
 
 from etude.campaign.controls import LEARNED
 from etude.campaign.folder import Campaign
-from etude.campaign.journal import require_intact
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tracking import kept_now, kept_under
 from etude.contracts import Trajectory
@@ -45,10 +44,6 @@ def _proposed(campaign: Campaign) -> Bounded:
             "nothing was proposed yet", where=str(campaign.path), next_step="--set motion=trajectory.json"
         )
     newest = asked[-1]
-    events = [e for e in campaign.events() if e.number == newest.number and e.event == "asked"]
-    require_intact(
-        campaign.path, events, "Restore the file from a copy, or name a motion: --set motion=FILE."
-    )
     motion = stored_trajectory(campaign, newest.number)
     kept = kept_under(campaign, newest.number, LEARNED)
     return Bounded(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)

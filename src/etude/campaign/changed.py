@@ -60,7 +60,8 @@ def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     try:
         model = stored_model(campaign, trained[-1].number)
         return _finding(model, samples, duration(log))
-    except (KeyError, DataError):  # an input that this log lacks; of a damaged model learning speaks
+    # an input that this log lacks; of a damaged model learning speaks
+    except (KeyError, DataError, UsageError):
         return None
 
 

@@ -9,6 +9,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,17 +19,18 @@ from etude.campaign.controls import FEEDBACK, LEARNED
 from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speeds
-from etude.campaign.in_use import model_in_use
+from etude.campaign.in_use import model_in_use, model_of_sha256
 from etude.campaign.kept import Kept, kept_then
 from etude.campaign.learn import learn_pending
 from etude.campaign.motions import typical_motions
 from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
+from etude.campaign.stored_files import require_description
 from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
 from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
-from etude.errors import UnsafeTrajectoryError
+from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
@@ -64,6 +66,7 @@ def ask_to_confirm(
     """
     require_formats(formats)
     with campaign.writing():
+        require_description(campaign)
         learn_pending(campaign, say=say)
         return _asked(campaign, new, formats, effort, say)
 
@@ -77,10 +80,26 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     else:
         number, kept = state.next_number, kept_now(campaign, state, FEEDBACK, LEARNED)
         made = _propose(campaign, state, number, kept, say)
-    found = present(campaign, number, kept, made, FULL)
+    found = present(campaign, number, kept, made, FULL, lambda files: _fed(campaign, number, files))
     motion = stored_trajectory(campaign, number)
     written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
     return replace(found, exported=tuple(written))
+
+
+def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
+    """The table with the commands of the model that the motion was asked for with.
+
+    UsageError: that model is gone since.
+    """
+    place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked or {}
+    model = model_of_sha256(campaign, str(asked.get("model_sha256")))
+    if model is None:
+        raise UsageError(
+            f"the model whose commands are in {FEEDFORWARD} is not in use any more",
+            where=str(place),
+            next_step=f"Ask for another motion: etude ask {campaign.path} --confirm --new.",
+        )
+    return {place: feedforward_bytes(campaign, files, model)}
 
 
 def _propose(

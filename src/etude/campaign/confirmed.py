@@ -16,6 +16,7 @@ from etude.campaign.foretold import LEFT_OVER, TRAINED, Without, errors, moving,
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
+from etude.campaign.stored_files import RESTORE, stored_bytes
 from etude.campaign.told import How, Told, aligned_with, read
 from etude.contracts import Array, Log, Trajectory
 from etude.deploy.trajectory_files import read_table
@@ -129,12 +130,21 @@ class Sent:
         trained = (campaign.round(number).asked or {}).get(TRAINED)
         if trained is None:
             return None
-        rows = read_table((campaign.proposal(number) / FEEDFORWARD).read_bytes())[1]
+        rows = read_table(_fed(campaign, number))[1]
         return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
 
     def at(self, t: Array) -> Array:
         """(T, k) commands."""
         return np.stack([np.interp(t, self.t, own) for own in self.command.T], axis=1)
+
+
+def _fed(campaign: Campaign, number: int) -> bytes:
+    """The table that was sent. UsageError: it is missing or was changed."""
+    path = campaign.proposal(number) / FEEDFORWARD
+    try:
+        return stored_bytes(campaign, path)
+    except FileNotFoundError as error:
+        raise UsageError(str(error), where=str(campaign.path), next_step=RESTORE) from None
 
 
 def _shown(values: Array, units: Sequence[str]) -> list[float | None]:

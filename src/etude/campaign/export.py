@@ -10,13 +10,12 @@ from etude import plugins
 from etude.campaign.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.folder import Campaign
 from etude.campaign.in_use import model_in_use
-from etude.campaign.journal import Event, require_intact
+from etude.campaign.stored_files import settle
 from etude.campaign.tracking import kept_under
 from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, commanded, require_forces
 from etude.deploy.played import certify_played
 from etude.limits.certificate import Certificate
-from etude.storage import write_atomic
 
 GROUP = "etude.exporters"
 CERTIFICATE = "certificate.json"
@@ -30,11 +29,13 @@ class Exported:
         format: its name among `etude.exporters`.
         files: their paths.
         certificate: of what the receiver plays of these bytes.
+        renewed: a sentence, if they were written anew.
     """
 
     format: str
     files: tuple[Path, ...]
     certificate: Certificate
+    renewed: tuple[str, ...] = ()
 
 
 def require_formats(names: Sequence[str]) -> None:
@@ -46,7 +47,8 @@ def require_formats(names: Sequence[str]) -> None:
 def export(
     campaign: Campaign, number: int, trajectory: Trajectory, folder: Path, name: str, *, effort: bool = False
 ) -> Exported:
-    """Writes `folder`/`name`/... once and commits it; afterwards holds the files against the journal.
+    """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
+    and written anew where it is another by now.
 
     The caller holds the writer's lock.
 
@@ -70,28 +72,13 @@ def export(
     certificate = certify_played(exporter, files, limits, trajectory, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: certificate.to_json().encode()}
-    paths = [place / file for file in contents]
-    earlier = _committed(campaign, number, paths[-1])
-    if earlier:
-        advice = "Do not run it. Restore the file from a copy, or delete the folder's files and ask again."
-        require_intact(campaign.path, earlier, advice)
-    else:
-        for path, data in zip(paths, contents.values(), strict=True):
-            write_atomic(path, data)
-        facts = {} if kept.controls == own else kept.as_facts()
-        campaign.commit("exported", number, paths, format=name, effort=effort, **facts)
-    return Exported(name, tuple(paths), certificate)
+    facts = {} if kept.controls == own else kept.as_facts()
+    written = {place / file: data for file, data in contents.items()}
+    renewed = settle(campaign, number, written, format=name, effort=effort, **facts)
+    return Exported(name, tuple(written), certificate, renewed)
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     unit = getattr(campaign.spec, "command_unit", "")
     require_forces(unit, campaign.spec.name, "Export without --effort.")
     return commanded(trajectory, model_in_use(campaign).model)
-
-
-def _committed(campaign: Campaign, number: int, path: Path) -> list[Event]:
-    """The last export of that file, unless somebody deleted all of it."""
-    name = path.relative_to(campaign.path).as_posix()
-    found = [e for e in campaign.events() if e.number == number and e.event == "exported" and name in e.files]
-    there = found and any((campaign.path / file).exists() for file in found[-1].files)
-    return found[-1:] if there else []

@@ -15,8 +15,9 @@ from etude.campaign.journal import Event, commit, read_events
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
+from etude.generation import GENERATION
 from etude.shown import Picture, picture_of
-from etude.storage import writer_lock
+from etude.storage import sha256_of, writer_lock
 
 if TYPE_CHECKING:
     from etude.models.model import LearnedModel
@@ -35,7 +36,7 @@ class Campaign:
     Attributes:
         path: the folder.
         config: campaign.toml.
-        config_sha256: of campaign.toml's bytes.
+        config_sha256: of campaign.toml's bytes. robot_sha256: of robot.toml's.
         kind: of the robot.
         spec: robot.toml, as the kind describes its robots.
         notes: what a reader of campaign.toml should know: a sentence for each key that was renamed.
@@ -47,6 +48,7 @@ class Campaign:
     kind: Kind
     spec: Any
     notes: tuple[str, ...] = ()
+    robot_sha256: str = ""
 
     def __repr__(self) -> str:
         state = self.state()
@@ -117,8 +119,12 @@ class Campaign:
         return replay(self.events())
 
     def commit(self, event: str, number: int | None, files: list[Path], **facts: Any) -> None:
-        """Appends a fact to the journal; its files are on the disk already. The caller holds the lock."""
-        commit(self.path, event, number, self.config_sha256, files, **facts)
+        """Appends a fact to the journal, with the robot and the generation that it is of.
+
+        Its files are on the disk already. The caller holds the lock.
+        """
+        own = {"robot_sha256": self.robot_sha256, "generation": GENERATION}
+        commit(self.path, event, number, self.config_sha256, files, **facts, **own)
 
     @contextlib.contextmanager
     def writing(self, wait_s: float | None = None) -> Iterator[None]:
@@ -155,7 +161,8 @@ def open_campaign(path: Path) -> Campaign:
             where=str(path / CONFIG),
             next_step="Run etude init again.",
         )
-    return Campaign(path, found.config, found.sha256, found.kind, _spec(path, found.kind), found.notes)
+    spec = _spec(path, found.kind)
+    return Campaign(path, found.config, found.sha256, found.kind, spec, found.notes, sha256_of(path / ROBOT))
 
 
 def _spec(path: Path, kind: Kind) -> Any:

@@ -62,7 +62,7 @@ def left_over(model: LearnedModel, trajectory: Trajectory, trained: Array) -> li
     included: what no input explains is left to the feedback too.
     """
     t = instants(trajectory)
-    mean, variance = model.predict(model.inputs.states(trajectory.motion(t, model.inputs.orders)))
+    mean, variance = model.posterior(model.inputs.states(trajectory.motion(t, model.inputs.orders)))
     left = HALF_NORMAL * np.sqrt(variance)
     use = moving(trajectory, t, trained)
     needed = np.hypot(mean, left)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.campaign.folder import Campaign
+from etude.campaign.stored import stored_log
 from etude.contracts import Samples
-from etude.logs.log_file import read_log_file
 
 
 def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
@@ -17,7 +17,7 @@ def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
     A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
     is predicted.
     """
-    logs = [read_log_file(campaign.run_file(number)) for number in numbers]
+    logs = [stored_log(campaign, number) for number in numbers]
     groups = []
     for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
         place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1

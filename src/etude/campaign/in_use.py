@@ -10,6 +10,7 @@ from typing import Any
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.campaign.stored import MODEL, newest_model
+from etude.campaign.stored_files import require_description
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model
@@ -45,6 +46,7 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
         UsageError: nothing was learned yet, or the model's file is missing or was changed.
         DataError: the file cannot be read.
     """
+    require_description(campaign)
     state = campaign.state() if state is None else state
     if not state.promoted:
         model, number = newest_model(campaign, state), state.trained[-1].number
@@ -56,6 +58,16 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
     said = f"The promoted model is used, of log {facts['number']} ({facts['sha256'][:12]})."
     model, path = promoted_model(campaign, facts), pinned(campaign, facts["sha256"])
     return InUse(model, facts["number"], path, facts["sha256"], True, said)
+
+
+def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
+    """The stored model whose file has that hash, promoted or not; None if there is none any more."""
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    places = [pinned(campaign, digest), *sorted(campaign.path.glob(f"models/*/{MODEL}"))]
+    for path in places:
+        if path.is_file() and sha256_of(path) == digest:
+            return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+    return None
 
 
 def promoted_model(campaign: Campaign, facts: Mapping[str, Any]) -> LearnedModel:

@@ -18,6 +18,10 @@ from etude.errors import UsageError
 from etude.storage import append_line, read_lines, sha256_of
 
 JOURNAL = "journal.jsonl"
+NEWER = frozenset(
+    ("kind", "generation", "robot_sha256", "rungs", "controls", "margins", "segments", "recipe", "together")
+)
+"""Facts that version 0.1 never wrote: a line without hashes that has one had them once."""
 EVENTS = (
     "created",
     "asked",
@@ -91,11 +95,15 @@ def commit(
     return fact
 
 
+def recorded(events: Iterable[Event]) -> dict[str, str]:
+    """SHA-256 of each committed file, by its name, as it was committed last."""
+    return {name: digest for event in events for name, digest in event.files.items()}
+
+
 def damaged_files(folder: Path, events: list[Event]) -> list[str]:
     """One sentence for each committed file that is missing or no longer has its recorded hash."""
-    last = {name: digest for event in events for name, digest in event.files.items()}
     problems = []
-    for name, digest in sorted(last.items()):
+    for name, digest in sorted(recorded(events).items()):
         try:
             if sha256_of(folder / name) != digest:
                 problems.append(f"{name} was changed after it was committed")
@@ -130,6 +138,12 @@ def _parse(line: str, where: str) -> Event:
             where=where,
             next_step="The journal is written by etude alone; put the line back as it was.",
         ) from None
+    if NEWER & fields.keys() and not is_chained(line):
+        raise UsageError(
+            "the hashes of this line of the journal were taken out",
+            where=where,
+            next_step="The journal is written by etude alone; put it back as it was, from a copy.",
+        )
     if known["event"] not in EVENTS:
         raise UsageError(f"unknown event {known['event']!r}", where=where, next_step="Use the newer etude.")
     return Event(**known, facts={name: fields[name] for name in fields if name not in (PREVIOUS, SEAL)})

@@ -14,7 +14,7 @@ import numpy as np
 from etude.campaign.controls import CONTROLS, asked_under, in_words
 from etude.campaign.folder import Campaign
 from etude.campaign.proposals import FULL, stored_trajectory
-from etude.campaign.stored import stored_model
+from etude.campaign.stored import require_stored, stored_model
 from etude.contracts import Array, Limit, Margins, Model, Trajectory
 from etude.errors import DataError, UsageError
 from etude.limits.believed import after_run
@@ -55,9 +55,10 @@ class Kept:
         return in_words(self.controls)
 
     def model(self, campaign: Campaign) -> Model | None:
-        """The model of `number`; None before any log, or where it is gone since."""
+        """The model of `number`; None before any log, or where it is gone. UsageError: it was changed."""
         if self.number is not None and self.number not in self._models:
             self._models[self.number] = None
+            require_stored(campaign, self.number)
             with contextlib.suppress(UsageError, DataError):
                 self._models[self.number] = stored_model(campaign, self.number)
         return None if self.number is None else self._models[self.number]

@@ -14,10 +14,19 @@ from etude.campaign.forecast import forecast
 from etude.campaign.groups import known_groups, told_samples
 from etude.campaign.journal import jsonable
 from etude.campaign.state import Round, State
-from etude.campaign.stored import LEFT_OUT, LINEAR, MIXED, MODEL, check_model, is_stored, label, stored_model
+from etude.campaign.stored import (
+    LEFT_OUT,
+    LINEAR,
+    MIXED,
+    MODEL,
+    check_model,
+    is_stored,
+    label,
+    stored_log,
+    stored_model,
+)
 from etude.contracts import Inputs, Samples
 from etude.errors import DataError, NumericalError
-from etude.logs.log_file import read_log_file
 from etude.models.held_out import held_out_blocks, split_blocks
 from etude.models.ladder import Ladder, prequential, train_ladder
 from etude.models.lagrangian.compilation import first_use
@@ -162,7 +171,7 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
-            found[MIXED] = score(new, *before.predict(new.log), samples.take(~newest))
+            found[MIXED] = score(new, *before.posterior(new.log), samples.take(~newest))
     if not newest.all():  # fitted to the earlier logs alone
         mean = LinearPhysics(inputs)(samples.take(~newest))
         found[LINEAR] = score(new, mean.predict(new.log))
@@ -171,7 +180,7 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known
 
 def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str]:
     """What the recipe found and did, beside the repairs of each log: the lag of motors, for example."""
-    told = {sentence for n in logs for sentence in read_log_file(campaign.run_file(n)).repairs}
+    told = {sentence for n in logs for sentence in stored_log(campaign, n).repairs}
     return [sentence for sentence in samples.log.repairs if sentence not in told]
 
 
@@ -207,7 +216,7 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator) -> dic
     ladder = train_ladder(train, inputs, kind.physics(spec, config), kind.limit(spec), config.model, rng)
     scores = prequential(ladder.model, test)
     if label(ladder.chosen) == MIXED:
-        scores[MIXED] = score(test, *ladder.model.predict(test.log))
+        scores[MIXED] = score(test, *ladder.model.posterior(test.log))
     nmse = {rung: jsonable(found.nmse) for rung, found in scores.items() if rung != LINEAR}
     linear = LinearPhysics(ladder.model.inputs)(train).predict(test.log)
     beside = score(test, linear)

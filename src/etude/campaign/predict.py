@@ -18,13 +18,10 @@ from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
 from etude.models.given import followed
 from etude.models.model import LearnedModel
-from etude.models.trust import outside
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
 
 COMMAND, DEVIATION, OUTSIDE = "command", "deviation", "outside"
-MOST_NAMED = 3
-"""Inputs that are named where a motion leaves what was learned."""
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
 """Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
 
@@ -36,8 +33,9 @@ def predict(
     degrees: bool = False,
     say: Say = lambda _: None,
 ) -> Log:
-    """Commands along a motion: channels "command" and "deviation", each (T, J), and "outside" (T, 1): 1 where
-    a state is outside the data that the model was trained on, so that it extrapolates; `repairs` counts them.
+    """Commands along a motion: channels "command", "deviation" and "outside", each (T, J); the latter is 1
+    where the row lies outside of what that command was learned from (`LearnedModel.outside`), and `repairs`
+    says how often.
 
     The deviation is that of one sample as the model learns it, noise included: of commands that were filtered
     or averaged to the model's rate. Single rows of a faster log scatter more.
@@ -156,26 +154,23 @@ def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
 
 def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:
     """What the model says, with the robot's own channel of commands, so that their unit is known."""
-    inputs = model.inputs
-    found, beyond = model.commanded(states), outside(inputs.of_log(states), inputs.columns, model.ranges)
+    found = model.commanded(states)
     aside = replace(campaign.command, name=DEVIATION, role="aside")
-    found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside})
-    marked = np.where(beyond.any(axis=1), 1.0, 0.0)[:, None]
-    found = found.put(Channel(OUTSIDE, ("data",), ("1",), "aside"), marked)
-    return found.repaired(*_beyond(model, beyond))
+    beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
+    found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
+    return found.repaired(*_beyond(model, found[OUTSIDE] > 0.0))
 
 
 def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
-    """A sentence, if the motion leaves what was learned; inputs by how often, the first of them named."""
-    rows, counts = int(beyond.any(axis=1).sum()), beyond.sum(axis=0)
-    if not rows:
+    """A sentence with the share of rows of each command that lie outside, if some do."""
+    shares = 100.0 * beyond.mean(axis=0)
+    if not beyond.any():
         return []
-    names = [f"{channel} of {part}" for channel, part, _, op in model.inputs.columns if not op]
-    most = [names[i] for i in np.argsort(-counts, kind="stable")[:MOST_NAMED] if counts[i]]
-    others = int((counts > 0).sum()) - len(most)
-    more = f" and {others} more" if others else ""
-    share = f"{rows} of {len(beyond)} rows ({100 * rows / len(beyond):.0f} %)"
-    return [f"{share} lie outside what was learned ({', '.join(most)}{more}): there the model extrapolates."]
+    own = [f"{name} {share:.2g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0]
+    return [
+        f"Outside of what was learned, of all rows: {', '.join(own)}. There the deviation is more than twice "
+        "that of training, and where nothing is known the command is physics alone, or zero without."
+    ]
 
 
 def check_table(path: Path) -> None:
@@ -207,10 +202,9 @@ def write_table(path: Path, found: Log) -> None:
 
 def _columns(found: Log) -> dict[str, Array]:
     columns = {"time": found.t}
-    for name in (COMMAND, DEVIATION):
+    for name in (COMMAND, DEVIATION, OUTSIDE):
         channel: Channel = found.channels[name]
         columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
-    columns |= {OUTSIDE: found[OUTSIDE][:, 0]}
     if not np.isfinite(np.column_stack([*columns.values()])).all():
         raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
     return columns

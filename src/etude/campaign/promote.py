@@ -179,7 +179,7 @@ def _with_model_in_use(campaign: Campaign, state: State, left_out: LeftOut) -> C
 
 def _errors(model: LearnedModel, samples: Samples) -> Array:
     try:
-        return np.asarray(samples.command - model.predict(samples.log)[0])
+        return np.asarray(samples.command - model.posterior(samples.log)[0])
     except KeyError as error:
         raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from etude.campaign.folder import Campaign
+from etude.campaign.stored_files import stored_bytes
 from etude.contracts import Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
-from etude.storage import unreadable
 from etude.trajectories.json_text import from_json
 
 FULL = 100
@@ -19,17 +19,21 @@ def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Tra
     """The trajectory of a proposal, or its slowed copy, from its file.
 
     Raises:
-        UsageError: there is no such file, or it is damaged.
+        UsageError: there is no such file, the journal does not know it, or it was changed.
     """
     path = speed_folder(campaign, number, speed) / COEFFICIENTS
     try:
-        return from_json(path.read_bytes())
+        return from_json(stored_bytes(campaign, path, proposal_advice(campaign, number)))
     except FileNotFoundError:
         raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
-    except OSError as error:
-        raise unreadable(path, error) from error
-    except UsageError as error:
-        raise UsageError(error.fact, where=str(path), next_step="Restore the file from a copy.") from None
+
+
+def proposal_advice(campaign: Campaign, number: int) -> str:
+    """What to do where a file of a proposal is not what was committed."""
+    return (
+        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
+        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
+    )
 
 
 def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:

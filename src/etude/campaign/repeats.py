@@ -8,10 +8,10 @@ import numpy as np
 
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
+from etude.campaign.stored import stored_log
 from etude.contracts import Array, Finding, Log
 from etude.deploy.trajectory_files import PLANNED
 from etude.errors import EtudeError
-from etude.logs.log_file import read_log_file
 from etude.logs.steps import median_rate
 
 CHECK = "repeats"
@@ -44,7 +44,7 @@ def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[i
 def _stored_states(campaign: Campaign, number: int) -> Array | None:
     """Of a log that was told; None if its file is damaged, which training will say."""
     try:
-        return planned_states(campaign, read_log_file(campaign.run_file(number)))
+        return planned_states(campaign, stored_log(campaign, number))
     except EtudeError:
         return None
 

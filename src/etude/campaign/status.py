@@ -12,6 +12,7 @@ from etude.campaign.journal import damaged_files
 from etude.campaign.news import bad_news
 from etude.campaign.state import Round, State
 from etude.campaign.stopping import judge
+from etude.campaign.stored_files import proved_otherwise
 
 
 def status(campaign: Campaign) -> dict[str, Any]:
@@ -22,7 +23,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
     learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
     choice (by which part the design of the newest proposal left less variance than the median random motion),
     held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
-    confirmed (tracking errors of the motions that confirm), verdict, problems.
+    confirmed (tracking errors of the motions that confirm), proved_otherwise (open proposals that were proved
+    before robot.toml or campaign.toml changed), verdict, problems.
     """
     events = campaign.events()
     state = campaign.state()
@@ -60,6 +62,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
             "reason": verdict.reason,
             "usable": verdict.usable,
         },
+        "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
         "problems": damaged_files(campaign.path, events),
     }
 

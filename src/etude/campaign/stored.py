@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.journal import require_intact
+from etude.campaign.journal import recorded, require_intact
 from etude.campaign.state import Round, State
+from etude.campaign.stored_files import name_of, require_runs
+from etude.contracts import Log
 from etude.errors import UsageError
+from etude.logs.log_file import read_log_file
 from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model
 from etude.storage import sha256_of
@@ -51,17 +54,47 @@ def check_model(campaign: Campaign, state: State) -> None:
         return
     number = state.trained[-1].number
     trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
-    advice = (
+    require_intact(campaign.path, trained[-1:], _advice(campaign, number))
+
+
+def _advice(campaign: Campaign, number: int) -> str:
+    return (
         f"Restore it from a copy, or learn anew: etude abandon {campaign.path} {number}, "
         "then tell its log again."
     )
-    require_intact(campaign.path, trained[-1:], advice)
+
+
+def require_stored(campaign: Campaign, number: int) -> str:
+    """SHA-256 of the model that round `number` left, "" if it is missing. UsageError: it was changed."""
+    path = campaign.model_folder(number) / MODEL
+    if not path.is_file():
+        return ""
+    digest = sha256_of(path)
+    if recorded(campaign.events()).get(name_of(campaign, path)) != digest:
+        raise UsageError(
+            f"{name_of(campaign, path)} was changed after it was committed",
+            where=str(campaign.path),
+            next_step=_advice(campaign, number),
+        )
+    return digest
+
+
+def stored_log(campaign: Campaign, number: int) -> Log:
+    """The log that was told of that number, as it was stored. UsageError: its file is missing or was changed.
+
+    DataError: it cannot be read.
+    """
+    require_runs(campaign, [number])
+    return read_log_file(campaign.run_file(number))
 
 
 def stored_model(campaign: Campaign, number: int) -> LearnedModel:
-    """The model that round `number` left, read once while its file stays. DataError: missing or damaged."""
+    """The model that round `number` left, read once while its file stays.
+
+    DataError: missing or damaged. UsageError: it is not the one that was committed.
+    """
     kind, spec, config, path = campaign.kind, campaign.spec, campaign.config, campaign.model_folder(number)
-    digest = sha256_of(path / MODEL) if (path / MODEL).is_file() else ""
+    digest = require_stored(campaign, number)
     if digest not in campaign.models:
         campaign.models.clear()  # only the last one read: models are large
         inputs = kind.inputs(spec, config)

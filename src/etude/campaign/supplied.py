@@ -8,8 +8,9 @@ from typing import Any
 from etude.campaign.bounded_motion import bounded_motion
 from etude.campaign.folder import ROBOT, Campaign
 from etude.campaign.groups import told_samples
+from etude.campaign.stored import stored_log
+from etude.campaign.stored_files import require_description
 from etude.contracts import Log, Samples
-from etude.logs.log_file import read_log_file
 from etude.progress import counted
 
 
@@ -31,7 +32,7 @@ def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any])
 
 def told_logs(campaign: Campaign) -> list[Log]:
     """The logs that the newest model was learned from."""
-    return [read_log_file(campaign.run_file(number)) for number in counted(_numbers(campaign))]
+    return [stored_log(campaign, number) for number in counted(_numbers(campaign))]
 
 
 def all_samples(campaign: Campaign) -> Samples:
@@ -40,7 +41,11 @@ def all_samples(campaign: Campaign) -> Samples:
 
 
 def description(campaign: Campaign) -> Mapping[str, bytes]:
-    """Files of the robot's description by name, as the campaign was made with them."""
+    """Files of the robot's description by name, as the campaign was made with them; robot.toml as it is now.
+
+    UsageError: another one of them was changed.
+    """
+    require_description(campaign)
     created = next(event for event in campaign.events() if event.event == "created")
     return {name: (campaign.path / name).read_bytes() for name in sorted({ROBOT, *created.files})}
 

@@ -23,6 +23,7 @@ from etude.campaign.questions import Asked, Given, answers_of
 from etude.campaign.rehearsed import mixed
 from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
+from etude.campaign.stored_files import is_committed, require_description
 from etude.campaign.told import How, Told, aligned_with, read
 from etude.campaign.tracking import errors_told
 from etude.contracts import Log
@@ -90,6 +91,7 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
     digest = sha256_of_log(path)
     state = campaign.state()
+    require_description(campaign)
     if how.get("confirm"):
         return take_run(campaign, state, path, digest, number, how)
     known = state.round_of_log(digest)
@@ -139,7 +141,7 @@ def _identify(
     refused: DataError | None = None
     for candidate in candidates:
         for speed in SPEEDS[::-1]:
-            if not (speed_folder(campaign, candidate, speed) / COEFFICIENTS).exists():
+            if not is_committed(campaign, speed_folder(campaign, candidate, speed) / COEFFICIENTS):
                 continue
             try:
                 trajectory = stored_trajectory(campaign, candidate, speed)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.campaign.journal import require_intact
 from etude.campaign.kept import Kept
 from etude.campaign.motions import ways_of
+from etude.campaign.stored_files import settle
 from etude.contracts import Array, Trajectory
 from etude.deploy.trajectory_files import column_names, render
 from etude.design.ways import require_inside, there_and_back
@@ -36,18 +36,22 @@ class Approached:
         files: approach.json, approach.csv, ...; trajectory.json is approach, motion and return in one.
         certificates: by stem: "approach", "return", and "trajectory" where there is one.
         whole: approach, motion and return; None of a motion that is not at rest at its ends.
+        renewed: a sentence, if they were written anew.
     """
 
     folder: Path
     files: tuple[Path, ...]
     certificates: dict[str, Certificate]
     whole: Trajectory | None
+    renewed: tuple[str, ...] = ()
 
 
 def approached(
     campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, kept: Kept
 ) -> Approached:
-    """Writes the way from `start` to the motion and back, once; the caller holds the writer's lock.
+    """Writes the way from `start` to the motion and back, and anew where it is another by now.
+
+    The caller holds the writer's lock.
 
     Args:
         campaign: the folder. number: of the proposal. motion: what is run. folder: where its files are.
@@ -77,15 +81,9 @@ def approached(
     }
     place = folder / f"from_{_label(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}
-    paths = [place / name for files in made.values() for name in files.names]
-    key = [p.relative_to(campaign.path).as_posix() for p in paths]
-    earlier = [e for e in campaign.events() if e.event == "exported" and key[0] in e.files]
-    if earlier:
-        require_intact(campaign.path, earlier[-1:], "Do not run it. Restore the file from a copy.")
-    else:
-        paths = [path for files in made.values() for path in files.write(place)]
-        campaign.commit("exported", number, paths, start=pose.tolist())
-    return Approached(place, tuple(paths), certificates, found.whole)
+    contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
+    renewed = settle(campaign, number, contents, start=pose.tolist())
+    return Approached(place, tuple(contents), certificates, found.whole, renewed)
 
 
 def poses_of(campaign: Campaign) -> dict[str, Array]:

@@ -68,6 +68,7 @@ class Ask(Common):
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
+            *_renewed(found),
             *(f"! {sentence}" for sentence in found.certificate.warnings),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
@@ -94,6 +95,7 @@ class Ask(Common):
             "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
             "margins": _spared(found.certificate.seen),
             "way": [] if found.way is None else [str(path) for path in found.way.files],
+            "renewed": _renewed(found),
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": unseen,
             "warnings": list(found.certificate.warnings),
@@ -133,6 +135,12 @@ def _then(folder: Path, confirm: bool) -> list[str]:
         f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
         f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
     ]
+
+
+def _renewed(found: Proposal) -> list[str]:
+    """Which files were written anew, and why."""
+    own = [*found.renewed, *(() if found.way is None else found.way.renewed)]
+    return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
 
 
 def _unseen(found: Proposal) -> list[str]:

@@ -26,9 +26,10 @@ class Export(Common):
     """c, onnx: type of its numbers; float is refused where it would be wrong."""
     variance: bool = False
     """c, onnx: with the variance of each command beside the mean."""
-    fade: bool = False
-    """c, ros2: with a command that fades to physics, or zero, where the model knows little; takes
-    variances."""
+    fade: bool = True
+    """c, ros2, onnx: commands fade to physics, or zero, where the model knows no more than before any data,
+    as `etude predict` does; this takes variances. --no-fade: the mean given the data everywhere.
+    """
     single: bool = False
     """In C: the best candidate of each command alone where several are averaged."""
     rate: float | None = None
@@ -47,12 +48,13 @@ class Export(Common):
         options = given(
             real=self.real,
             variance=self.variance,
-            fade=self.fade,
             single=self.single,
             rate=self.rate,
             name=self.name,
             more=self.more,
         )
+        if not self.fade:
+            options["fade"] = False
         found = export(campaign, self.to, self.output, **options)
         lines = [*found.said, "Written:", *(f"  {found.folder / name}" for name in found.files)]
         data = {"target": found.target, "folder": str(found.folder), "files": list(found.files)}

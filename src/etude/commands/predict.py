@@ -14,9 +14,11 @@ from etude.commands.outcome import Outcome, Say
 
 @dataclass(frozen=True, kw_only=True)
 class Predict(Common):
-    """Write the commands that the model expects along a motion, each with its deviation, and which rows lie
-    outside what it learned. The deviation is that of one sample as the model learns it, its noise included:
-    logs are filtered or averaged to the model's rate. Single rows of a faster log scatter more.
+    """Write the commands that the model expects along a motion, each with its deviation, and where it is
+    outside of what that command was learned from: its deviation is more than twice that of training. Commands
+    fade to physics, or to zero, where nothing is known, as in every export. The deviation is that of one
+    sample as the model learns it, its noise included: logs are filtered or averaged to the model's rate.
+    Single rows of a faster log scatter more.
     """
 
     folder: Folder
@@ -40,6 +42,6 @@ class Predict(Common):
             say(sentence)
         channel = found.channels["command"]
         units = ", ".join(f"{p} [{u or '1'}]" for p, u in zip(channel.parts, channel.units, strict=True))
-        outside = int(found["outside"].sum())
+        outside = dict(zip(channel.parts, found["outside"].mean(axis=0).tolist(), strict=True))
         data = {"output": str(path), "rows": len(found), "outside": outside, "repairs": list(found.repairs)}
         return Outcome(f"{len(found)} commands and deviations of {units}\nWritten: {path}", data)

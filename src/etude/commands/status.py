@@ -56,6 +56,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         verdict = found["verdict"]
         go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
+    lines += [f"Look: {sentence}." for sentence in found["proved_otherwise"]]
     lines += [f"Problem: {problem}." for problem in found["problems"]]
     return lines
 

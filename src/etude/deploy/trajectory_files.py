@@ -62,10 +62,15 @@ class TrajectoryFiles:
     proof: bytes
     names: tuple[str, str, str] = (COEFFICIENTS, TABLE, CERTIFICATE)
 
+    def contents(self, folder: Path) -> dict[Path, bytes]:
+        """The bytes of the three files in that folder, the certificate last."""
+        own = (self.coefficients, self.table, self.proof)
+        return {folder / name: data for name, data in zip(self.names, own, strict=True)}
+
     def write(self, folder: Path) -> list[Path]:
         """Writes the three files, the certificate last; returns their paths."""
-        for name, data in zip(self.names, (self.coefficients, self.table, self.proof), strict=True):
-            write_atomic(folder / name, data)
+        for path, data in self.contents(folder).items():
+            write_atomic(path, data)
         return [folder / name for name in self.names]
 
 

@@ -255,14 +255,14 @@ def by_model(
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
     inputs, cheap = model.inputs, getattr(model, "mean", None)
-    bound = getattr(model, "at_most", model.predict)
+    bound = getattr(model, "at_most", model.posterior)
 
     def mean(motion: Motion) -> Array:
         log = inputs.states(motion)
-        return np.asarray(model.predict(log)[0] if cheap is None else cheap(log))
+        return np.asarray(model.posterior(log)[0] if cheap is None else cheap(log))
 
     def both(motion: Motion) -> tuple[Array, Array]:
-        found, variance = model.predict(inputs.states(motion))
+        found, variance = model.posterior(inputs.states(motion))
         return np.asarray(found), np.asarray(np.sqrt(variance))
 
     def deviation(motion: Motion) -> Array:

@@ -50,6 +50,18 @@ class HasKernel(Protocol):
         ...
 
 
+@runtime_checkable
+class HasInputs(Protocol):
+    """Capability of a `contracts.Process`: where it was conditioned on data, so that it says how well it
+    knows there.
+    """
+
+    @property
+    def conditioned_on(self) -> Array | None:
+        """(k, D) inputs; None where it kept none."""
+        ...
+
+
 class Regressor(Protocol):
     """A Gaussian process with its hyperparameters, before it has seen data."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,48 @@ import numpy as np
 from etude.contracts import Array, Channel, Column, Inputs, Log
 from etude.errors import UsageError
 
+TIMES = ("t", "time")
+"""Names of the instants (n,), s, among arrays by channel and columns of a data frame."""
+BY_THEMSELVES = (
+    "The states carry no times, so each row counted by itself: what friction remembers is left out. "
+    "Give t (n,) in s beside them, or a Log, and the rows are a run."
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """States as a model is asked of them.
+
+    Attributes:
+        log: with what friction remembers of the rows before, where they follow one another.
+        said: sentences about that.
+    """
+
+    log: Log
+    said: tuple[str, ...] = ()
+
+
+def as_run(states: Any, columns: Sequence[Column], inputs: Inputs) -> Run:
+    """States as for `as_log`, each row with what friction remembers of those before (`contracts.Followed`).
+
+    Rows that carry times are a run from rest, in order; without times each counts by itself, which is said
+    where friction remembers. A single row of a Log is as it is: a controller carries what it remembers.
+    """
+    log = as_log(states, columns)
+    if isinstance(states, Log) or _times(states) is not None:
+        return Run(followed(inputs, log) if len(log) > 1 else log)
+    apart = getattr(inputs, "apart", None)
+    alone = log if apart is None else apart(log)
+    return Run(alone, () if alone is log else (BY_THEMSELVES,))
+
 
 def as_log(states: Any, columns: Sequence[Column]) -> Log:
     """The states as a Log with the channels that a model looks at.
 
     Args:
         states: a Log, as it is; a mapping from channel to (n, parts) arrays; or a data frame (polars, pandas)
-            with columns named as in files, q_elbow for part elbow of channel q.
+            with columns named as in files, q_elbow for part elbow of channel q. The latter two may have
+            `TIMES`.
         columns: that it looks at.
 
     Raises:
@@ -39,7 +75,25 @@ def as_log(states: Any, columns: Sequence[Column]) -> Log:
         raise UsageError(
             f"channels have different numbers of rows: {rows}", next_step="Give each one row per instant."
         )
-    return Log(np.arange(max(rows.values(), default=0), dtype=float), wanted, values)
+    count, t = max(rows.values(), default=0), _times(states)
+    if t is not None and (t.shape != (count,) or not np.isfinite(t).all() or bool((np.diff(t) <= 0.0).any())):
+        raise UsageError(
+            f"times of shape {t.shape} are not one for each of {count} rows, in order",
+            next_step="Give t (n,) in s, each later than the one before; or leave it out.",
+        )
+    return Log(np.arange(count, dtype=float) if t is None else t, wanted, values)
+
+
+def _times(states: Any) -> Array | None:
+    """Instants that mappings and data frames carry."""
+    names = states if isinstance(states, Mapping) else getattr(states, "columns", ())
+    name = next((name for name in TIMES if name in names), None)
+    if name is None:
+        return None
+    try:
+        return np.asarray(states[name], dtype=float)
+    except (TypeError, ValueError):
+        raise UsageError(f"{name} holds what is not a number") from None
 
 
 def followed(inputs: Inputs, log: Log) -> Log:

@@ -45,7 +45,7 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     Raises:
         KeyError: the log lacks an input of the model.
     """
-    mean, variance = model.predict(samples.log)
+    mean, variance = model.posterior(samples.log)
     error, deviation = samples.command - mean, np.sqrt(variance)
     use = samples.usable & samples.moving
     z = error / deviation
@@ -97,7 +97,7 @@ def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array]
     second = _rate_of(samples, rate)
     if not second or samples.log[rate].shape != samples.command.shape:
         return None
-    return model.static(samples.log), samples.log[rate], samples.log[second]
+    return model.static(samples.log, fade=False), samples.log[rate], samples.log[second]
 
 
 def _rate_of(samples: Samples, name: str) -> str:

@@ -113,7 +113,7 @@ def prequential(model: LearnedModel, new: Samples, trained: Samples | None = Non
         trained: what it had seen, for the log loss.
     """
     complete = [rung for rung in model.rungs if _covers(model, rung)]
-    return {rung: score(new, *model.of_rung(rung).predict(new.log), trained) for rung in complete}
+    return {rung: score(new, *model.of_rung(rung).posterior(new.log), trained) for rung in complete}
 
 
 def _covers(model: LearnedModel, rung: str) -> bool:

@@ -5,22 +5,26 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Channel, Column, Inputs, Log, Posterior, Trajectory
+from etude.contracts import Array, Candidate, Channel, Column, Inputs, Log, Mask, Posterior, Trajectory
 from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
-from etude.models.given import as_log
+from etude.models.given import Run, as_log, as_run
+from etude.models.known import known_of
 from etude.models.linear import at_rest
 from etude.models.parts import Means, is_physical, noise_of, outputs, rests_of
+from etude.models.prediction import Prediction
 from etude.models.student_t import StudentT
-from etude.models.trust import trusted
+from etude.models.trust import outside, trusted
 from etude.progress import counted
 
 _InUse = tuple[Candidate, list[int]]
+_Each = Callable[[list[_InUse]], Iterable[_InUse]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,34 +140,75 @@ class LearnedModel:
         known = "calibrated" if self.calibrated else "not calibrated yet"
         return f"LearnedModel of {len(self.commands)} commands, {known} ({rungs})"
 
-    def predict(self, log: Any) -> tuple[Array, Array]:
-        """Mean and variance (n, J) of the commands; the variance includes noise and calibration.
+    def predict(self, log: Any, *, fade: bool = True) -> Prediction:
+        """What to command (n, J), and its variance (n, J), which includes noise and calibration.
 
-        `log` is a Log, arrays (n, parts) by channel, or a data frame; see `given.as_log`.
+        The mean of `posterior` where the model knows more than before any data. Elsewhere it fades to
+        `safe`, by its
+        own deviation: to physics, where they are used, else to zero. Every export says the same.
+
+        Args:
+            log: a Log, arrays (n, parts) by channel, or a data frame; see `given.as_run`. Its rows are a
+                run, in
+                order, of which friction remembers the way; arrays without times are rows that count by
+                themselves.
+            fade: False gives the mean of `posterior` everywhere.
+
+        Returns:
+            a pair that also says what holds of it, as `Prediction.said`.
         """
-        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter)
-        return average, variance
+        run = as_run(log, self.columns, self.inputs)
+        return self._told(run, iter, fade=fade)
 
     def at_most(self, log: Any) -> tuple[Array, Array]:
         """As `predict`, with variances that are never below its own: for less, where processes know how."""
         average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter, "at_most")
         return average, variance
 
-    def faded(self, log: Any) -> tuple[Array, Array]:
-        """What a feedforward adds (n, J), and the variance of `predict`: its mean where the model knows more
-        than before any data, what is `safe` elsewhere.
+    def posterior(self, log: Any) -> tuple[Array, Array]:
+        """Mean and variance (n, J) of the commands given the data, nothing faded: what learning, scores and
+        designs ask.
+
+        States as for `predict`, of a Log as they are: what friction remembers counts where the log carries
+        it.
         """
-        means = Means(as_log(log, self.columns))
-        average, variance, noise = self._predicted(means, iter)
-        return trusted(average, variance - noise, self.signal_deviation, self._safe(means)), variance
+        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter)
+        return average, variance
+
+    def unknown(self, log: Any) -> Array:
+        """(n, J) what is unknown of each command: the variance of `posterior` without noise, at rest too."""
+        run = as_run(log, self.columns, self.inputs)
+        _, variance, noise = self._predicted(Means(run.log), iter)
+        return np.asarray(variance - noise)
+
+    def outside(self, log: Any) -> Mask:
+        """(n, J) where a row lies outside of what a command was learned from: its deviation is more than
+        twice that of training (`trust.outside`).
+        """
+        return outside(self.unknown(log), self.known)
+
+    @cached_property
+    def known(self) -> Array:
+        """(J,) what may be unknown of each before a row lies outside; infinite where nothing tells."""
+        doubted = np.zeros(len(self.commands)) if self.least is None else self.least
+        return known_of(self.candidates, (doubted <= 0.0).tolist())
+
+    def _told(self, run: Run, each: _Each, *, fade: bool = True) -> Prediction:
+        means = Means(run.log)
+        average, variance, noise = self._predicted(means, each)
+        command, unknown = average, variance - noise
+        if fade:
+            command = trusted(average, unknown, self.signal_deviation, self._safe(means))
+        return Prediction.of(command, variance, unknown, run.said)
 
     def _predicted(
-        self, means: Means, each: Callable[[list[_InUse]], Iterable[_InUse]], question: str = "predict"
+        self, means: Means, each: _Each, question: str = "predict", X: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Mean and variance (n, J), and the part of the variance that is noise, at rest too; `each` goes
-        through the candidates, whose processes are asked the question if they know it.
+        through the candidates, whose processes are asked the question if they know it. X (n, D): inputs of
+        the processes, if not those of the log.
         """
-        X, parts = self.inputs.of_log(means.log), []
+        X, parts = self.inputs.of_log(means.log) if X is None else X, []
         average = np.zeros((len(X), len(self.commands)))
         for candidate, own in each(self._in_use()):
             assert candidate.process is not None
@@ -188,12 +233,16 @@ class LearnedModel:
         return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
 
     def commanded(self, log: Log) -> Log:
-        """Channels "command" and "deviation", (n, J), at each row of a log of states; says how far it is."""
-        mean, variance, _ = self._predicted(Means(as_log(log, self.columns)), counted)
+        """Channels "command", "deviation" and "outside", (n, J), at each row of a log of states: `predict`,
+        the root of its variance, and 1 where the row lies outside of what was learned, else 0. Says how far
+        it is.
+        """
+        found = self._told(as_run(log, self.columns, self.inputs), counted)
         parts = Channel("command", self.commands, ("",) * len(self.commands), "command")
-        channels = {parts.name: parts, "deviation": replace(parts, name="deviation", role="aside")}
-        values = {"command": mean, "deviation": np.sqrt(variance)}
-        return replace(log, channels=channels, values=values)
+        beside = {name: replace(parts, name=name, role="aside") for name in ("deviation", "outside")}
+        values = {"command": found.mean, "deviation": np.sqrt(found.variance)}
+        values["outside"] = outside(found.unknown, self.known).astype(float)
+        return replace(log, channels={parts.name: parts, **beside}, values=values)
 
     def feedforward(self, trajectory: Trajectory, rate: float = 100.0) -> Log:
         """Commands with deviations along a perfect run of a trajectory, `rate` times a second, its end too.
@@ -209,14 +258,16 @@ class LearnedModel:
         t = np.minimum(np.arange(int(np.ceil(trajectory.duration * rate)) + 1) / rate, trajectory.duration)
         return self.inputs.states(trajectory.motion(t, self.inputs.orders))
 
-    def static(self, log: Any) -> Array:
-        """The part (n, J) of the commands that remains at rest; states as for `predict`."""
+    def static(self, log: Any, *, fade: bool = True) -> Array:
+        """The part (n, J) of the commands that remains at rest; states and `fade` as for `predict`."""
         log = as_log(log, self.columns)
-        still = at_rest(log)
-        X, means = self.inputs.of_log(still), Means(log, static=True)
+        X, means = self.inputs.of_log(at_rest(log)), Means(log, static=True)
         held = [i for i, column in enumerate(self.inputs.columns) if column[3] == "memory"]
         X[:, held] = 0.0  # what friction holds at rest is no gravity
-        return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
+        if not fade:
+            return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
+        average, variance, noise = self._predicted(means, iter, X=X)
+        return trusted(average, variance - noise, self.signal_deviation, self._safe(means))
 
     def gravity(self, q: Any) -> Array:
         """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every rung.

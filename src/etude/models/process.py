@@ -11,7 +11,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, FitData, Index, Posterior
 from etude.errors import UsageError
-from etude.models.contracts import HasKernel
+from etude.models.contracts import HasInputs, HasKernel
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.rest import rests
@@ -70,6 +70,16 @@ class Posteriors:
     def rests(self) -> tuple[tuple[tuple[int, float], ...], ...]:
         """Of each command the noise at rest that its latent variance holds, as `gp.rest.rests`."""
         return tuple(rests(p.kernel, p.theta) if isinstance(p, HasKernel) else () for p in self.own)
+
+    @property
+    def conditioned_on(self) -> Array | None:
+        """(k, D) inputs that a posterior, or what designs see in its place, has kept; None of none."""
+        for posterior in (*self.own, *self.guides):
+            for name in ("X", "basis"):
+                X = getattr(posterior, name, None)
+                if X is not None:
+                    return np.asarray(X)
+        return None
 
     @property
     def shared(self) -> SharedPosterior | None:
@@ -219,6 +229,11 @@ class Silent:
     def signal_variance(self) -> Array:
         """(m,) variance before any data."""
         return self.prior
+
+    @property
+    def conditioned_on(self) -> Array | None:
+        """(k, D) inputs of `own`, if it has some."""
+        return self.own.conditioned_on if isinstance(self.own, HasInputs) else None
 
     def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
         """Those of `own`."""

@@ -1,46 +1,67 @@
-"""How far a prediction is trusted: by its own variance, by what it was trained on, beside a safe command."""
+"""How far a prediction is trusted: by its own variance, by what it was trained on, beside a safe command.
+
+Both questions are asked of one quantity, what is unknown of a command at an input: its predicted variance
+without noise, at rest too (`LearnedModel.unknown`). Every door asks them here: Python, `etude predict`, C,
+ONNX, on line.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from etude.contracts import Array, Column, Mask
+from etude.contracts import Array, Mask
 
 # Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
 # learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.
 TRUSTED, UNKNOWN = 0.5, 0.9
 LEAST = 1e-12
 """Least prior deviation, command units: where nothing was to be learned, the safe command is the mean."""
+OUTSIDE = 2.0
+"""Deviation over that of training from which a row lies outside of what a command was learned from."""
+ROUNDING = 1e-9
+"""Part by which a deviation must exceed that: rounding does not decide where it is the same everywhere."""
 REACH = 0.25
 """Part of an input's range beyond which an uncalibrated model is not asked."""
 
 
-def trust(variance: Array, prior_deviation: Array) -> Array:
-    """Weight (T, J) of a model's mean: 1 where its variance (T, J) is small against the prior's (J,), else 0.
+def trust(unknown: Array, signal_deviation: Array) -> Array:
+    """Weight (T, J) of a model's mean: 1 where what is unknown (T, J) is small against what was to be
+    learned, of deviation (J,), else 0.
 
     A quintic step, so a feedforward along a smooth trajectory has no jumps in its first two derivatives.
 
-    An arm's variances come without noise, at rest too (`LearnedModel.faded`): nothing can be learned of it,
-    and beside physics, which leave little to learn, it would hide what was.
+    An arm's variances come without noise, at rest too: nothing can be learned of it, and beside physics,
+    which leave little to learn, it would hide what was.
     """
-    ratio = variance / np.maximum(prior_deviation, LEAST) ** 2
+    ratio = unknown / np.maximum(signal_deviation, LEAST) ** 2
     return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))
 
 
-def trusted(mean: Array, variance: Array, prior_deviation: Array, safe: Array) -> Array:
-    """Commands (T, J): the mean where it is trusted, blended with the safe command elsewhere."""
-    return np.asarray(safe + trust(variance, prior_deviation) * (mean - safe))
+def trusted(mean: Array, unknown: Array, signal_deviation: Array, safe: Array) -> Array:
+    """Commands (T, J): the mean where it is trusted, blended with the safe command elsewhere.
 
-
-def outside(X: Array, columns: Sequence[Column], ranges: Array) -> Mask:
-    """(T, S) where each state, an input (T, D) that is a channel itself, is outside the ranges (2, D) trained
-    on: the model extrapolates. Exported code says so by a flag.
+    Where nothing of the mean is trusted it may be no number at all.
     """
-    own = [i for i, column in enumerate(columns) if not column[3]]
-    low, high = ranges[:, own]
-    return np.asarray((X[:, own] < low) | (X[:, own] > high))
+    part = trust(unknown, signal_deviation)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.asarray(np.where(part > 0.0, safe + part * (mean - safe), safe))
+
+
+def known_in_training(unknown: Array, noise: Array) -> Array:
+    """(J,) what may be unknown of each command before a row lies outside.
+
+    Args:
+        unknown: (J,) mean of what is unknown at inputs trained on. noise: (J,) variance of a sample's noise.
+
+    A deviation, noise included, is then `OUTSIDE` times that of training: u + noise = OUTSIDE^2 (unknown +
+    noise).
+    """
+    return np.asarray(OUTSIDE**2 * (unknown + noise) - noise)
+
+
+def outside(unknown: Array, known: Array) -> Mask:
+    """(T, J) where a row is outside of what a command was learned from; known of `known_in_training`."""
+    return np.asarray(~(unknown <= known * (1.0 + ROUNDING)))
 
 
 def familiar(X: Array, ranges: Array) -> Array:

@@ -54,7 +54,7 @@ def forecast(record: Record, model: Model, log: Log) -> Forecast:
     assert campaign is not None  # no model is read without it
     group = np.zeros(len(log), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
-    mean, variance = model.predict(samples.log)
+    mean, variance = model.posterior(samples.log)
     places = log.get(campaign.kind.path)
     path = None
     if places is not None:

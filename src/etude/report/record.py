@@ -9,9 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etude.campaign.journal import JOURNAL, Event, read_events
+from etude.campaign.journal import JOURNAL, Event, read_events, recorded
 from etude.campaign.state import State, replay
 from etude.errors import EtudeError, UsageError
+from etude.storage import sha256_of
 
 if TYPE_CHECKING:
     from etude.campaign.folder import Campaign
@@ -116,11 +117,15 @@ class Record:
         return self.read(f"models/{number:04d}", lambda _: stored_model(campaign, number))
 
     def read(self, name: str, reader: Callable[[Path], T]) -> T | None:
-        """`reader(path)`; None if the file is absent, with a note if it is damaged: the rest still counts."""
+        """`reader(path)`; None if the file is absent, with a note if it is damaged, or not the one that was
+        committed: the rest still counts.
+        """
         path = self.folder / name
         if not path.exists():
             return None
         try:
+            if path.is_file() and sha256_of(path) != recorded(self.events).get(name):
+                raise ValueError("it was changed after it was committed")
             return reader(path)
         except (EtudeError, OSError, ValueError, LookupError, TypeError, RecursionError) as error:
             note = f"{name} could not be read: {error}"

@@ -107,7 +107,7 @@ def _ahead(
     """What the model of the round before expects of a trajectory that it has not seen."""
     world = settings.world
     new, known = world.samples(logs[-1]), world.samples(*logs[:-1])
-    mean, variance = model.predict(new.log)
+    mean, variance = model.posterior(new.log)
     figures = zip(AHEAD, (variance.mean(axis=0), np.abs(new.command - mean).mean(axis=0)), strict=True)
     yield from joint_rows(number, "", "", world, figures)
     X, before = model.inputs.of_log(new.log), model.inputs.of_log(known.log)
@@ -163,7 +163,7 @@ def plan_of(world: World, model: LearnedModel, motion: Trajectory) -> Log:
 
 def _predicted(model: LearnedModel, plan: Log) -> tuple[Array, Array, Array]:
     """The model's mean, latent and noisy variance (T, J) at the states of a plan."""
-    mean, noisy = model.predict(plan)
+    mean, noisy = model.posterior(plan)
     noise = np.zeros(len(model.commands))
     for candidate in model.candidates:
         assert candidate.process is not None
@@ -174,7 +174,7 @@ def _predicted(model: LearnedModel, plan: Log) -> tuple[Array, Array, Array]:
 
 def _density_of(model: LearnedModel, samples: Samples) -> Array:
     some = samples.take(slice(None, None, max(1, len(samples) // TAUGHT)))
-    mean, variance = model.predict(some.log)
+    mean, variance = model.posterior(some.log)
     return density_loss(some.command - mean, variance)
 
 

@@ -33,12 +33,9 @@ class Constant:
     signal_deviation: np.ndarray = field(default_factory=lambda: np.array([10.0, 2.0]))
     inputs: ArmInputs = field(default_factory=lambda: ArmInputs.of(SPEC, 0.02))
 
-    def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
-        return np.tile(self.mean, (len(log), 1)), np.tile(self.variance, (len(log), 1))
-
-    def faded(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
-        mean, variance = self.predict(log)
-        return trusted(mean, variance, self.signal_deviation, np.tile(self.fallback, (len(log), 1))), variance
+    def predict(self, log: Log, *, fade: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        mean, variance, safe = (np.tile(v, (len(log), 1)) for v in (self.mean, self.variance, self.fallback))
+        return (trusted(mean, variance, self.signal_deviation, safe) if fade else mean), variance
 
 
 def planned(model: Constant, fade: bool = True) -> np.ndarray:

@@ -137,7 +137,7 @@ def test_a_model_that_is_extended_is_the_one_that_a_campaign_trains(run: str) ->
     rng = np.random.default_rng(1)
     whole = world.learned(last.samples, small(run).learning.config.model, rng, first.model).model
     test = flown_tests(small(run), SEED).sets["uniform"].samples.log
-    X, (mean, variance) = last.model.inputs.of_log(test), whole.predict(test)
+    X, (mean, variance) = last.model.inputs.of_log(test), whole.posterior(test)
     np.testing.assert_allclose(means_at(last.model, X), mean, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(variances_at(last.model, X)[1], variance, rtol=1e-7)
 

@@ -1,22 +1,17 @@
 /* --- always --- */
-/* Every input as a number within its range. */
+/* Every input as a number: physics go on where nothing was learned, and processes say by their deviation how far they
+   are to be believed there. */
 static unsigned @NAME_taken(const real *last, const real *input, real *in)
 {
     unsigned flags = 0;
     int i;
     for (i = 0; i < @UPPER_INPUTS; ++i) {
-        real value = input[i];
-        if (!is_number(value)) {
+        in[i] = input[i];
+        if (!is_number(in[i])) {
             flags |= @UPPER_NOT_A_NUMBER;
-            value = last ? last[i] : R(0.5) * (@NAME_low[i] + @NAME_high[i]);
+            in[i] = last ? last[i] : R(0.5) * (@NAME_low[i] + @NAME_high[i]);
         }
-        if (value < @NAME_trained_low[i] || value > @NAME_trained_high[i])
-            flags |= @UPPER_UNTRAINED;
-        if (value < @NAME_low[i] || value > @NAME_high[i])
-            flags |= @UPPER_CLAMPED;
-        value = value < @NAME_low[i] ? @NAME_low[i] : value;
-        in[i] = value > @NAME_high[i] ? @NAME_high[i] : value;
-    }
+@RANGED    }
     return flags;
 }
 
@@ -38,7 +33,7 @@ static unsigned @NAME_limited(real *command)
     return flags;
 }
 
-void @NAME_init(@NAME_state *state)
+@BLENDEDvoid @NAME_init(@NAME_state *state)
 {
     int i;
     for (i = 0; i < @UPPER_INPUTS; ++i)
@@ -48,51 +43,64 @@ void @NAME_init(@NAME_state *state)
 unsigned @NAME_mean(@NAME_state *state, const @NAME_real *input, @NAME_real *command)
 {
     real in[@UPPER_INPUTS];
-@SAFE    const unsigned flags = @NAME_taken(state->last, input, in);
+@OWN    unsigned flags = @NAME_taken(state->last, input, in);
     memcpy(state->last, in, sizeof in);
-    @NAME_answer(in, @MEMORY, 0, command@NONE);
-    return flags | @NAME_limited(command);
+    @NAME_answer(in, @MEMORY, RUN, command@SPARE);
+@BLEND    return flags | @NAME_limited(command);
+}
+
+unsigned @NAME_instant(const @NAME_real *input, @NAME_real *command)
+{
+    real in[@UPPER_INPUTS], memory[@MEMORIES] = {R(0.0)};
+@OWN    unsigned flags = @NAME_taken(0, input, in);
+    @NAME_answer(in, memory, INSTANT, command@SPARE);
+@BLEND    return flags | @NAME_limited(command);
 }
 
 unsigned @NAME_gravity(const @NAME_real *input, @NAME_real *command)
 {
     static const int rates[@UPPER_INPUTS] = {@RATES};
     real in[@UPPER_INPUTS], memory[@MEMORIES] = {R(0.0)}, still[@UPPER_INPUTS];
-@SAFE    unsigned flags;
+@OWN    unsigned flags;
     int i;
     for (i = 0; i < @UPPER_INPUTS; ++i)
-        still[i] = rates[i] ? R(0.5) * (@NAME_trained_low[i] + @NAME_trained_high[i]) : input[i];
+        still[i] = rates[i] ? R(0.0) : input[i];
     flags = @NAME_taken(0, still, in);
-    for (i = 0; i < @UPPER_INPUTS; ++i)
-        in[i] = rates[i] ? R(0.0) : in[i];
-    @NAME_answer(in, memory, 1, command@NONE);
-    return flags | @NAME_limited(command);
+    @NAME_answer(in, memory, STILL, command@SPARE);
+@BLEND    return flags | @NAME_limited(command);
+}
+
+/* --- blended --- */
+/* Commands blended with what is safe, by what is unknown of them: their variance without noise. */
+static unsigned @NAME_blended(real *command, const real *variance, const real *safe, const real *noise)
+{
+    static const real learned[@UPPER_COMMANDS] = {@SIGNAL}; /* one over what was to be learned */
+    static const real known[@UPPER_COMMANDS] = {@KNOWN}; /* more is unknown outside of what was learned */
+    unsigned flags = 0;
+    int j;
+    for (j = 0; j < @UPPER_COMMANDS; ++j) {
+        const real unknown = variance[j] - noise[j];
+        const real s = (unknown * learned[j] - @TRUSTED) / @SPAN;
+        const int believed = is_number(unknown) && s < R(1.0);
+        if (!is_number(unknown) || unknown > known[j])
+            flags |= @UPPER_UNTRAINED;
+        if (!believed) {
+            flags |= @UPPER_FAR;
+            command[j] = safe[j];
+        } else if (s > R(0.0)) {
+            const real trust = R(1.0) - s * s * s * (R(10.0) - R(15.0) * s + R(6.0) * s * s);
+            command[j] = safe[j] + trust * (command[j] - safe[j]);
+        }
+    }
+    return flags;
 }
 
 /* --- variance --- */
 unsigned @NAME_predict(@NAME_state *state, const @NAME_real *input, @NAME_real *command, @NAME_real *variance)
 {
     real in[@UPPER_INPUTS];
-@SAFE    const unsigned flags = @NAME_taken(state->last, input, in);
+@KEPT    unsigned flags = @NAME_taken(state->last, input, in);
     memcpy(state->last, in, sizeof in);
-    @NAME_answer(in, @MEMORY, 0, command, variance@KEPT);
-    return flags | @NAME_limited(command);
-}
-
-/* --- fade --- */
-unsigned @NAME_faded(@NAME_state *state, const @NAME_real *input, @NAME_real *command, @NAME_real *variance)
-{
-    static const real prior[@UPPER_COMMANDS] = {@PRIOR};
-    real in[@UPPER_INPUTS], safe[@UPPER_COMMANDS], noise[@UPPER_COMMANDS];
-    const unsigned flags = @NAME_taken(state->last, input, in);
-    int j;
-    memcpy(state->last, in, sizeof in);
-    @NAME_answer(in, @MEMORY, 0, command, variance, safe, noise);
-    for (j = 0; j < @UPPER_COMMANDS; ++j) {
-        const real beyond = ((variance[j] - noise[j]) * prior[j] - @TRUSTED) / @SPAN;
-        const real low = beyond > R(0.0) ? beyond : R(0.0), s = low < R(1.0) ? low : R(1.0);
-        const real trust = R(1.0) - s * s * s * (R(10.0) - R(15.0) * s + R(6.0) * s * s);
-        command[j] = safe[j] + trust * (command[j] - safe[j]);
-    }
-    return flags | @NAME_limited(command);
+    @NAME_answer(in, @MEMORY, RUN, command, variance@BESIDE);
+@BLEND    return flags | @NAME_limited(command);
 }

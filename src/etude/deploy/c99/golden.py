@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.contracts import Array, Index
-from etude.deploy.c99.plan import Plan
+from etude.deploy.c99.plan import UNBOUNDED, WIDENED, Plan
 from etude.deploy.states import log_of
-from etude.models.given import followed
+from etude.models.trust import outside, trust
 
 COUNT = 100
 SEED = 20
 SOURCE = "golden vectors"
 BEYOND = 1.15
-"""Half ranges that most of the states swing through; single ones leave the range that they are clamped to."""
+"""Half ranges that most of the states swing through; single ones go far beyond."""
 LEAST = 0.1
 """Part of that with which the first swing: far from all points kernels have nothing to say."""
-NOT_A_NUMBER, CLAMPED, UNTRAINED, LIMITED = 1, 2, 4, 8
+NOT_A_NUMBER, FAR, UNTRAINED, LIMITED = 1, 2, 4, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,28 +26,32 @@ class Golden:
     """A sequence from a state that was just begun.
 
     Attributes:
-        inputs: (T, N). mean, variance, faded, gravity: (T, J), commands within their limits.
+        inputs: (T, N). mean, variance, instant, gravity: (T, J), commands within their limits; those of
+            instants
+            count each row by itself.
         flags: (T,) of the mean.
     """
 
     inputs: Array
     mean: Array
     variance: Array
-    faded: Array
+    instant: Array
     gravity: Array
     flags: Index
 
 
-def golden(plan: Plan, count: int = COUNT, seed: int = SEED, *, single: bool = False) -> Golden:
+def golden(
+    plan: Plan, count: int = COUNT, seed: int = SEED, *, single: bool = False, fade: bool = True
+) -> Golden:
     """Vectors of a plan: every state swings to and fro, so that what remembers directions is asked.
 
     Args:
-        single: inputs that are numbers of float, as its caller has them.
+        single: inputs that are numbers of float, as its caller has them. fade: as of `LearnedModel.predict`.
     """
     rng = np.random.default_rng(seed)
-    middle = 0.5 * (plan.trained_low + plan.trained_high)
-    half = 0.5 * (plan.trained_high - plan.trained_low)
-    half = np.where(plan.trained_high >= 1e6, 10.0, half)
+    middle = 0.5 * (plan.low + plan.high)
+    half = 0.5 * (plan.high - plan.low)
+    half = np.where(plan.high >= UNBOUNDED, 10.0, half)
     t = np.linspace(0.0, 1.0, count)[:, None]
     cycles = rng.uniform(1.0, 9.0, size=len(half))
     growing = BEYOND * np.linspace(LEAST, 1.0, count)[:, None]  # the first are near what was trained on
@@ -55,19 +59,28 @@ def golden(plan: Plan, count: int = COUNT, seed: int = SEED, *, single: bool = F
     states[::17] = middle + half * rng.uniform(-5.0, 5.0, size=states[::17].shape)
     if single:
         states = states.astype(np.float32).astype(float)
-    return answered(plan, states)
+    return answered(plan, states, fade=fade)
 
 
-def answered(plan: Plan, states: Array) -> Golden:
+def answered(plan: Plan, states: Array, *, fade: bool = True) -> Golden:
     """What the model says of states (T, N) in that order."""
-    inside = np.clip(states, plan.low, plan.high)
-    flags = UNTRAINED * np.any((states < plan.trained_low) | (states > plan.trained_high), axis=1).astype(int)
-    flags |= CLAMPED * np.any(inside != states, axis=1).astype(int)
-    log = followed(plan.model.inputs, log_of(plan.channels, inside, SOURCE))
-    mean, variance = plan.model.predict(log)
-    still = np.where(plan.still, 0.0, inside)
-    gravity = plan.model.static(log_of(plan.channels, still, SOURCE))
-    faded, _ = plan.model.faded(log)
-    flags |= LIMITED * np.any((mean > plan.most) | (mean < plan.least), axis=1).astype(int)
-    clipped = [np.clip(values, plan.least, plan.most) for values in (mean, faded, gravity)]
-    return Golden(states, clipped[0], variance, clipped[1], clipped[2], flags)
+    model, log = plan.model, log_of(plan.channels, states, SOURCE)
+    found = model.predict(log, fade=fade)
+    instant = model.predict(dict(log.values), fade=fade).mean
+    gravity = model.static(log_of(plan.channels, np.where(plan.still, 0.0, states), SOURCE), fade=fade)
+    flags = _flags(plan, states, found.unknown, fade)
+    flags |= LIMITED * np.any((found.mean > plan.most) | (found.mean < plan.least), axis=1).astype(int)
+    mean, alone, held = (np.clip(v, plan.least, plan.most) for v in (found.mean, instant, gravity))
+    return Golden(states, mean, found.variance, alone, held, flags)
+
+
+def _flags(plan: Plan, states: Array, unknown: Array, fade: bool) -> Index:
+    """(T,) by what is unknown of commands; without fading by ranges, since nothing else is computed."""
+    if fade:
+        beyond = outside(unknown, plan.model.known)
+        far = trust(unknown, plan.model.signal_deviation) <= 0.0
+    else:
+        wide = WIDENED * (plan.high - plan.low)
+        beyond = (states < plan.low) | (states > plan.high)
+        far = (states < plan.low - wide) | (states > plan.high + wide)
+    return np.asarray(UNTRAINED * beyond.any(axis=1).astype(int) | FAR * far.any(axis=1).astype(int))

@@ -7,6 +7,7 @@ from textwrap import wrap
 
 from etude import __version__
 from etude.deploy.c99.plan import UNBOUNDED, Plan, parts_in_c
+from etude.deploy.fading import fading
 
 
 @dataclass(frozen=True)
@@ -14,14 +15,21 @@ class Form:
     """How a model is written.
 
     Attributes:
-        single: numbers are float. variance: with variances. fade: with commands that fade, too.
+        single: numbers are float. variance: with variances. fade: commands fade to what is safe by their
+            deviation,
+            as `LearnedModel.predict` says; without it they are the mean of the posterior everywhere.
         digest: SHA-256 of the model's file.
     """
 
     single: bool = False
     variance: bool = False
-    fade: bool = False
+    fade: bool = True
     digest: str = ""
+
+    @property
+    def deviations(self) -> bool:
+        """Whether variances are computed, which fading takes."""
+        return self.variance or self.fade
 
     @property
     def real(self) -> str:
@@ -55,8 +63,8 @@ def header(plan: Plan, form: Form) -> str:
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
    at once; several states may.
 
-   Inputs, in this order, with the range that they are clamped to, and in brackets that of the data which the
-   model was trained on:
+   Inputs, in this order, with the range of the data which the model was trained on. Any other may be asked:
+{_far(plan, form)}
 {_inputs(plan, states)}
 
    Commands, in this order, with their limits, to which they are clamped:
@@ -64,8 +72,7 @@ def header(plan: Plan, form: Form) -> str:
 
    Flags, as bits of what functions return; 0: the answer is as good as the model.
      1 {upper}_NOT_A_NUMBER  an input was NaN or infinite: its last good value, or the middle, is used
-     2 {upper}_CLAMPED       an input was outside the range that it is clamped to
-     4 {upper}_UNTRAINED     an input was outside the data that the model was trained on: it extrapolates
+{_flags(upper, form)}
      8 {upper}_LIMITED       a command was clamped to its limit
     16 {upper}_NO_ANSWER     a command was no number; it is 0
    Every command is a finite number, whatever the inputs, with -ffast-math too. */
@@ -92,7 +99,7 @@ enum {{
 
 enum {{
     {upper}_NOT_A_NUMBER = 1,
-    {upper}_CLAMPED = 2,
+    {upper}_FAR = 2,
     {upper}_UNTRAINED = 4,
     {upper}_LIMITED = 8,
     {upper}_NO_ANSWER = 16
@@ -103,15 +110,18 @@ typedef struct {{
     {own}_real last[{upper}_INPUTS];
 {memory}}} {own}_state;
 
-/* Ranges that inputs are clamped to, and limits of the commands. */
+/* Ranges of the inputs that the model was trained on, and limits of the commands. */
 extern const {own}_real {own}_low[{upper}_INPUTS], {own}_high[{upper}_INPUTS];
 extern const {own}_real {own}_least[{upper}_COMMANDS], {own}_most[{upper}_COMMANDS];
 
 /* Begins anew: nothing is remembered. */
 void {own}_init({own}_state *state);
 
-/* Commands from the states. Returns flags. */
+/* Commands from the states{_faded(form)}. Returns flags. */
 unsigned {own}_mean({own}_state *state, const {own}_real *input, {own}_real *command);
+
+/* The same of an instant by itself: what friction remembers of the way is left out, and no state is needed.
+*/ unsigned {own}_instant(const {own}_real *input, {own}_real *command);
 
 /* The part of the commands that holds the robot still in that position (gravity): rates count as 0. */
 unsigned {own}_gravity(const {own}_real *input, {own}_real *command);
@@ -141,21 +151,46 @@ def _remembers(plan: Plan) -> str:
 
 
 def _more(own: str, form: Form) -> str:
-    state = f"{own}_state *state, const {own}_real *input"
-    rest = f"{state}, {own}_real *command, {own}_real *variance"
-    text = ""
-    if form.variance:
-        text += f"""
-/* The same, with the variance of each command (its unit squared), noise included. */
+    if not form.deviations:
+        return ""
+    rest = f"{own}_state *state, const {own}_real *input, {own}_real *command, {own}_real *variance"
+    text = f"""
+/* As {own}_mean, with the variance of each command given the data (its unit squared), noise included. */
 unsigned {own}_predict({rest});
 """
+    # the name of it while fading was an option
+    return text + (f"#define {own}_faded {own}_predict\n" if form.fade else "")
+
+
+def _far(plan: Plan, form: Form) -> str:
+    """What becomes of commands outside."""
+    if not form.fade:
+        return "   commands are the mean given the data everywhere, whatever that is worth there."
+    return "\n".join(f"   {line}" for line in wrap(_plain(fading(plan.model)), 100))
+
+
+def _faded(form: Form) -> str:
+    return ", faded by their own deviation" if form.fade else ", the mean given the data"
+
+
+def _flags(upper: str, form: Form) -> str:
     if form.fade:
-        text += f"""
-/* Commands that fade to those of physics, or to zero where the model has none, as the predicted deviation
-   comes near that before any data: what to add to a feedback. variance as above. */
-unsigned {own}_faded({rest});
-"""
-    return text
+        said = (
+            ("FAR", "a command is physics alone, or 0 without: nothing was learned of it there"),
+            (
+                "UNTRAINED",
+                "a command's deviation is more than twice that of training: outside of what was learned",
+            ),
+        )
+    else:
+        said = (
+            ("FAR", "an input is beyond its range by more than half of its width"),
+            ("UNTRAINED", "an input is outside the range that the model was trained on: it extrapolates"),
+        )
+    return "\n".join(
+        f"     {bit} {f'{upper}_{name}':<{len(upper) + 14}} {words}"
+        for bit, (name, words) in zip((2, 4), said, strict=True)
+    )
 
 
 def _inputs(plan: Plan, states: list[str]) -> str:
@@ -163,9 +198,8 @@ def _inputs(plan: Plan, states: list[str]) -> str:
     for i, ((channel, part), label, name) in enumerate(zip(plan.parts, plan.labels, states, strict=True)):
         unit = channel.units[part] or "1"
         told = "" if label == name else f"  ({_plain(label)})"
-        known = abs(plan.trained_low[i]) < UNBOUNDED
-        trained = f"{plan.trained_low[i]:.6g} .. {plan.trained_high[i]:.6g}" if known else "not known"
-        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g} ({trained})"
+        known = abs(plan.low[i]) < UNBOUNDED
+        ranges = f"{plan.low[i]:.6g} .. {plan.high[i]:.6g}" if known else "(not known)"
         lines.append(f"    {i:3} {name:<28} {unit:<8} {ranges}{told}")
     return "\n".join(lines)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
 
 WIDENED = 0.5
-"""Parts of the range trained on by which inputs may leave it at either end before they are clamped."""
+"""Without deviations: parts of the range trained on beyond which, at either end, an input is far outside."""
 UNBOUNDED = 1e6
 """Of a state that the model's inputs are not made of, so that no range of it is known."""
 
@@ -29,7 +29,7 @@ class Plan:
         name: prefix in C. model, candidates: those in use. channels: what is read, in order.
         inputs: code of the feature map. means, processes: code by its function, each once.
         mean_of, process_of: the function of each candidate, "" of no mean.
-        low, high, trained_low, trained_high: (N,) of the states. limit: (J,) how far commands reach.
+        low, high: (N,) of the states, that the model was trained on. limit: (J,) how far commands reach.
         least, most: (J,) of commands.
         still: (N,) whether a state is the rate of another. units: (J,) of commands.
         words: the kind's own on its states: axes, signs.
@@ -46,8 +46,6 @@ class Plan:
     process_of: tuple[str, ...]
     low: Array
     high: Array
-    trained_low: Array
-    trained_high: Array
     limit: Array
     least: Array
     most: Array
@@ -104,7 +102,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     available = {channel.name: channel for channel in kind.channels(spec)}
     reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])
     channels = tuple(available[read] for read in reads)
-    low, high, trained_low, trained_high = _ranges(model, channels)
+    low, high = trained(model, channels, UNBOUNDED)
     command = next(c for c in available.values() if c.role == "command")
     limit = np.asarray(kind.limit(spec), dtype=float)
     known = kind.expected(spec).limits.get(command.name)
@@ -122,8 +120,6 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
         tuple(process_of),
         low,
         high,
-        trained_low,
-        trained_high,
         limit,
         least,
         most,
@@ -166,13 +162,6 @@ def _process(candidate: Candidate, prefix: str, processes: dict[str, Code], know
         processes[name] = _written(code, f"the process {type(process).__name__}")
         known[id(process)] = name
     return known[id(process)]
-
-
-def _ranges(model: LearnedModel, channels: Sequence[Channel]) -> tuple[Array, Array, Array, Array]:
-    """Clamped to, and trained on: least and largest of each state."""
-    least, most = trained(model, channels, UNBOUNDED)
-    more = np.where(np.abs(least) < UNBOUNDED, WIDENED * (most - least), 0.0)
-    return least - more, most + more, least, most
 
 
 def parts_in_c(plan: Plan) -> tuple[list[str], list[str]]:

@@ -20,20 +20,22 @@ def self_test(plan: Plan, form: Form, vectors: Golden, exact: float) -> str:
     """
     own, upper = plan.name, plan.name.upper()
     count = len(vectors.inputs)
-    checked = [("mean", "mean(&state, inputs[i], command)"), ("gravity", "gravity(inputs[i], command)")]
-    if form.variance:
+    checked = [
+        ("mean", "mean(&state, inputs[i], command)"),
+        ("instant", "instant(inputs[i], command)"),
+        ("gravity", "gravity(inputs[i], command)"),
+    ]
+    if form.deviations:
         checked.append(("predict", "predict(&state, inputs[i], command, variance)"))
-    if form.fade:
-        checked.append(("faded", "faded(&state, inputs[i], command, variance)"))
-    told = {"mean": vectors.mean, "gravity": vectors.gravity, "predict": vectors.mean, "faded": vectors.faded}
+    told = {"mean": vectors.mean, "gravity": vectors.gravity, "instant": vectors.instant}
     tables = [_table("inputs", f"static const {own}_real", vectors.inputs, form.single)]
     for name in dict.fromkeys("mean" if name == "predict" else name for name, _ in checked):
         tables.append(_table(f"want_{name}", "static const double", told[name], False))
-    if form.variance:
+    if form.deviations:
         tables.append(_table("want_variance", "static const double", vectors.variance, False))
     flags = ", ".join(str(int(flag)) for flag in vectors.flags)
     parts = "\n".join(_part(own, upper, name, call, count) for name, call in checked)
-    spare = f", variance[{upper}_COMMANDS]" if form.variance else ""
+    spare = f", variance[{upper}_COMMANDS]" if form.deviations else ""
     return f"""/* {own}_test.c: {count} states and what the model said of them where it was learned. */
 #include "{own}.h"
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from etude.deploy.c99.header import Form
-from etude.deploy.c99.plan import Plan
+from etude.deploy.c99.plan import WIDENED, Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
 from etude.models.parts import is_physical, rests_of
-from etude.models.trust import LEAST, TRUSTED, UNKNOWN
+from etude.models.trust import LEAST, ROUNDING, TRUSTED, UNKNOWN
 
 
 def source(plan: Plan, form: Form) -> tuple[str, int]:
@@ -23,13 +23,13 @@ def source(plan: Plan, form: Form) -> tuple[str, int]:
     data: dict[str, Any] = {}
     for code in plan.codes:
         data |= code.data
-        data |= code.variance if form.variance else {}
+        data |= code.variance if form.deviations else {}
     if not finite(data):
         raise NumericalError(
             "the model holds numbers that are not finite", next_step="Train it again; do not run it."
         )
     text, size = tables(data, form.single)
-    words = {"VARIANCE": form.variance, "SINGLE": form.single}
+    words = {"VARIANCE": form.deviations, "SINGLE": form.single}
     bodies = resolved("\n".join(code.body for code in plan.codes), words)
     answer = _answer(plan, form)
     rest = f"{bodies}\n{answer}\n{_functions(plan, form)}"
@@ -40,9 +40,12 @@ def source(plan: Plan, form: Form) -> tuple[str, int]:
 #include <stdint.h>
 #include <string.h>
 
-#define VARIANCE {int(form.variance)}
+#define VARIANCE {int(form.deviations)}
 
 typedef {plan.name}_real real;
+
+/* A call is one of a run, an instant by itself, of which nothing is remembered, or a robot at rest. */
+enum {{RUN, INSTANT, STILL}};
 
 """
     own = [
@@ -52,11 +55,9 @@ typedef {plan.name}_real real;
             ("high", plan.high, "const"),
             ("least", plan.least, "const"),
             ("most", plan.most, "const"),
-            ("trained_low", plan.trained_low, "static const"),
-            ("trained_high", plan.trained_high, "static const"),
         )
     ]
-    size += (4 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
+    size += (2 * len(plan.low) + 2 * len(plan.limit)) * (4 if form.single else 8)
     return "\n".join([head + resolved(prelude(rest), words), *own, text, rest]), size
 
 
@@ -92,36 +93,37 @@ def _name_of(function: str) -> str:
 
 
 def _answer(plan: Plan, form: Form) -> str:
-    """NAME_answer: commands of states that are in range."""
+    """NAME_answer: commands of states that are numbers, nothing blended."""
     name, D, J = plan.name, len(plan.model.inputs.columns), len(plan.model.commands)
     places = {}
     at = 0
     for channel in plan.channels:
         places[channel.name] = at
         at += len(channel.parts)
-    arguments = "const real *in, real *memory, int still, real *command"
-    arguments += ", real *variance" * form.variance + ", real *safe, real *noise" * form.fade
+    arguments = "const real *in, real *memory, int kind, real *command"
+    arguments += ", real *variance" * form.deviations + ", real *safe, real *noise" * form.fade
     lines = [f"static void {name}_answer({arguments})", "{", f"    real x[{D}];"]
     lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
     for k, candidate in enumerate(plan.candidates):
         m = len(candidate.commands)
-        lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}] = {{R(0.0)}}' if form.variance else ''};")
+        lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}] = {{R(0.0)}}' if form.deviations else ''};")
     lines.append(f"    {_call(f'{name}_inputs', plan.inputs.reads, places, 'memory', 'x')};")
     held = [i for i, column in enumerate(plan.model.inputs.columns) if column[3] == "memory"]
     if held:
-        lines += ["    if (still) {", *(f"        x[{i}] = R(0.0);" for i in held), "    }"]
+        lines += ["    if (kind == STILL) {", *(f"        x[{i}] = R(0.0);" for i in held), "    }"]
     begin = plan.inputs.memory
     for m, (function, code) in enumerate(plan.means.items()):
         own = [f"memory + {begin}"] if code.memory else []
         begin += code.memory
         lines += [
-            "    if (still)",
+            # an instant by itself is at rest to what remembers, with the rates that it has
+            "    if (kind != RUN)" if code.memory else "    if (kind == STILL)",
             f"        {_call(f'{function}_static', code.reads, places, f'from{m}')};",
             "    else",
             f"        {_call(function, code.reads, places, *own, f'from{m}')};",
         ]
     if not held and not plan.means:
-        lines.append("    (void)still;")
+        lines.append("    (void)kind;")
     lines += _sums(plan, form, list(plan.means))
     return "\n".join([*lines, "}", ""])
 
@@ -136,7 +138,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
     lines += [f"    command[{j}] = R(0.0);" for j in range(J)]
     lines += [f"    safe[{j}] = noise[{j}] = R(0.0);" for j in range(J)] if form.fade else []
     for k, candidate in enumerate(plan.candidates):
-        spread = f"variance ? spread{k} : 0" if form.variance else "0"
+        spread = f"variance ? spread{k} : 0" if form.deviations else "0"
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
         physical = is_physical(candidate)
         for i, j in enumerate(candidate.commands):
@@ -148,7 +150,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
                 lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
                 if form.fade and physical and source:
                     lines.append(f"    safe[{j}] += {real(weight)} * {source};")
-    return [*lines, *(_noise(plan) if form.fade else []), *(_spreads(plan) if form.variance else [])]
+    return [*lines, *(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
 
 
 def _noise(plan: Plan) -> list[str]:
@@ -193,26 +195,47 @@ def _functions(plan: Plan, form: Form) -> str:
     text = resources.files("etude.deploy.c99").joinpath("functions.c").read_text(encoding="utf-8")
     parts = re.split(r"^/\* --- (\w+) --- \*/\n", text, flags=re.MULTILINE)
     named = dict(zip(parts[1::2], parts[2::2], strict=True))
-    kept = ["always", *(["variance"] if form.variance else []), *(["fade"] if form.fade else [])]
+    J, fade = len(plan.limit), form.fade
+    own = f"    real variance[{J}], safe[{J}], noise[{J}];\n"
     words = {
+        "RANGED": "" if fade else _RANGED,
+        "BLENDED": named["blended"] + "\n" if fade else "",
         "NAME": plan.name,
         "UPPER": plan.name.upper(),
         "MEMORY": "state->memory" if plan.memory else "0",
         "FORGET": "    memset(state->memory, 0, sizeof state->memory);\n" if plan.memory else "",
-        "NONE": ", 0" * form.variance + ", safe, noise" * form.fade,
-        "SAFE": f"    real safe[{len(plan.limit)}], noise[{len(plan.limit)}];\n" if form.fade else "",
-        "KEPT": ", safe, noise" * form.fade,
+        "OWN": own if fade else "",
+        "KEPT": own.replace(f"variance[{J}], ", "") if fade else "",
+        "SPARE": ", variance, safe, noise" if fade else ", 0" * form.deviations,
+        "BESIDE": ", safe, noise" * fade,
+        "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
-        "PRIOR": ", ".join(real(1.0 / v**2) for v in _prior(plan)) if form.fade else "",
+        "SIGNAL": ", ".join(real(1.0 / v**2) for v in np.maximum(plan.model.signal_deviation, LEAST)),
+        "KNOWN": ", ".join(real(min(v * (1.0 + ROUNDING), NEVER)) for v in plan.model.known),
         "TRUSTED": real(TRUSTED),
         "SPAN": real(UNKNOWN - TRUSTED),
+        "WIDENED": real(WIDENED),
     }
-    found = "\n".join(named[part] for part in kept)
-    for word in sorted(words, key=len, reverse=True):
+    found = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
+    order = [
+        "RANGED",
+        "BLENDED",
+        "BLEND",
+        *sorted(words, key=len, reverse=True),
+    ]  # these hold words themselves
+    for word in dict.fromkeys(order):
         found = found.replace(f"@{word}", words[word])
     return found
 
 
-def _prior(plan: Plan) -> Any:
-    return np.maximum(plan.model.signal_deviation, LEAST)
+NEVER = 1e30
+"""Variance that none exceeds, in float too: of commands that nothing says to be outside."""
+_RANGED = """\
+        if (in[i] < @NAME_low[i] || in[i] > @NAME_high[i]) {
+            const real wide = @WIDENED * (@NAME_high[i] - @NAME_low[i]);
+            flags |= @UPPER_UNTRAINED;
+            if (in[i] < @NAME_low[i] - wide || in[i] > @NAME_high[i] + wide)
+                flags |= @UPPER_FAR;
+        }
+"""

@@ -17,6 +17,7 @@ from etude.deploy.c99.plan import Plan, parts_in_c, planned
 from etude.deploy.c99.self_test import EXACT, SINGLE, self_test
 from etude.deploy.c99.single import single
 from etude.deploy.c99.source import source
+from etude.deploy.fading import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
 from etude.options import taken
@@ -37,7 +38,7 @@ class Options:
 
     real: str = "double"
     variance: bool = False
-    fade: bool = False
+    fade: bool = True
     single: bool = False
     rate: float | None = None
     name: str = ""
@@ -75,9 +76,9 @@ def c_files(
     if tables > LARGEST:
         raise UsageError(
             f"the tables take {tables / 2**20:.0f} MiB, more than {LARGEST // 2**20} that are compiled",
-            next_step="Export means alone, or --single, or learn with fewer points (model.points).",
+            next_step="Export --no-fade, or --single, or learn with fewer points (model.points).",
         )
-    vectors = golden(plan, single=form.single)
+    vectors = golden(plan, single=form.single, fade=form.fade)
     files = {
         f"{plan.name}.h": header(plan, form),
         f"{plan.name}.c": text,
@@ -98,7 +99,7 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
         raise UsageError(f"numbers are {' or '.join(REALS)}, not {asked.real!r}")
     if asked.rate is not None and not float(asked.rate) > 0.0:
         raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
-    form = Form(asked.real == "float", asked.variance or asked.fade, asked.fade, asked.model_hash)
+    form = Form(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     return Delivered(made.files, said, facts)
@@ -129,7 +130,7 @@ def held(
         _require_right(found)
     elif found is not None and found.deviation > EXACT:
         made = c_files(chosen, kind, spec, form, name, _rounding(found))
-    said = [*_names(made.plan), *_sizes(made, found), *_times(made, model, rate, alone)]
+    said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate, alone)]
     return made, (*said, _checked(found)), _facts(made, found)
 
 
@@ -167,6 +168,13 @@ def _names(plan: Plan) -> list[str]:
     return [f"Names that C does not take: {'; '.join(lines)}."] if lines else []
 
 
+def _outside(made: Files) -> str:
+    """What commands are where nothing was learned."""
+    if not made.form.fade:
+        return "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
+    return f"Outside: {fading(made.plan.model)}"
+
+
 def _sizes(made: Files, found: Built | None) -> list[str]:
     facts = _facts(made, found)
     code = f" and {facts['code_bytes'] / 1024:.1f} KB of code" if facts["code_bytes"] else ""
@@ -182,7 +190,7 @@ def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[s
     """The worst case against the rate, and what would take less."""
     if not rate:
         return []
-    seconds = made.plan.operations(made.form.variance) / CLOCK
+    seconds = made.plan.operations(made.form.deviations) / CLOCK
     line = f"About {1e6 * seconds:.0f} us on a core of 1 GHz that does one operation in a cycle"
     if seconds <= 1.0 / rate:
         return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
@@ -201,7 +209,7 @@ def _offer(model: LearnedModel, made: Files) -> str:
     operations = 0
     for number, process in enumerate(processes.values()):
         code = process.c(f"p{number}") if process is not None else None
-        operations += 0 if code is None else sum(code.operations[: 1 + made.form.variance])
+        operations += 0 if code is None else sum(code.operations[: 1 + made.form.deviations])
     return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
 
 
@@ -225,7 +233,7 @@ def _facts(made: Files, found: Built | None) -> dict[str, Any]:
         "code_bytes": 0 if found is None else found.code,
         "state_bytes": size * (len(plan.low) + plan.memory),
         "stack_bytes": size * work,
-        "operations": plan.operations(made.form.variance),
+        "operations": plan.operations(made.form.deviations),
         "deviation": None if found is None else found.deviation,
     }
 

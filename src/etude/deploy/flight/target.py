@@ -66,7 +66,7 @@ class Autopilot:
                 that no set-point tells; what has no C; float where it would be wrong.
         """
         asked = taken(options, Options, self.name)
-        form = Form(asked.real == "float", digest=asked.model_hash)
+        form = Form(asked.real == "float", fade=False, digest=asked.model_hash)
         rate = float(asked.rate or RATES[0])
         made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
         words = _words(made, self.name, rate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from etude.deploy.onnx.graph import Graph, needed
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
 from etude.models.model import LearnedModel
+from etude.models.parts import is_physical, rests_of
+from etude.models.trust import LEAST, ROUNDING, TRUSTED, UNKNOWN
 from etude.operators import Piece, Value, joined
 
 Term = tuple[Candidate, str, str]
@@ -94,11 +96,17 @@ def written(
     dtype: Any,
     variance: bool,
     words: Mapping[str, str] | None = None,
+    *,
+    fade: bool = True,
+    beyond: bool = False,
 ) -> bytes:
     """The file of a model; words are kept in it.
 
     Args:
-        widths: parts of each channel that it reads.
+        widths: parts of each channel that it reads. variance: with an output of them. fade: commands are
+            those of
+            `LearnedModel.predict`, else the mean of its posterior. beyond: with an output of where a row
+            lies outside.
 
     Raises:
         UsageError: ONNX is not installed.
@@ -107,11 +115,16 @@ def written(
     graph, J = Graph(dtype), len(parts.model.commands)
     states = _channels(graph, parts, widths)
     x, physics, after = _drawn(graph, parts, states)
-    terms = [_term(graph, x, candidate, physics, variance) for candidate in parts.used]
+    told = variance or fade or beyond
+    terms = [_term(graph, x, candidate, physics, told) for candidate in parts.used]
     command = _sum(graph, [_placed(graph, own, c, J) for c, own, _ in terms])
-    outputs = {"command": (command, J)}
-    if variance:
-        outputs["variance"] = (_variance(graph, parts.model, terms, command), J)
+    spread = _variance(graph, parts.model, terms, command) if told else ""
+    unknown = _unknown(graph, parts.model, x, terms, spread) if fade or beyond else None
+    if fade and unknown is not None:
+        command = _trusted(Value(graph, command), unknown, parts, physics).name
+    outputs = {"command": (command, J)} | ({"variance": (spread, J)} if variance else {})
+    if beyond and unknown is not None:
+        outputs["outside"] = (_outside(graph, unknown, parts.model).name, J)
     inputs = {"states": sum(widths[name] for name in parts.reads)}
     if after:
         inputs[REMEMBERED] = parts.memory
@@ -153,6 +166,46 @@ def _term(graph: Graph, x: str, candidate: Candidate, physics: Mapping[int, Valu
         line = physics[id(candidate.mean)].at(candidate.commands).name
         own = graph.op("Add", own, line)
     return candidate, own, latent
+
+
+def _unknown(graph: Graph, model: LearnedModel, x: str, terms: Sequence[Term], variance: str) -> Value:
+    """(n, J) the variance without noise, at rest too; all of it where a command is not believed."""
+    J = len(model.commands)
+    doubted = np.zeros(J, dtype=np.bool_) if model.least is None else model.least > 0.0
+    squares = Value(graph, x) * Value(graph, x)
+    white, held = np.zeros(J), np.zeros((len(model.inputs.columns), J))
+    for candidate, _, _ in terms:
+        assert candidate.process is not None
+        factor = candidate.weights * candidate.calibration * candidate.units[1] ** 2
+        for place, (j, pairs) in enumerate(zip(candidate.commands, rests_of(candidate), strict=True)):
+            white[j] += factor[place] * candidate.process.noise_variance[place]
+            for column, s in pairs:
+                held[column, j] += factor[place] * s
+    white, held = np.where(doubted, 0.0, white), np.where(doubted, 0.0, held)
+    noise = squares @ held + white[None] if held.any() else white[None]
+    return Value(graph, variance) - noise
+
+
+def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int, Value]) -> Value:
+    """(n, J) as `trust.trusted`, blended with physics where they are used, else with zero."""
+    J, safe = len(parts.model.commands), command * 0.0
+    for candidate in parts.used:
+        if is_physical(candidate) and candidate.mean is not None:
+            own = physics[id(candidate.mean)].at(candidate.commands)
+            safe = safe + Value(own.graph, _placed(cast("Graph", own.graph), own.name, candidate, J))
+    prior = np.maximum(parts.model.signal_deviation, LEAST) ** 2
+    s = (unknown * (1.0 / prior)[None] - TRUSTED) * (1.0 / (UNKNOWN - TRUSTED))
+    s = s.most(np.array(0.0)).least(np.array(1.0))
+    part = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * (s * s))
+    believed = s.made("Less", s, np.array(1.0))
+    return believed.made("Where", believed, safe + part * (command - safe), safe)
+
+
+def _outside(graph: Graph, unknown: Value, model: LearnedModel) -> Value:
+    """(n, J) 1 where `trust.outside`, else 0."""
+    most = np.minimum(model.known * (1.0 + ROUNDING), float(np.finfo(graph.dtype).max))
+    beyond = unknown.made("Greater", unknown, most[None])
+    return beyond.made("Where", beyond, unknown * 0.0 + 1.0, unknown * 0.0)
 
 
 def _placed(graph: Graph, value: str, candidate: Candidate, J: int) -> str:

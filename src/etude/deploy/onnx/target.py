@@ -10,11 +10,11 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Delivered, Kind
 from etude.deploy.c99.names import identifier
+from etude.deploy.fading import fading
 from etude.deploy.onnx.graph import OPSET, needed
 from etude.deploy.onnx.model_graph import REMEMBERED, Parts, parts_of, written
 from etude.deploy.states import labels, log_of, trained
 from etude.errors import UsageError
-from etude.models.given import followed
 from etude.models.model import LearnedModel
 from etude.options import taken
 
@@ -22,16 +22,22 @@ REALS: Mapping[str, Any] = {"double": np.float64, "float": np.float32}
 COUNT, SEED = 100, 20
 UNKNOWN = 1.0
 """How far a state is tried that only physics reads."""
+LEAST_SWING, LARGEST_SWING = 0.1, 2.0
+"""Half ranges that the first and the last of these states swing through: processes say something near the
+data only.
+"""
 SMALL: Mapping[str, float] = {"double": 1e-9, "float": 1e-4}
-"""Largest deviation from Python, as a part of each command's limit, inside the range trained on."""
+"""Largest difference from Python, a part of each command's limit, inside the range trained on or beyond."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """See `commands.export`."""
+    """See `commands.export`; outside: with an output of where commands lie outside of what was learned."""
 
     real: str = "double"
     variance: bool = False
+    fade: bool = True
+    outside: bool | str = False
     name: str = ""
     model_hash: str = ""
 
@@ -68,8 +74,9 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     takes = taken_by(parts, kind.channels(spec))
     words = _words(parts, takes, kind, spec, asked)
     dtype, limit = REALS[asked.real], np.asarray(kind.limit(spec), dtype=float)
-    data = written(parts, takes.widths, dtype, asked.variance, words)
-    found = deviation(parts, takes, data, limit, dtype)
+    beyond = asked.outside not in (False, "", "no", "false", "0")
+    data = written(parts, takes.widths, dtype, asked.variance, words, fade=asked.fade, beyond=beyond)
+    found = deviation(parts, takes, data, limit, dtype, fade=asked.fade)
     if not found <= SMALL[asked.real]:
         raise UsageError(
             f"{asked.real} is wrong for this model: commands differ from Python's by up to {found:.1e} of "
@@ -111,18 +118,21 @@ def in_turn(data: bytes, parts: Parts, states: Array) -> list[Array]:
     return [np.concatenate(own) for own in zip(*rows, strict=True)]
 
 
-def deviation(parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any) -> float:
-    """Largest difference from Python at states that swing through the range trained on: of commands as a
-    part of their limits, of variances of these squared.
+def deviation(
+    parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any, *, fade: bool = True
+) -> float:
+    """Largest difference from Python at states that swing through the range trained on and as far beyond: of
+    commands as a part of their limits, of variances of these squared.
     """
     rng = np.random.default_rng(SEED)
     low, high = takes.ranges
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
     swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
-    states = (0.5 * (low + high) + 0.5 * (high - low) * swing).astype(dtype)
-    rows = log_of(takes.channels, states.astype(float), "states")
-    log = followed(parts.model.inputs, rows)
-    pairs = zip(in_turn(data, parts, states), parts.model.predict(log), (limit, limit**2), strict=False)
+    growing = np.linspace(LEAST_SWING, LARGEST_SWING, COUNT)[:, None]
+    states = (0.5 * (low + high) + 0.5 * (high - low) * growing * swing).astype(dtype)
+    log = log_of(takes.channels, states.astype(float), "states")
+    told = parts.model.predict(log, fade=fade)
+    pairs = zip(in_turn(data, parts, states), told, (limit, limit**2), strict=False)
     return max(float(np.abs((own - told) / size).max()) for own, told, size in pairs)
 
 
@@ -139,6 +149,7 @@ def _said(parts: Parts, takes: Taken, asked: Options, size: int, found: float) -
         )
     return (
         *said,
+        *([f"Outside: {fading(parts.model)}"] if asked.fade else []),
         f"Opset {OPSET}, {asked.real}, {size / 1024:.0f} KB. Nothing is clamped: NaN in, NaN out.",
         f"onnxruntime differs from Python by {found:.1e} of a limit.",
     )

@@ -13,6 +13,7 @@ from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.deploy.commanded import require_forces
+from etude.deploy.fading import fading
 from etude.errors import UsageError
 from etude.options import taken
 
@@ -36,7 +37,7 @@ PLACES = {
 class Options:
     """See `commands.export`; interface: of the hardware that takes commands."""
 
-    fade: bool = False
+    fade: bool = True
     single: bool = False
     rate: float | None = None
     name: str = ""
@@ -52,7 +53,7 @@ def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
             has no C.
     """
     asked = taken(options, Options, "ros2")
-    form = Form(False, asked.fade, asked.fade, asked.model_hash)
+    form = Form(False, fade=asked.fade, digest=asked.model_hash)
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     sources = _sources(made.plan, kind, spec)
@@ -108,7 +109,7 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[s
     plan, joints = made.plan, list(made.plan.model.commands)
     package = f"{plan.name.lower()}_feedforward"
     unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))
-    operations = plan.operations(made.form.variance)
+    operations = plan.operations(made.form.deviations)
     rate, remembered = float(asked.rate or spec.rate), plan.rate
     return {
         "PACKAGE": package,
@@ -124,21 +125,20 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[s
         "CHAINED": ", ".join(_quoted(f"learned_feedforward/{name}") for name in joints),
         "ZEROS": ", ".join("0.0" for _ in joints),
         "SOURCES": ", ".join(map(str, sources)),
-        "CALL": _call(plan.name, made.form.fade),
         "RATE": f"{max(rate, remembered):.0f}",
         "OPERATIONS": f"{operations:,}",
         "TIME": f", some {operations / 1e3:,.0f} us where a core does 1e9 a second",
         "MEMORY": _memory(remembered),
-        "FADED": ", and fades to physics, or zero, with its predicted deviation" if made.form.fade else "",
+        "FADED": _sentence(fading(plan.model)) if made.form.fade else _BARE,
         "TABLE": _table(plan),
     }
 
 
-def _call(name: str, fade: bool) -> str:
-    if not fade:
-        return f"  const unsigned flags = {name}_mean(&state_, input.data(), learned_.data());"
-    call = f"{name}_faded(&state_, input.data(), learned_.data(), variance.data())"
-    return f"  PerJoint variance;\n  const unsigned flags = {call};"
+_BARE = "Commands are the mean given the data everywhere: exported with --no-fade."
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _memory(rate: float) -> str:

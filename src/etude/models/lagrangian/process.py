@@ -64,6 +64,11 @@ class JointProcess:
         """(J,) sn²."""
         return self.at.noise_variance
 
+    @property
+    def conditioned_on(self) -> Array:
+        """(n, D) X."""
+        return self.X
+
     @cached_property
     def signal_variance(self) -> Array:
         """(J,) mean of the prior variances over the inputs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from etude.campaign.stored_files import changed_since
 from etude.contracts import Limit, Trajectory
 from etude.report.markup import (
     Html,
@@ -62,6 +63,7 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
     else:
         parts.append(grid(_panels(record, trajectory), 3))
     parts.append(_proofs(record, certificate) if certificate else missing("There is no certificate for it."))
+    parts += _since(record, n) if certificate else []
     length = f" · {duration(trajectory.duration)}" if trajectory else ""
     summary = element("summary", f"Trajectory {n}", element("small", length + _verdict(certificate)))
     return element("details", summary, *parts, **({"open": "open"} if unfolded else {}))
@@ -69,6 +71,13 @@ def _proposal(record: Record, n: int, *, unfolded: bool) -> Html:
 
 def _dimensions(trajectory: Trajectory) -> int:
     return int(trajectory.motion(np.zeros(1), 1).orders.shape[2])
+
+
+def _since(record: Record, n: int) -> list[Html]:
+    """Whether robot.toml or campaign.toml have changed since the certificate was made."""
+    name = f"proposals/{n:04d}/certificate.json"
+    why = "" if record.campaign is None else changed_since(record.campaign, record.events, [name])
+    return [paragraph(f"This was proved before {why}.", class_="soft")] if why else []
 
 
 def _how(record: Record, n: int) -> list[Html]:

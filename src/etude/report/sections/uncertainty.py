@@ -65,7 +65,9 @@ def deviation_maps(model: Model, data: tuple[Array, Array], ranges: tuple[Array,
         orders[0] = middle
         across, up = np.meshgrid(_centres(ranges[0][:, j]), _centres(ranges[1][:, j]))
         orders[0, :, j], orders[1, :, j] = across.ravel(), up.ravel()
-        _, variance = model.predict(model.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders)))
+        _, variance = model.posterior(
+            model.inputs.states(Motion(np.arange(GRID * GRID, dtype=float), orders))
+        )
         maps.append(np.sqrt(np.maximum(variance[:, j], 0.0)).reshape(GRID, GRID))
     return maps
 

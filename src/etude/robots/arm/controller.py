@@ -10,16 +10,15 @@ import numpy as np
 from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
 from etude.robots.arm.plant.following import Following
-from etude.robots.arm.spec import TURNING, ArmSpec
+from etude.robots.arm.spec import MEMORY, TURNING, ArmSpec
 
 
 class Fading(Protocol):
-    """A model that says what of it is to be used, too (`LearnedModel`)."""
+    """A model whose command fades where it knows nothing, or does not (`LearnedModel`)."""
 
     @property
     def inputs(self) -> Inputs: ...
-    def predict(self, log: Log) -> tuple[Array, Array]: ...
-    def faded(self, log: Log) -> tuple[Array, Array]: ...
+    def predict(self, log: Log, *, fade: bool = True) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ class ModelController:
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """The command at one instant, and its standard deviation."""
         states = self.model.inputs.states(Motion(np.zeros(1), np.zeros((3, 1, self.spec.dof))))
-        channels = {**states.channels, TURNING: self.spec.turning()}
+        channels = {**states.channels, TURNING: self.spec.turning(), MEMORY: self.spec.memory()}
         values = {name: row[name][None] for name in channels if name in row}
         log = Log(np.array([t]), {name: channels[name] for name in values}, values)
         command, deviation = self._commands(log)
@@ -55,7 +54,7 @@ class ModelController:
         """Nothing is learned on the way."""
 
     def _commands(self, log: Log) -> tuple[Array, Array]:
-        mean, variance = self.model.faded(log) if self.fade else self.model.predict(log)
+        mean, variance = self.model.predict(log, fade=self.fade)
         if mean.shape[1] != self.spec.dof:
             raise UsageError(
                 f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",

@@ -147,20 +147,43 @@ class ArmInputs:
         return found if len(found) < 2 else self.followed(found)
 
     def followed(self, log: Log) -> Log:
-        """The log with what friction remembers, for rows that follow one another as in a run from rest."""
-        if self.ways is None:
+        """The log with what friction remembers, for rows that follow one another as in a run from rest; as
+        it is where it carries that.
+        """
+        if self.ways is None or TURNING in log:
             return log
         q = log[self.names[0]]
         return log.put(self.channels[TURNING], turning(q, np.zeros(q.shape[1]), self.ways))
 
+    def apart(self, log: Log) -> Log:
+        """The log for rows that do not follow one another: friction remembers nothing of a way."""
+        if TURNING in log:
+            log = log.without(TURNING)
+        if self.presliding is None:
+            return log
+        return log.put(self._memory, np.zeros(log[self.names[0]].shape))
+
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]:
-        """The same of one row (2, W J) after another: friction by each way, and the positions before."""
-        if self.ways is None:
+        """The same of one row (2, W J + J) after another: friction by each way and by that of the inputs,
+        and the positions before.
+        """
+        lengths = [] if self.ways is None else [*self.ways]
+        plays = [np.zeros(len(ways)) for ways in lengths]
+        if self.presliding is not None and self.play is not None:
+            lengths, plays = [*lengths, self.presliding], [*plays, self.play]
+        if not lengths:
             return row, None
-        ways = self.ways.ravel()
-        q = np.tile(row[self.names[0]], (1, len(self.ways)))
-        found = remembered(q, np.zeros(len(ways)), ways, before)[0]
-        return row.put(self.channels[TURNING], found[:1]), found
+        q = np.tile(row[self.names[0]], (1, len(lengths)))
+        if before is not None and before.shape[1] < q.shape[1]:  # an older version carried the ways alone
+            more = np.stack([np.zeros(q.shape[1]), q[0]])[:, before.shape[1] :]
+            before = np.concatenate([before, more], axis=1)
+        found = remembered(q, np.concatenate(plays), np.concatenate(lengths), before)[0]
+        J = len(self.stick_velocity)
+        if self.presliding is not None:
+            row = row.put(self._memory, found[:1, -J:])
+        if self.ways is not None:
+            row = row.put(self.channels[TURNING], found[:1, : self.ways.size])
+        return row, found
 
     def of_log(self, log: Log) -> Array:
         """X (T, D). KeyError where the log lacks a channel."""
@@ -252,6 +275,11 @@ class ArmInputs:
         from etude.robots.arm.onnx import inputs_piece
 
         return inputs_piece(self)
+
+    @property
+    def _memory(self) -> Channel:
+        parts = self.channels[self.names[0]].parts
+        return Channel(MEMORY, parts, ("1",) * len(parts))
 
     def _sigma(self, q: Array) -> Array:
         """(T, J) what friction remembers along positions q (T, J) from an unknown past; zeros without."""

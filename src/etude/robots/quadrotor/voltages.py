@@ -67,7 +67,7 @@ class GatedVoltages:
     def predict(self, log: Log) -> Array:
         """Voltages (T, 4)."""
         safe = self.analytic.predict(log)
-        mean, variance = self.model.predict(log)
+        mean, variance = self.model.posterior(log)
         near = safe + np.clip(mean - safe, -self.limit, self.limit)
         found = trusted(near, variance, prior_deviation(self.model), safe)
         ranges = None if getattr(self.model, "calibrated", True) else getattr(self.model, "ranges", None)

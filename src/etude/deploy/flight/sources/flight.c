@@ -111,7 +111,7 @@ unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, rea
     } else {
         own->begun = 0;
     }
-    own->trust += flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_CLAMPED | @UPPER@_NO_ANSWER) ? -step : step;
+    own->trust += flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_FAR | @UPPER@_NO_ANSWER) ? -step : step;
     own->trust = own->trust < R(0.0) ? R(0.0) : own->trust > R(1.0) ? R(1.0) : own->trust;
     for (j = 0; j < @UPPER@_COMMANDS; ++j)
         extra[j] = own->trust * own->extra[j];

@@ -124,7 +124,7 @@ CallbackReturn Feedforward::on_activate(const rclcpp_lifecycle::State &)
   asked_.fill(0.0);
   measured_.fill(NOTHING);
   told_ = trusted_ = 0.0;
-  in_range_ = false;
+  answered_ = false;
   for (auto & reference : ordered_exported_reference_interfaces_) {
     static_cast<void>(reference->set_value(NOTHING));
   }
@@ -152,7 +152,7 @@ return_type Feedforward::update_and_write_commands(const rclcpp::Time &, const r
     ask_model();
   }
   told_ = moved(told_, complete, step);
-  trusted_ = moved(trusted_, in_range_, step);
+  trusted_ = moved(trusted_, answered_, step);
   for (std::size_t j = 0; j < JOINTS; ++j) {
     const double own = told_ * (trusted_ * learned_[j] + fed_back(j));
     const double effort = std::min(@NAME@_most[j], std::max(@NAME@_least[j], own + added(j)));
@@ -180,8 +180,8 @@ void Feedforward::ask_model()
   for (std::size_t i = 0; i < input.size(); ++i) {
     input[i] = asked_[SOURCES[i]];
   }
-@CALL@
-  in_range_ = !(flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_CLAMPED | @UPPER@_NO_ANSWER));
+  const unsigned flags = @NAME@_mean(&state_, input.data(), learned_.data());
+  answered_ = !(flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_NO_ANSWER));
 }
 
 double Feedforward::fed_back(std::size_t joint)

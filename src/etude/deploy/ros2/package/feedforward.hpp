@@ -57,9 +57,9 @@ private:
   std::array<double, JOINTS * (ORDERS - 1)> asked_{};
   std::array<double, 2 * JOINTS> measured_{};
   PerJoint learned_{};
-  bool in_range_ = false;
+  bool answered_ = false;
   double told_ = 0.0;     // part of all, [0, 1]: 0 while there is no reference
-  double trusted_ = 0.0;  // part of what was learned, [0, 1]: 0 beyond the range of the model
+  double trusted_ = 0.0;  // part of what was learned, [0, 1]: 0 while the model has no answer
 };
 }  // namespace @PACKAGE@
 
