@@ -28,14 +28,21 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
 
     Raises:
         UsageError: the file cannot be read, or lacks a joint of the robot.
+        UnsafeModelError: what is compiled is another robot than the file's (`loading.agreement`).
     """
     if spec.model_file is None:
         return None
     from etude.robots.arm.loading.load import load_arm
     from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
-    model = load_arm(spec, shapes=False, drives=True).model()
-    return Geometry(tree_from_mujoco(model, spec.names), drives_from_mujoco(model, spec.names))
+    loaded = load_arm(spec, shapes=False, drives=True)
+    model = loaded.model()
+    tree = tree_from_mujoco(model, spec.names)
+    if loaded.expected is not None:
+        from etude.robots.arm.physics.tree_agreement import check_tree
+
+        check_tree(tree, loaded.expected, loaded.source)
+    return Geometry(tree, drives_from_mujoco(model, spec.names))
 
 
 _known: dict[str, bool] = {}
