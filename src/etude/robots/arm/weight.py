@@ -13,8 +13,9 @@ import numpy as np
 
 from etude.contracts import Array, Mask
 from etude.robots.arm.commands import NO_MOTION
-from etude.robots.arm.physics.geometry import Geometry, has_masses, read_geometry
+from etude.robots.arm.physics.geometry import has_masses, read_geometry
 from etude.robots.arm.physics.newton_euler import nominal_commands
+from etude.robots.arm.physics.transmission import Geometry
 from etude.robots.arm.spec import FORCES, ArmSpec
 
 POSES, SEED = 2048, 0

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from etude.robots.arm.of_file import of_file
-from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.transmission import Drive
+from etude.robots.arm.physics.transmission import Geometry
 from etude.robots.arm.spec import ArmSpec
 
-
-@dataclass(frozen=True)
-class Geometry:
-    """What a model file says of a robot without any data.
-
-    Attributes:
-        tree: bodies and joints, with the file's inertial parameters as the nominal ones.
-        drives: one per axis; the joint itself where the file has no actuator.
-    """
-
-    tree: KinematicTree
-    drives: tuple[Drive, ...]
+_known: dict[str, bool] = {}
+"""Whether a file has masses."""
 
 
 def read_geometry(spec: ArmSpec) -> Geometry | None:
@@ -43,9 +30,6 @@ def read_geometry(spec: ArmSpec) -> Geometry | None:
 
         check_tree(tree, loaded.expected, loaded.source)
     return Geometry(tree, drives_from_mujoco(model, spec.names))
-
-
-_known: dict[str, bool] = {}
 
 
 def has_masses(spec: ArmSpec) -> bool:

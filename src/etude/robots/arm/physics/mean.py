@@ -16,7 +16,7 @@ from etude.operators import Piece
 from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
-from etude.robots.arm.physics.geometry import Geometry, has_masses, read_geometry
+from etude.robots.arm.physics.geometry import has_masses, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.rigid_body import (
     EXTRA_TERMS,
@@ -26,7 +26,7 @@ from etude.robots.arm.physics.rigid_body import (
     command_regressors,
     nominal_model,
 )
-from etude.robots.arm.physics.transmission import Drive
+from etude.robots.arm.physics.transmission import Drive, Geometry
 from etude.robots.arm.spec import FORCES, PATH, PLAN, TURNING, WAYS, ArmSpec
 
 FRICTION_FRACTION = 0.02
