@@ -229,7 +229,7 @@ class Trajectory(Protocol):
     def form(self) -> str: ...
     @property
     def duration(self) -> float: ...
-    # (start s, "segment", "link", "approach", "return", "take-off" or "landing", piece); smooth between;
+    # (start s, one of `trajectories.chain.LABELS`, piece); smooth between;
     # a single one is its own piece
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
     def motion(self, t: Array, orders: int = 3) -> Motion: ...
@@ -571,6 +571,14 @@ class Controller(Protocol):
     def observe(self, t: float, row: Row) -> None: ...
 
 
+class Accelerating(Protocol):
+    """Capability of a `Controller` of robots whose feedback takes accelerations: (T, k) what it is to be told
+    along a motion, the motion's own and what the model adds to it; None: the motion's own.
+    """
+
+    def accelerations(self, motion: Motion) -> Array | None: ...
+
+
 @dataclass(frozen=True)
 class Described:
     """A robot's description, whole: files that a campaign folder needs, robot.toml among them, by name,
@@ -711,6 +719,14 @@ class Posed(Protocol):
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
+class Resting(Protocol):
+    """Capability of a `Kind` whose families make motions that are in motion at their ends: whether those of
+    this robot get a lead-in from rest and a lead-out to rest. Who lacks it sends motions as they are.
+    """
+
+    def from_rest(self, spec: Any) -> bool: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Reachable:
     """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
@@ -750,6 +766,14 @@ class Placed(Protocol):
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
 
 
+class Blocking(Protocol):
+    """Capability of a `Limit` that can say what a pose (k,) in a motion of that form runs into: a phrase,
+    "" for nothing.
+    """
+
+    def blocked(self, form: str, pose: Array) -> str: ...
+
+
 class Gained(Protocol):
     """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
     NaN where unknown.
@@ -759,7 +783,7 @@ class Gained(Protocol):
 
 
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
-# plays: certify that
+# plays: certify that; `notes(files)`, if there is one, are sentences on what they hold beside the motion
 Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
 # `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
 # `recognises(path, head)`

@@ -135,10 +135,7 @@ def arm_of_urdf(
     names = tuple(believed.names)[1:]
     rng = np.random.default_rng(seed)
     limit = np.array([(torque or {}).get(name, believed.effortLimit[i]) for i, name in enumerate(names)])
-    lower, upper = (
-        np.maximum(believed.lowerPositionLimit, -np.pi),
-        np.minimum(believed.upperPositionLimit, np.pi),
-    )
+    lower, upper = believed.lowerPositionLimit, believed.upperPositionLimit
     top = np.minimum(believed.velocityLimit, speed)
     true = believed.copy()
     for i in range(1, true.njoints):
@@ -152,15 +149,19 @@ def arm_of_urdf(
 
 
 def one_turn(text: str) -> str:
-    """The text with continuous joints as joints of half a turn each way: pinocchio gives them two numbers."""
+    """The text with joints of more than a turn cut to half a turn each way."""
     tree = ElementTree.fromstring(text)
     for joint in tree.iter("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
+        if joint.get("type") in ("continuous", "revolute"):
             limit = joint.find("limit")
             limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            limit.set("lower", repr(-np.pi))
-            limit.set("upper", repr(np.pi))
+            free = joint.get("type") == "continuous"
+            ends = [-np.inf, np.inf] if free else [float(limit.get(word, "0")) for word in ("lower", "upper")]
+            joint.set("type", "revolute")
+            if ends[1] - ends[0] > 2.0 * np.pi:
+                ends = [max(ends[0], -np.pi), min(ends[1], np.pi)]
+            limit.set("lower", repr(float(ends[0])))
+            limit.set("upper", repr(float(ends[1])))
     return ElementTree.tostring(tree, encoding="unicode")
 
 

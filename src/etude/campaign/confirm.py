@@ -22,13 +22,12 @@ from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speed
 from etude.campaign.in_use import model_in_use, model_of_sha256
 from etude.campaign.kept import Kept, kept_then
 from etude.campaign.learn import learn_pending
-from etude.campaign.motions import typical_motions
+from etude.campaign.motions import from_rest, typical_motions
 from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.stored_files import require_description
 from etude.campaign.tracking import kept_now
 from etude.contracts import Limit, Trajectory
-from etude.deploy.commanded import commanded
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
@@ -82,7 +81,9 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
         made = _propose(campaign, state, number, kept, say)
     found = present(campaign, number, kept, made, FULL, lambda files: _fed(campaign, number, files))
     motion = stored_trajectory(campaign, number)
-    written = [export(campaign, number, motion, found.folder, name, effort=effort) for name in formats]
+    written = [
+        export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
+    ]
     return replace(found, exported=tuple(written))
 
 
@@ -135,12 +136,12 @@ def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[Tr
     for motion, speed in _candidates(campaign, rng):
         slower = motion if speed == FULL else motion.slowed(FULL / speed)
         try:
-            files = _rendered(campaign, slower, limits, kept)
+            files = _rendered(campaign, from_rest(campaign, slower, limits), limits, kept)
         except UnsafeTrajectoryError:
             continue
         slow = "" if speed == FULL else f", at {speed} % of its speed"
         return files, f"to confirm: drawn as the tests are{slow}, never trained on"
-    motion = typical_motions(campaign, rng, 1, limits, grown=True)[0]
+    motion = from_rest(campaign, typical_motions(campaign, rng, 1, limits, grown=True)[0], limits)
     return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"
 
 
@@ -160,7 +161,8 @@ def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], k
 def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:
     """trajectory.csv with the model's command beside each set-point, in the robot's command unit."""
     names, rows = read_table(files.table)
-    command = commanded(files.trajectory, model).command(rows[:, 0])
+    motion = files.trajectory.motion(rows[:, 0], model.inputs.orders)
+    command, _ = model.predict(model.inputs.states(motion))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([*names, *column_names(campaign.command)])
     text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())

@@ -13,7 +13,7 @@ from etude.campaign.in_use import model_in_use
 from etude.campaign.stored_files import settle
 from etude.campaign.tracking import kept_under
 from etude.contracts import Trajectory
-from etude.deploy.commanded import Commanded, commanded, require_forces
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.played import certify_played
 from etude.limits.certificate import Certificate
 
@@ -45,7 +45,14 @@ def require_formats(names: Sequence[str]) -> None:
 
 
 def export(
-    campaign: Campaign, number: int, trajectory: Trajectory, folder: Path, name: str, *, effort: bool = False
+    campaign: Campaign,
+    number: int,
+    trajectory: Trajectory,
+    folder: Path,
+    name: str,
+    *,
+    effort: bool = False,
+    drag: bool = True,
 ) -> Exported:
     """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
     and written anew where it is another by now.
@@ -57,6 +64,8 @@ def export(
         trajectory: what to run. folder: where its own files are.
         name: of the exporter.
         effort: with the learned command along the motion; margins are then those under it.
+        drag: whether accelerations, where the format has them, hold against what was learned of the drag, as
+            flights that are simulated do (`Kind.collecting`).
 
     Raises:
         UsageError: no such format, not one for this robot, no model to take commands from, commands that are
@@ -65,6 +74,7 @@ def export(
     """
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
+    what = _accelerated(campaign, what) if drag else what
     files = exporter(what, campaign.kind, campaign.spec)
     own = asked_under(campaign.round(number).asked)
     kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
@@ -82,3 +92,13 @@ def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
     unit = getattr(campaign.spec, "command_unit", "")
     require_forces(unit, campaign.spec.name, "Export without --effort.")
     return commanded(trajectory, model_in_use(campaign).model)
+
+
+def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
+    """With what flights that collect are flown with, once something was learned."""
+    made = getattr(campaign.kind, "collecting", None)  # a kind that lacks it collects under feedback alone
+    if made is None or not campaign.state().trained:
+        return what
+    model = model_in_use(campaign).model
+    controller = made(campaign.spec, campaign.config, model)
+    return accelerated(what, controller, model.inputs.orders)

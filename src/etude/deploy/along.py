@@ -10,7 +10,7 @@ import numpy as np
 
 from etude import plugins
 from etude.contracts import Array, Delivered, Kind, Limit, Log, Trajectory
-from etude.deploy.commanded import commanded, require_forces
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.exporters.knots import SPACE, names_of
 from etude.deploy.played import certify_played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
@@ -39,6 +39,7 @@ class Options:
     """motion: as `campaign.supplied` gives it; format: names of exporters, with commas; rate: Hz."""
 
     motion: Bounded | None = None
+    config: Any = None
     format: str = ""
     rate: float | None = None
     model_hash: str = ""
@@ -47,7 +48,7 @@ class Options:
 class Along:
     """The target (`contracts.Target`)."""
 
-    needs = ("motion",)
+    needs = ("motion", "config")
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
         """commands.csv, at the robot's rate: set-points, commands and deviations; each format with `effort`.
@@ -63,29 +64,40 @@ class Along:
         control = asked.motion.control
         proof = require_certified(motion, limits, control=control)
         rate = float(asked.rate or table_rate(spec))
+        controller = kind.controller(spec, asked.config, model)
+        what = accelerated(commanded(motion, model), controller, model.inputs.orders)
         files = {
             COEFFICIENTS: motion.to_json().encode(),
-            TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log)),
+            TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log, what)),
             CERTIFICATE: proof.to_json().encode(),
         }
         unit = getattr(spec, "command_unit", "")
-        formats, said = _formats(asked.format, kind, spec, unit)
+        formats, said = _formats(asked.format, kind, spec, unit, what)
         for name in formats:
-            files |= _played(name, model, asked.motion, kind, spec)
+            found, sentences = _played(name, what, asked.motion, kind, spec)
+            files |= found
+            said = (*said, *sentences)
         told = f"{TABLE}: set-points, commands and deviations ({unit or '1'}), {rate:g} times a second."
         return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
 
 
-def _columns(model: LearnedModel, log: Log) -> dict[str, Array]:
+def _columns(model: LearnedModel, log: Log, what: Commanded) -> dict[str, Array]:
     mean, variance = model.predict(log)
     found: dict[str, Array] = {}
     for word, values in (("command", mean), ("deviation", np.sqrt(variance))):
         found |= {f"{word}_{name}": column for name, column in zip(model.commands, values.T, strict=True)}
+    if what.acceleration is not None:
+        told = what.acceleration(log.t)
+        found |= {f"a{axis}_command": column for axis, column in zip(SPACE, told.T, strict=True)}
     return found
 
 
-def _formats(given: str, kind: Kind, spec: Any, unit: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _formats(
+    given: str, kind: Kind, spec: Any, unit: str, what: Commanded
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Those asked for; unasked a JointTrajectory, if there is one of this robot."""
+    if given and what.acceleration is not None:
+        return tuple(given.split(",")), ()
     if given:
         require_forces(unit, spec.name, f"Export without a format: {TABLE} has any unit.")
         return tuple(given.split(",")), ()
@@ -98,12 +110,15 @@ def _formats(given: str, kind: Kind, spec: Any, unit: str) -> tuple[tuple[str, .
     return (FORMAT,), (f"{FORMAT}: with effort, for joint_trajectory_controller of Jazzy and later.",)
 
 
-def _played(name: str, model: LearnedModel, motion: Bounded, kind: Kind, spec: Any) -> dict[str, bytes]:
-    """The files of a format in a folder of its name, proved as their receiver plays them."""
+def _played(
+    name: str, what: Trajectory | Commanded, motion: Bounded, kind: Kind, spec: Any
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """The files of a format in a folder of its name, proved as their receiver plays them; and sentences."""
     exporter = plugins.load(EXPORTERS, name)
-    files = exporter(commanded(motion.trajectory, model), kind, spec)
+    files = exporter(what, kind, spec)
     proof = certify_played(exporter, files, motion.limits, motion.trajectory, motion.control)
-    return {f"{name}/{file}": data for file, data in {**files, CERTIFICATE: proof.to_json().encode()}.items()}
+    own = {**files, CERTIFICATE: proof.to_json().encode()}
+    return {f"{name}/{file}": data for file, data in own.items()}, proof.notes
 
 
 ALONG = Along()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +21,14 @@ class Commanded:
 
     Attributes:
         trajectory: the motion.
-        command: t (T,) s -> (T, J) in the robot's command unit.
+        command: t (T,) s -> (T, J) in the robot's command unit; None: none goes along.
+        acceleration: t (T,) s -> (T, k) what a feedback is told in place of the motion's own acceleration:
+            that and what the model adds, such as drag; None: the motion's own. See `contracts.Accelerating`.
     """
 
     trajectory: Trajectory
-    command: Callable[[Array], Array]
+    command: Callable[[Array], Array] | None = None
+    acceleration: Callable[[Array], Array] | None = None
 
 
 def commanded(trajectory: Trajectory, model: Model) -> Commanded:
@@ -35,6 +39,24 @@ def commanded(trajectory: Trajectory, model: Model) -> Commanded:
         return np.asarray(model.predict(states)[0])
 
     return Commanded(trajectory, command)
+
+
+def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> Commanded:
+    """With the accelerations that a controller would have the feedback told (`contracts.Accelerating`).
+
+    Args:
+        controller: any; without that capability, and where it adds nothing, the motion's own remain.
+        orders: of the motion that the model's inputs need.
+
+    Raises:
+        UnsafeTrajectoryError: the motion is singular, see `flat_motion` of vehicles.
+    """
+    told = getattr(controller, "accelerations", None)
+    own = what if isinstance(what, Commanded) else Commanded(what)
+    motion = own.trajectory
+    if told is None or told(motion.motion(np.zeros(1), orders)) is None:
+        return own
+    return replace(own, acceleration=lambda t: np.asarray(told(motion.motion(t, orders))))
 
 
 def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:

@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,8 @@ def render(
     unheld: Sequence[str] = (),
     stem: str = STEM,
     control: str = "",
+    swept: Sequence[Mapping[str, Any]] = (),
+    warned: Sequence[str] = (),
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -93,6 +95,8 @@ def render(
         unheld: sentences for the certificate, what this robot is known not to hold.
         stem: of the files' names; of another than `STEM` it is the way there or back.
         control: that the margins of tracking are of, in words.
+        swept: of each axis what the motion sweeps, see `campaign.visited`.
+        warned: sentences that come first, before those of the limits.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
@@ -100,11 +104,13 @@ def render(
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
     certificate = require_certified(written, limits, unheld, way=stem != STEM, control=control)
+    certificate = replace(certificate, warnings=(*warned, *certificate.warnings))
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
     names = (f"{stem}.json", f"{stem}.csv", CERTIFICATE if stem == STEM else f"{stem}.{CERTIFICATE}")
     proof = {"trajectory": names[0], "robot": spec.name, **json.loads(certificate.to_json())}
+    proof |= {"swept": list(swept)} if swept else {}
     assumed = list(getattr(spec, "confirm", ()))
     proof |= {"to_confirm": assumed} if assumed else {}
     text = json.dumps(proof, indent=1) + "\n"
@@ -117,14 +123,15 @@ def table_rate(spec: Any) -> float:
 
 
 def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Beside | None = None) -> bytes:
-    """`time` and all planned channels at `rate` Hz; every float reads back exactly.
+    """`time` and all planned channels at `rate` Hz; every float reads back exactly. The last row is the first
+    instant of the grid at which the motion has ended, and is at rest where the motion is: players hold it.
 
     Args:
         beside: further columns (T,) by name, of the states of a perfect run.
     """
-    count = math.floor(trajectory.duration * rate + ROUNDING) + 1
-    t = np.minimum(np.arange(count) / rate, trajectory.duration)
-    log = inputs.states(trajectory.motion(t, inputs.orders))
+    count = math.ceil(trajectory.duration * rate - ROUNDING) + 1
+    t = np.arange(count) / rate
+    log = inputs.states(held_after(trajectory, t, inputs.orders))
     columns: dict[str, Array] = {"time": t}
     for channel in (c for c in log.channels.values() if c.role == "plan"):
         columns |= dict(zip(column_names(channel), log[channel.name].T, strict=True))
@@ -133,6 +140,14 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
     csv.writer(text, lineterminator="\n").writerow(columns)
     text.write(lines(np.column_stack([*columns.values()])))
     return text.getvalue().encode()
+
+
+def held_after(trajectory: Trajectory, t: Array, orders: int) -> Motion:
+    """The motion at times t (T,) s; after its end it stands where it ended."""
+    motion = trajectory.motion(np.minimum(t, trajectory.duration), orders)
+    table = motion.orders.copy()
+    table[1:, t > trajectory.duration * (1.0 + ROUNDING)] = 0.0
+    return Motion(t, table)
 
 
 def lines(rows: Array) -> str:
@@ -183,7 +198,7 @@ def _check_table(
     """
     names, rows = read_table(table)
     place = {name: j for j, name in enumerate(names)}
-    motion = written.motion(rows[:, 0], max(inputs.orders, LOOKED_AT))
+    motion = held_after(written, rows[:, 0], max(inputs.orders, LOOKED_AT))
     orders = motion.orders.copy()
     for i, channel in enumerate(_path_orders(kind.path, inputs.states(motion_of_one(written, inputs)))):
         orders[i] = rows[:, [place[name] for name in column_names(channel)]]

@@ -48,6 +48,7 @@ class Certificate:
         rest_needed: whether rest at the ends is one of the limits; a flight may start in motion.
         not_looked_at: sentences, what nobody proved.
         warnings: sentences that come first: what the motion asks beyond a limit that is not held.
+        notes: sentences on what the file holds beside the motion that is proved.
     """
 
     rows: tuple[Proof, ...]
@@ -55,6 +56,7 @@ class Certificate:
     rest_needed: bool = True
     not_looked_at: tuple[str, ...] = ALL
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -96,6 +98,7 @@ class Certificate:
             "not_looked_at": list(self.not_looked_at),
         }
         content |= {"warnings": list(self.warnings)} if self.warnings else {}
+        content |= {"notes": list(self.notes)} if self.notes else {}
         return json.dumps(content, indent=1) + "\n"
 
 

@@ -160,6 +160,14 @@ class CommandLimit:
         mean = self.mean(motion)
         return mean, np.zeros_like(mean) if self.deviation is None else self.deviation(motion)
 
+    def blocked(self, form: str, pose: Array) -> str:  # noqa: ARG002
+        """The first command that cannot hold a pose (k,) at rest."""
+        orders = np.zeros((self.orders, 1, len(pose)))
+        orders[0, 0] = pose
+        mean = self.mean(Motion(np.zeros(1), orders))[0]
+        beyond = np.flatnonzero((mean < self.lower) | (mean > self.upper))
+        return f"the {self.quantity} of {self.names[beyond[0]]}" if len(beyond) else ""
+
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each command, and one for each rate that is limited; all of them "sampled".
 

@@ -112,8 +112,11 @@ def _at_rate(motion: Trajectory, names: tuple[str, ...], rate: float, orders: in
     nanoseconds = grid_of(motion, rate)
     t = np.minimum(nanoseconds / NANO, motion.duration)
     points = np.ascontiguousarray(motion.motion(t, orders).orders)
-    for end in (0, -1):  # rest is exact in what is sent: controllers refuse a motion that ends in motion
-        speed = np.abs(points[1:2]).max(initial=0.0)
-        if orders > 1 and np.abs(points[1, end]).max() <= REST_TOLERANCE * speed:
-            points[1, end] = 0.0
+    # rest is exact in what is sent: controllers refuse a motion that ends in motion, and hold the last point
+    # with its acceleration
+    for order in range(1, orders):
+        size = np.abs(points[order]).max()
+        for end in (0, -1):
+            if np.abs(points[order, end]).max() <= REST_TOLERANCE * size:
+                points[order, end] = 0.0
     return Knots(names, nanoseconds, points, None, motion.form)

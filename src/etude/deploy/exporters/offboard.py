@@ -1,7 +1,9 @@
 """Set-points for PX4's offboard mode, in its frame (north, east, down), and the program that sends them.
 
 PX4 holds each set-point until the next: its position, velocity and acceleration go to its controllers as they
-are, so that is what is certified.
+are, so that is what is certified. Where a model knows the drag, the accelerations are commands: the motion's
+own and what holds against the drag. The latter stands in columns of its own; what is left is the motion. What
+PX4 holds after the last row is that row: half a second at rest ends the table.
 """
 
 from __future__ import annotations
@@ -14,20 +16,27 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Kind, Trajectory
-from etude.deploy.commanded import Commanded, parted
+from etude.contracts import Array, Kind, Trajectory
+from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.csv_player import player
 from etude.deploy.exporters.knots import require_space
+from etude.trajectories.lead_in import STILL
 from etude.trajectories.splined import Splined
 
 TABLE, PLAYER = "setpoints.csv", "play.py"
 RATE = 50.0
 """Hz; offboard mode ends below 2."""
 ORDERS = 3
+HELD_S = 0.5
+"""s of rows at rest after the motion: whoever stops reading early still reads one."""
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """(north, east, down) <- (east, north, up), and back."""
 YAW = 0.5 * math.pi
 """Heading zero looks east."""
+DRAG = ["drag_north", "drag_east", "drag_down"]
+"""m/s^2: the part of the accelerations that is not the motion's."""
+GRAVITY = 9.80665
+"""m/s^2, PX4's CONSTANTS_ONE_G (src/lib/geo/geo.h)."""
 HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
 
 
@@ -37,25 +46,66 @@ class Offboard:
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no path in space."""
         require_space(kind, spec, "an autopilot")
-        motion, _ = parted(what)
+        motion = what.trajectory if isinstance(what, Commanded) else what
         count = math.ceil(motion.duration * RATE - 1e-9) + 1
-        t = np.arange(count) / RATE  # at rest after the end
-        orders = motion.motion(t, ORDERS).orders @ NED.T
+        t = np.arange(count + round(HELD_S * RATE)) / RATE
+        orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
+        still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL
+        orders[1:, still] = 0.0  # rest is exact in what is sent
+        columns, header = list(orders), list(HEADER)
+        if isinstance(what, Commanded) and what.acceleration is not None:
+            told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
+            drag = np.where(((t <= motion.duration) & ~still)[:, None], told - orders[2], 0.0)
+            columns[2], header = orders[2] + drag, [*HEADER, *DRAG]
+            columns.append(drag)
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
-        lines.writerow(HEADER)
-        rows = np.concatenate(list(orders.astype(np.float32)), axis=1).astype(float).tolist()
+        lines.writerow(header)
+        rows = np.concatenate(columns, axis=1).astype(np.float32).astype(float)
         lines.writerows(
-            [*map(repr, [seconds, *row, YAW])] for seconds, row in zip(t.tolist(), rows, strict=True)
+            [*map(repr, [seconds, *row[:9], YAW, *row[9:]])]
+            for seconds, row in zip(t.tolist(), rows.tolist(), strict=True)
         )
         return {TABLE: text.getvalue().encode(), PLAYER: player("play_setpoints.py")}
 
     def back(self, files: Mapping[str, bytes]) -> Splined:
-        """The set-points, each held until the next, in single precision; east, north, up."""
-        _, *rows = csv.reader(io.StringIO(files[TABLE].decode()))
-        table = np.array([[float(cell) for cell in row] for row in rows])
-        points = np.moveaxis(table[:, 1:-1].astype(np.float32).reshape(len(table), ORDERS, 3), 1, 0)
-        return Splined(table[:, 0], points.astype(float) @ NED.T, held=True)
+        """The motion of the set-points, each held until the next, in single precision; east, north, up.
+
+        Of accelerations that hold against drag too, the motion's own part.
+        """
+        t, points, drag = _read(files)
+        points[2] -= drag
+        return Splined(t, points @ NED.T, held=True)
+
+    def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
+        """A sentence if accelerations are commands, with what they ask beyond the motion."""
+        _, points, drag = _read(files)
+        if not drag.any():
+            return ()
+        most = float(np.linalg.norm(drag, axis=1).max())
+        told, own = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
+        return (
+            "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
+            f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
+            "Limits are proved of the motion.",
+        )
+
+
+def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array]:
+    """Times (K,), position, velocity and acceleration (3, K, 3), and the drag (K, 3); north, east, down."""
+    header, *rows = csv.reader(io.StringIO(files[TABLE].decode()))
+    table = np.array([[float(cell) for cell in row] for row in rows]).astype(np.float32).astype(float)
+    place = {name: i for i, name in enumerate(header)}
+    points = table[:, [place[name] for name in HEADER[1:-1]]].reshape(len(table), ORDERS, 3)
+    known = [place[name] for name in DRAG if name in place]
+    t = np.array([float(row[0]) for row in rows])
+    return t, np.moveaxis(points, 1, 0).copy(), table[:, known] if known else np.zeros((len(table), 3))
+
+
+def _tilt(acceleration: Array) -> float:
+    """Largest angle of the thrust that gives these accelerations (K, 3), north, east, down, rad."""
+    thrust = acceleration - [0.0, 0.0, GRAVITY]
+    return float(np.arctan2(np.hypot(thrust[:, 0], thrust[:, 1]), -thrust[:, 2]).max())
 
 
 OFFBOARD = Offboard()

@@ -149,12 +149,23 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
     warnings = [paragraph(str(sentence), class_="alert") for sentence in certificate.get("warnings", ())]
-    proved = table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")
+    found = *distances(every), *_swept(certificate)
+    proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
         parts.append(missing(f"Not looked at by anyone: {' '.join(unseen)}"))
     return join(parts)
+
+
+def _swept(certificate: Facts) -> list[Html]:
+    """What part of each axis's range its segments go through; nothing of certificates that do not say."""
+    body = [
+        [str(row["axis"]), *(f"{100.0 * row[of]:.0f} %" for of in ("of_range", "of_clear")), str(row["held"])]
+        for row in certificate.get("swept", ())
+    ]
+    header = ["", "segments sweep of the range", "of where it is clear", "farther on"]
+    return [table(header, body)] if body else []
 
 
 def _unit(record: Record, quantity: str) -> str:

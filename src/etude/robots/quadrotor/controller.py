@@ -57,6 +57,12 @@ class FlightFeedforward:
         lean = -np.einsum("tij,tj->ti", flat.R_world_body[:, :, :2], force)
         return np.asarray(flat.motion.orders[2] + lean)
 
+    def accelerations(self, motion: Motion) -> Array | None:
+        """What the feedback is to be told, (T, 3) m/s^2, world frame: the reference's own acceleration and
+        what holds against the drag. None where no drag is known. UnsafeTrajectoryError: a singular motion.
+        """
+        return None if self.drag is None else self.accelerated(self.flat(motion))
+
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """Voltages (4,) in a measured state, without their deviation.
 
