@@ -48,6 +48,9 @@ RANKS = {
 SIDEWAYS = {
     ("storage", "errors"),
     ("plugins", "errors"),
+    ("plugins", "trust"),
+    ("trust", "errors"),
+    ("trust", "storage"),
     ("options", "errors"),
     ("threads", "blas"),
     ("lbfgs", "blas"),
