@@ -229,7 +229,7 @@ class Trajectory(Protocol):
     def form(self) -> str: ...
     @property
     def duration(self) -> float: ...
-    # (start s, "segment", "link", "approach", "return", "take-off" or "landing", piece); smooth between;
+    # (start s, one of `trajectories.chain.LABELS`, piece); smooth between;
     # a single one is its own piece
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
     def motion(self, t: Array, orders: int = 3) -> Motion: ...
@@ -717,6 +717,14 @@ class Posed(Protocol):
     """
 
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
+
+
+class Resting(Protocol):
+    """Capability of a `Kind` whose families make motions that are in motion at their ends: whether those of
+    this robot get a lead-in from rest and a lead-out to rest. Who lacks it sends motions as they are.
+    """
+
+    def from_rest(self, spec: Any) -> bool: ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from etude.design.reference import MOTIONS
 from etude.design.roaming import Roam, Roamed
 from etude.design.solve import Design, design, variance_removed
 from etude.design.view import Latent
+from etude.limits.at_rest import at_rest
 from etude.limits.certificate import certify
 from etude.progress import counted
 from etude.trajectories.chain import chained
@@ -144,6 +145,8 @@ def linked(
 
     A link is the straight way, as fast as it is proved; where that leaves the limits, the way by home.
     """
+    if len(segments) > 1:  # links lead from rest to rest
+        segments = [at_rest(own, limits) for own in segments]
     links: list[tuple[Trajectory, ...]] = []
     for before, after in pairwise(segments):
         link = _link(before, after, ways, limits, home)
