@@ -10,6 +10,7 @@ from typing import Any
 
 from etude.contracts import Delivered, Kind
 from etude.deploy.c99.header import Form
+from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.errors import UsageError
@@ -18,7 +19,7 @@ from etude.options import taken
 MOTORS = 4
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
-    "specific_force": ("R(0.0)", "R(0.0)", "lift"),
+    "specific_force": ("dot(x, push)", "dot(y, push)", "dot(z, push)"),
     "rates": ("rates[0]", "rates[1]", "rates[2]"),
     "angular_acceleration": ("own->turning[0]", "own->turning[1]", "own->turning[2]"),
     "body_velocity": ("dot(x, velocity)", "dot(y, velocity)", "dot(z, velocity)"),
@@ -71,6 +72,8 @@ class Autopilot:
         made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
         words = _words(made, self.name, rate)
         files = dict(made.files)
+        lean, _ = lean_files(made.plan.model.inputs, made.plan.name, form)
+        files |= lean
         for template, place in self.sources.items():
             files[place.replace("@NAME@", made.plan.name)] = _filled(template, words)
         order = ", ".join(
@@ -88,7 +91,6 @@ def _words(made: Files, target: str, rate: float) -> dict[str, str]:
     plan, single_precision = made.plan, made.form.single
     if rate not in RATES and target == "crazyflie":
         raise UsageError(f"a Crazyflie's loop asks at {', '.join(map(str, RATES))} Hz, not {rate:g}")
-    reads_battery = any(channel.name == "battery_voltage" for channel in plan.channels)
     return {
         "NAME": plan.name,
         "UPPER": plan.name.upper(),
@@ -99,8 +101,6 @@ def _words(made: Files, target: str, rate: float) -> dict[str, str]:
         "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "        ")),
         "MOTORS": ", ".join(map(str, _motors(plan, target))),
         "RATE": f"RATE_{rate:.0f}_HZ",
-        "BATTERY": "pmGetBatteryVoltage()" if reads_battery else "0.0f",
-        "PM": '#include "pm.h"\n' if reads_battery else "",
     }
 
 
