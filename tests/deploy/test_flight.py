@@ -86,7 +86,7 @@ def expected(model: Any, own: Motion) -> tuple[Array, Array]:
 
 
 def build(folder: Path, target: Any, model: Any, name: str, stubs: str, *flags: str) -> None:
-    delivered = target(model, QUADROTOR, spec(), {"name": "vehicle"})
+    delivered = target(model, QUADROTOR, spec(), {"name": "vehicle", "rate": 100})
     for file, data in delivered.files.items():
         (folder / file).write_bytes(data)
     sources = ["vehicle.c", "vehicle_lean.c", "vehicle_flight.c", name, str(HERE / f"{target.name}_drive.c")]
@@ -294,5 +294,5 @@ def test_who_has_no_numbered_motors_is_refused(model: Any) -> None:
         PX4(quadrotor_model("", points=12, spec=named), QUADROTOR, named, {})
     with pytest.raises(UsageError, match="the model reads q, which no set-point tells"):
         PX4(arm_model("exact", "ard_se", points=12), ARM, arm_spec(), {})
-    with pytest.raises(UsageError, match="asks at 100, 250, 500 Hz, not 400"):
+    with pytest.raises(UsageError, match="asked at 100, 250, 500 Hz, not 400"):
         CRAZYFLIE(model, QUADROTOR, spec(), {"rate": 400})

@@ -45,7 +45,9 @@ unsigned add(const float *row, float yaw, float age, float hover, int leans, flo
 """
 
 
-def onboard(lab: Path, folder: Path, *, decouple: bool = True, leans: bool = True, dt: float = 0.004) -> Onboard:
+def onboard(
+    lab: Path, folder: Path, *, decouple: bool = True, leans: bool = True, dt: float = 0.004
+) -> Onboard:
     """What `etude export --to px4` writes, in the allocator of `rotorpy_vehicle.fly`.
 
     Args:
@@ -72,9 +74,7 @@ def onboard(lab: Path, folder: Path, *, decouple: bool = True, leans: bool = Tru
         jerk = np.zeros((1, 3))  # play.py sends none
         data = np.ascontiguousarray(np.concatenate([sent, jerk]).ravel(), dtype=np.float32)
         out = np.ascontiguousarray(motors, dtype=np.float32)
-        library.add(
-            data.ctypes.data, 0.5 * np.pi, 0.01, hover, int(leans), dt, out.ctypes.data
-        )
+        library.add(data.ctypes.data, 0.5 * np.pi, 0.01, hover, int(leans), dt, out.ctypes.data)
         return out.astype(float)
 
     return add

@@ -119,5 +119,7 @@ unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, rea
     own->trust = own->trust < R(0.0) ? R(0.0) : own->trust > R(1.0) ? R(1.0) : own->trust;
     for (j = 0; j < @UPPER@_COMMANDS; ++j)
         extra[j] = own->trust * own->extra[j];
+    own->asked = 1;
+    own->flags = flags;
     return flags;
 }

@@ -30,7 +30,9 @@ typedef struct {
     @NAME@_real told[3];  /* the acceleration that holds against the drag, in that world, m/s^2 */
     @NAME@_real extra[@UPPER@_COMMANDS], hover; /* hover: mean command of hovering at that altitude */
     @NAME@_real trust; /* part that is given out, 0 to 1 */
-    int begun;
+    @NAME@_real since; /* s since it was asked, for those who call more often than they ask */
+    unsigned flags;    /* of the last answer */
+    int begun, asked;
 } @NAME@_flight;
 
 void @NAME@_flight_init(@NAME@_flight *own);

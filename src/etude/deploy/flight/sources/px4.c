@@ -5,6 +5,7 @@
 
 #define QUARTER 1.5707963f /* yaw 0 looks north in PX4, and along x, east, in the model's world */
 #define GRAVITY 9.81f
+#define RATE @RATE@.0f /* Hz at which the model is asked; between, its last answer holds */
 #define OFFBOARD 14 /* vehicle_status: NAVIGATION_STATE_OFFBOARD */
 
 static const int motor_of[@UPPER@_COMMANDS] = {@MOTORS@};
@@ -31,7 +32,7 @@ unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *
     @NAME@_setpoint point;
     @NAME@_real extra[@UPPER@_COMMANDS];
     float hover, known;
-    unsigned flags;
+    unsigned flags = own->flags;
     int j;
     point.altitude = -asked->position[2];
     up(asked->velocity, point.velocity);
@@ -42,12 +43,16 @@ unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *
     point.age = beside->now < asked->timestamp ? 0.0f : (float)(beside->now - asked->timestamp) * 1e-6f;
     point.followed = beside->nav_state == OFFBOARD;
     point.leans = beside->leans;
-    flags = @NAME@_flight_ask(own, &point, dt, extra);
+    own->since += dt > 0.0f ? dt : 0.0f;
+    if (!own->asked || own->since >= 0.999f / RATE) {
+        flags = @NAME@_flight_ask(own, &point, own->since, extra);
+        own->since = 0;
+    }
     hover = beside->hover_thrust > 0.0f ? beside->hover_thrust : (float)own->hover;
     known = own->trust > 0 ? (float)own->trust * collective(own->told, hover, beside->decoupled) : 0.0f;
     for (j = 0; j < @UPPER@_COMMANDS; ++j) {
         float *const control = &motors->control[motor_of[j]];
-        *control += (float)extra[j] - known;
+        *control += (float)(own->trust * own->extra[j]) - known;
         if (*control > 1.0f)
             *control = 1.0f;
         if (*control < 0.0f)
