@@ -229,7 +229,7 @@ class Trajectory(Protocol):
     def form(self) -> str: ...
     @property
     def duration(self) -> float: ...
-    # (start s, "segment", "link", "approach", "return", "take-off" or "landing", piece); smooth between;
+    # (start s, one of `trajectories.chain.LABELS`, piece); smooth between;
     # a single one is its own piece
     def pieces(self) -> Sequence[tuple[float, str, Trajectory]]: ...
     def motion(self, t: Array, orders: int = 3) -> Motion: ...
@@ -730,6 +730,14 @@ class Posed(Protocol):
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
+class Resting(Protocol):
+    """Capability of a `Kind` whose families make motions that are in motion at their ends: whether those of
+    this robot get a lead-in from rest and a lead-out to rest. Who lacks it sends motions as they are.
+    """
+
+    def from_rest(self, spec: Any) -> bool: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Reachable:
     """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
@@ -767,6 +775,14 @@ class Placed(Protocol):
 
     def about(self, lower: Array, upper: Array) -> Limit: ...
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
+
+
+class Blocking(Protocol):
+    """Capability of a `Limit` that can say what a pose (k,) in a motion of that form runs into: a phrase,
+    "" for nothing.
+    """
+
+    def blocked(self, form: str, pose: Array) -> str: ...
 
 
 class Gained(Protocol):

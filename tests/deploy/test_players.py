@@ -206,15 +206,27 @@ def setpoints(ros: Ros, tmp_path: Path) -> Any:
     return player("play_setpoints.py", tmp_path, "setpoints.csv", SETPOINTS)
 
 
-def flight(place: tuple[float, float, float], *modes: int | None) -> Callable[[Ros], bool]:
+STATUS = "/fmu/out/vehicle_status"
+
+
+def flight(
+    place: tuple[float, float, float],
+    *modes: int | None,
+    speed: float = 0.0,
+    armed: int = 2,
+    status: str = STATUS,
+    position: str = "/fmu/out/vehicle_local_position",
+) -> Callable[[Ros], bool]:
     """The vehicle there, and its mode at each tick; the node is stopped after the last."""
     ticks = iter(modes)
 
     def script(ros: Ros) -> bool:
         mode = next(ticks, None)
-        if mode is not None and ros.callbacks:
-            ros.callbacks["/fmu/out/vehicle_local_position"](Record(x=place[0], y=place[1], z=place[2]))
-            ros.callbacks["/fmu/out/vehicle_status"](Record(nav_state=mode))
+        if mode is not None and position in ros.callbacks:
+            here = dict(zip("xyz", place, strict=True))
+            ros.callbacks[position](Record(**here, vx=0.0, vy=speed, vz=0.0, xy_valid=True, z_valid=True))
+        if mode is not None and status in ros.callbacks:
+            ros.callbacks[status](Record(nav_state=mode, arming_state=armed))
         return mode is not None
 
     return script
@@ -250,3 +262,76 @@ def test_a_pilot_who_takes_over_ends_the_motion(
     ros.script = flight((1.0, 2.0, -3.0), 2, 14, 14, 2, 14, 14)
     assert setpoints.main([]) == 1
     assert "offboard mode ended" in capsys.readouterr().err
+    assert north(ros) == [1.0, 1.0, 1.1], "and nothing more is sent, also where offboard mode comes again"
+
+
+@pytest.mark.parametrize("version", [None, 0, 1, 4])
+def test_topics_are_those_of_the_messages_version(
+    ros: Ros, tmp_path: Path, version: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PX4's documentation: "_v" and MESSAGE_VERSION after the name, but for version 0 and before 1.16."""
+    messages = sys.modules["px4_msgs.msg"]
+    if version is not None:
+        monkeypatch.setattr(messages.VehicleStatus, "MESSAGE_VERSION", version, raising=False)
+    own = player("play_setpoints.py", tmp_path, "setpoints.csv", SETPOINTS)
+    name = STATUS if not version else f"{STATUS}_v{version}"
+    ros.script = flight((1.0, 2.0, -3.0), 2, 2, 14, 14, status=name)
+    assert own.main([]) == 0
+    assert north(ros) == [1.0, 1.0, 1.0, 1.1]
+    others = [topic for topic in ros.callbacks if topic.startswith(STATUS) and topic != name]
+    assert not others or version is None, "another version's bytes would be read wrongly"
+
+
+def test_older_messages_are_heard_by_any_name(ros: Ros, setpoints: Any) -> None:
+    ros.script = flight(
+        (1.0, 2.0, -3.0), 2, 14, 14, status=f"{STATUS}_v1", position="/fmu/out/vehicle_local_position_v1"
+    )
+    assert setpoints.main([]) == 0
+    assert north(ros) == [1.0, 1.0, 1.1]
+
+
+@pytest.mark.parametrize(
+    ("facts", "modes", "named", "sent"),
+    [
+        ({"status": "/elsewhere"}, [2] * 300, "nothing answers on /fmu/out/vehicle_status", 0),
+        ({"position": "/elsewhere"}, [2] * 300, "nothing answers on /fmu/out/vehicle_local_position", 0),
+        ({"speed": 0.5}, [2, 14, 14], "moves at 0.50 m/s", 0),
+        ({"speed": float("nan")}, [2, 14, 14], "moves at nan", 0),
+        ({"armed": 1}, [2, 14, 14, 14], "", 4),
+    ],
+    ids=["no status", "no position", "moves", "nan", "not armed"],
+)
+def test_a_vehicle_that_is_silent_or_not_ready_plays_nothing(
+    ros: Ros,
+    setpoints: Any,
+    facts: Any,
+    modes: Any,
+    named: str,
+    sent: int,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ros.script = flight((1.0, 2.0, -3.0), *modes, **facts)
+    assert setpoints.main([]) == (1 if named else 0)
+    assert north(ros) == [1.0] * sent
+    assert named in capsys.readouterr().err
+
+
+def test_a_vehicle_that_falls_silent_while_it_plays_gets_nothing_more(
+    ros: Ros, setpoints: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heard = flight((1.0, 2.0, -3.0), 2, 14, 14)
+    ros.script = lambda own: heard(own) or True
+    assert setpoints.main([]) == 1
+    assert "has not been heard for 2 s" in capsys.readouterr().err
+    assert len(north(ros)) < 110
+
+
+def test_it_says_its_state_once_a_second(
+    ros: Ros, setpoints: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ros.script = flight((1.0, 2.0, -3.0), *[2] * 100, *[14] * 120)
+    assert setpoints.main([]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert 4 <= len(said) <= 6
+    assert "switch to offboard mode" in said[0]
+    assert "the last set-point is held, 0.20 m from" in said[-1]

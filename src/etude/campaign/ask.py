@@ -22,6 +22,7 @@ from etude.campaign.stopping import judge
 from etude.campaign.stored import is_learned, newest_model
 from etude.campaign.stored_files import name_of, require_description, settle, stored_bytes
 from etude.campaign.tracking import kept_now
+from etude.campaign.visited import Swept, as_facts, swept, teaches_little
 from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
@@ -53,6 +54,7 @@ class Proposal:
         exported: the same motion in the formats that were asked for.
         way: from where the robot stands to its start, and back, if that was asked for.
         renewed: sentences, which of its files were written anew, and why.
+        swept: of each axis; none of kinds that do not know where their robots can be.
     """
 
     number: int
@@ -64,6 +66,7 @@ class Proposal:
     exported: tuple[Exported, ...] = ()
     way: Approached | None = None
     renewed: tuple[str, ...] = ()
+    swept: tuple[Swept, ...] = ()
 
 
 def ask(
@@ -217,7 +220,11 @@ def _files(
     campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
 ) -> TrajectoryFiles:
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    return render(trajectory, kind, spec, config, limits, kept.unheld, control=kept.control)
+    rows = swept(campaign, trajectory, limits)
+    own = as_facts(rows), teaches_little(rows)
+    return render(
+        trajectory, kind, spec, config, limits, kept.unheld, control=kept.control, swept=own[0], warned=own[1]
+    )
 
 
 def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:
@@ -278,8 +285,9 @@ def present(
         _check(campaign, number, [name for name in asked.files if name not in settled], advice)
         renewed = settle(campaign, number, contents, advice, speed=speed)
     status = "asked for before, still open" if made is None else made[1]
-    certificate, duration = files.certificate, files.trajectory.duration
-    return Proposal(number, folder, certificate, duration, made is not None, status, renewed=renewed)
+    rows = swept(campaign, files.trajectory, kept.limits(campaign))
+    found = files.certificate, files.trajectory.duration, made is not None, status
+    return Proposal(number, folder, *found, renewed=renewed, swept=rows)
 
 
 def _check(campaign: Campaign, number: int, names: Sequence[str], advice: str) -> None:

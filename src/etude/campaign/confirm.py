@@ -22,7 +22,7 @@ from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speed
 from etude.campaign.in_use import model_in_use, model_of_sha256
 from etude.campaign.kept import Kept, kept_then
 from etude.campaign.learn import learn_pending
-from etude.campaign.motions import typical_motions
+from etude.campaign.motions import from_rest, typical_motions
 from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.stored_files import require_description
@@ -136,12 +136,12 @@ def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[Tr
     for motion, speed in _candidates(campaign, rng):
         slower = motion if speed == FULL else motion.slowed(FULL / speed)
         try:
-            files = _rendered(campaign, slower, limits, kept)
+            files = _rendered(campaign, from_rest(campaign, slower, limits), limits, kept)
         except UnsafeTrajectoryError:
             continue
         slow = "" if speed == FULL else f", at {speed} % of its speed"
         return files, f"to confirm: drawn as the tests are{slow}, never trained on"
-    motion = typical_motions(campaign, rng, 1, limits, grown=True)[0]
+    motion = from_rest(campaign, typical_motions(campaign, rng, 1, limits, grown=True)[0], limits)
     return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"
 
 

@@ -68,6 +68,18 @@ def segments_of(campaign: Campaign, family: Family) -> int:
     return count if ways_of(campaign)(segment, home) is not None else 1
 
 
+def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -> Trajectory:
+    """The motion as this robot is sent it: with a lead-in from rest and a lead-out to rest if it needs them.
+
+    Raises:
+        UnsafeTrajectoryError: none is proved.
+    """
+    from etude.limits.at_rest import at_rest
+
+    wanted = getattr(campaign.kind, "from_rest", None)  # contracts.Resting
+    return at_rest(motion, limits) if wanted is not None and wanted(campaign.spec) else motion
+
+
 def ways_of(campaign: Campaign) -> Ways:
     """The kind's ways to a motion and back."""
     return lambda motion, pose: campaign.kind.ways(campaign.spec, motion, pose)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import Campaign, Say
-from etude.campaign.motions import reference_motions, segments_of, typical_motions, ways_of
+from etude.campaign.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
 from etude.campaign.visited import roam_of
 from etude.contracts import Inputs, Limit, Model, Trajectory
 from etude.design.view import Latent
@@ -47,10 +47,12 @@ def proposed(
     """
     known = _known(campaign, model)
     if known is None:
-        return _random(campaign, rng, limits)
-    what = "from what was learned" if known.learned else "from the limits alone"
-    say(f"Designing the next trajectory {what}.")
-    return _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
+        found, facts = _random(campaign, rng, limits)
+    else:
+        what = "from what was learned" if known.learned else "from the limits alone"
+        say(f"Designing the next trajectory {what}.")
+        found, facts = _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
+    return from_rest(campaign, found, limits), facts
 
 
 def _known(campaign: Campaign, model: Model | None) -> Known | None:

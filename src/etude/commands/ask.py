@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from etude.campaign.ask import Proposal
     from etude.campaign.export import Exported
     from etude.campaign.folder import Campaign
+    from etude.campaign.visited import Swept
     from etude.campaign.ways import Approached
     from etude.contracts import Proof
     from etude.limits.certificate import Certificate
@@ -62,16 +63,19 @@ class Ask(Common):
     """Ask although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
+        from etude.campaign.visited import as_facts
+
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)
         unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
         lines = [
+            *(f"! {sentence}" for sentence in found.certificate.warnings),
             f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
             *_renewed(found),
-            *(f"! {sentence}" for sentence in found.certificate.warnings),
             table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
             *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
+            *_swept(found.swept),
             *_control(found.certificate),
             f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
             *_to_confirm(campaign.spec),
@@ -99,6 +103,7 @@ class Ask(Common):
             "to_confirm": list(getattr(campaign.spec, "confirm", ())),
             "not_looked_at": unseen,
             "warnings": list(found.certificate.warnings),
+            "swept": as_facts(found.swept),
         }
         return Outcome("\n".join(lines), data)
 
@@ -126,6 +131,14 @@ class Ask(Common):
             control=self.control,
             say=say,
         )
+
+
+def _swept(rows: Sequence[Swept]) -> list[str]:
+    """How much of where each joint can be the segments go through, and what stands in the way of more."""
+    if not rows:
+        return []
+    body = [[r.axis, f"{100 * r.of_range:.0f} %", f"{100 * r.of_clear:.0f} %", r.held] for r in rows]
+    return [table(["segments sweep", "of the range", "of where it is clear", "farther on"], body)]
 
 
 def _then(folder: Path, confirm: bool) -> list[str]:

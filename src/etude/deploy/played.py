@@ -19,6 +19,13 @@ MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""
 SLACK = 1e-6
 """Part of a limit's width by which a curve through points may exceed what was proved of the motion."""
+HELD_STILL = 1e-3
+"""m (rad) per s and s^2 that count as rest where a receiver holds a row: some play single precision. Who is
+told such a speed for ever stays within about a millimetre.
+"""
+ORDERS_HELD = 3
+"""Position, velocity, acceleration."""
+HELD = ("before the first row", "after the last row")
 
 
 @dataclass(frozen=True)
@@ -65,8 +72,17 @@ def certify_played(
     if isinstance(played, Splined):
         played = _cut(replace(played, like=motion.form), motion)
     said = getattr(exporter, "notes", lambda _: ())(files)
-    found = replace(certify(played, [Looked(limit) for limit in limits], control=control), notes=said)
+    found = certify(played, [Looked(limit) for limit in limits], control=control)
+    found = replace(found, rows=(*found.rows, *_holds(played, limits)), notes=said)
     for row in found.failed:
+        if row.quantity == REST:
+            raise UnsafeTrajectoryError(
+                f"the motion is not at rest where its receiver holds it ({row.axis.removeprefix('held ')}): "
+                f"{row.proved_upper:.3g} per s or s^2",
+                where=row.axis,
+                next_step="Export it with its way from rest and back: "
+                "etude ask FOLDER --from home --format NAME.",
+            )
         if not spare(row) >= -SLACK * (row.upper - row.lower):
             raise UnsafeTrajectoryError(
                 f"as its receiver plays it, {row.quantity} of '{row.axis}' may reach "
@@ -75,6 +91,32 @@ def certify_played(
                 next_step="Ask for another format, or at a lower speed: etude ask --speed 50.",
             )
     return found
+
+
+REST = "largest speed or acceleration"
+"""Quantity of the rows that say how a receiver holds the first and the last row."""
+
+
+def _holds(played: Any, limits: Sequence[Limit]) -> list[Proof]:
+    """What a receiver holds before it plays and after it has: rest, at a place inside the limits and margins.
+
+    It knows nothing after the last row but that row, and starts from where the first one is.
+    """
+    pieces = played.pieces()
+    rows = []
+    ends = (pieces[0][2], 0.0), (pieces[-1][2], pieces[-1][2].duration)
+    for where, (piece, t) in zip(HELD, ends, strict=True):
+        orders = piece.motion(np.array([t]), ORDERS_HELD).orders[:, 0]
+        moves = float(np.abs(orders[1:]).max())
+        rows.append(Proof(f"held {where}", REST, 0.0, HELD_STILL, moves, moves, "what the row says"))
+        still = np.zeros((ORDERS_HELD, 2, len(orders[0])))
+        still[0] = orders[0]
+        hold = Splined(np.array([0.0, 1.0]), still, like=piece.form)
+        for limit in limits:
+            if getattr(limit, "order", None) == 0:
+                own = Looked(limit).prove(hold)
+                rows += [replace(row, quantity=f"{row.quantity}, held {where}") for row in own]
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,8 @@ def render(
     unheld: Sequence[str] = (),
     stem: str = STEM,
     control: str = "",
+    swept: Sequence[Mapping[str, Any]] = (),
+    warned: Sequence[str] = (),
 ) -> TrajectoryFiles:
     """The files of a trajectory, verified from their own bytes.
 
@@ -93,6 +95,8 @@ def render(
         unheld: sentences for the certificate, what this robot is known not to hold.
         stem: of the files' names; of another than `STEM` it is the way there or back.
         control: that the margins of tracking are of, in words.
+        swept: of each axis what the motion sweeps, see `campaign.visited`.
+        warned: sentences that come first, before those of the limits.
 
     Raises:
         UnsafeTrajectoryError: a limit is not proved; there is then nothing to write.
@@ -100,11 +104,13 @@ def render(
     coefficients = trajectory.to_json().encode()
     written = from_json(coefficients)
     certificate = require_certified(written, limits, unheld, way=stem != STEM, control=control)
+    certificate = replace(certificate, warnings=(*warned, *certificate.warnings))
     inputs = kind.inputs(spec, config)
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
     names = (f"{stem}.json", f"{stem}.csv", CERTIFICATE if stem == STEM else f"{stem}.{CERTIFICATE}")
     proof = {"trajectory": names[0], "robot": spec.name, **json.loads(certificate.to_json())}
+    proof |= {"swept": list(swept)} if swept else {}
     assumed = list(getattr(spec, "confirm", ()))
     proof |= {"to_confirm": assumed} if assumed else {}
     text = json.dumps(proof, indent=1) + "\n"

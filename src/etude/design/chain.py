@@ -15,6 +15,7 @@ from etude.design.reference import MOTIONS
 from etude.design.roaming import Roam, Roamed
 from etude.design.solve import Design, design, variance_removed
 from etude.design.view import Latent
+from etude.limits.at_rest import at_rest
 from etude.limits.certificate import certify
 from etude.progress import counted
 from etude.trajectories.chain import chained
@@ -24,6 +25,8 @@ Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 
 HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
 """Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
+TRIES = 3
+"""Times that a segment elsewhere than about home is designed, if no straight way from home leads there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +80,16 @@ def design_chain(
     Segment i is designed given the planned samples of those before it: what they will say is not needed, as
     a variance does not depend on it.
     """
-    if not standing_in or roam is not None:
-        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
-        if roam is not None:
-            source = Roamed.of(family, tuple(limits), roam, config.sampler)
-        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
+    source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+    if roam is not None:
+        source = Roamed.of(family, tuple(limits), roam, config.sampler)
+    if not standing_in or roam is not None:  # what stands in otherwise is about home
+        standing_in = [*standing_in, *(drawn.trajectory for drawn in source.typical(rng, MOTIONS))]
     found: list[Design] = []
     for _ in counted(range(count)):
         before = [*given, *(own.trajectory for own in found)]
-        found.append(
-            design(
+        for again in range(TRIES):
+            own = design(
                 family,
                 limits,
                 home,
@@ -101,13 +104,21 @@ def design_chain(
                 physics=physics,
                 roam=roam,
             )
-        )
+            if roam is None or again == TRIES - 1 or reached(own.trajectory, ways, limits, home):
+                break
+        found.append(own)
         if roam is not None:
-            roam = replace(roam, visited=roam.visited.adding([found[-1].trajectory]))
+            roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
     segments = [own.trajectory for own in found]
     order = list(range(count)) if roam is None else near_to_near(segments, ways, home)
     trajectory, kept = linked([segments[i] for i in order], ways, limits, home)
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
+
+
+def reached(segment: Trajectory, ways: Ways, limits: Sequence[Limit], home: Array) -> bool:
+    """Whether the straight ways from home to a segment and back are proved: it can then always be linked."""
+    found = ways(segment, home)
+    return found is not None and all(certify(part, limits).ok for part in found)
 
 
 def near_to_near(segments: Sequence[Trajectory], ways: Ways, home: Array) -> list[int]:
@@ -134,6 +145,8 @@ def linked(
 
     A link is the straight way, as fast as it is proved; where that leaves the limits, the way by home.
     """
+    if len(segments) > 1:  # links lead from rest to rest
+        segments = [at_rest(own, limits) for own in segments]
     links: list[tuple[Trajectory, ...]] = []
     for before, after in pairwise(segments):
         link = _link(before, after, ways, limits, home)

@@ -118,6 +118,15 @@ class AxisLimit(Convex):
             for name, (a, b, c, d, kept, sure) in zip(self.names, table, strict=True)
         ]
 
+    def blocked(self, form: str, pose: Array) -> str:
+        """Of positions, the first axis beyond its limit less the margin."""
+        if self.order:
+            return ""
+        low, high, _, _ = self.inner(form)
+        at = pose[self.places] + self.shift
+        beyond = np.flatnonzero((at < low) | (at > high))
+        return f"the {self.quantity} limit of {self.names[beyond[0]]}" if len(beyond) else ""
+
     def of_motion(self, motion: Motion) -> Array:
         """(T, n) the coordinates' derivative, shifted."""
         return np.asarray(motion.orders[self.order][:, self.places] + self.shift)

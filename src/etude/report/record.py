@@ -173,6 +173,9 @@ def _proof(path: Path) -> Facts:
         words = [row[name] for name in ("axis", "quantity", "method")]
         if not all(type(n) in (int, float) for n in numbers) or not all(isinstance(w, str) for w in words):
             raise ValueError("a row is not one of a certificate")
+    for row in value.get("swept", ()):
+        if not all(type(row[name]) in (int, float) for name in ("of_range", "of_clear")):
+            raise ValueError("a row is not of what a motion sweeps")
     return value
 
 

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""
-LABELS = ("segment", "link", "approach", "return", "take-off", "landing")
-WAYS = (frozenset({"approach", "take-off"}), frozenset({"return", "landing"}))
+LABELS = ("segment", "link", "approach", "return", "take-off", "landing", "lead-in", "lead-out")
+WAYS = (frozenset({"approach", "take-off", "lead-in"}), frozenset({"return", "landing", "lead-out"}))
 """What a chain may consist of without a segment: several moves to a motion, or back from it."""
 
 
@@ -118,15 +118,27 @@ class Chain:
 
 
 def chained(segments: Sequence[Trajectory], links: Sequence[Sequence[Trajectory]]) -> Trajectory:
-    """The segments, with one or more links between two of them; of a single segment, itself."""
+    """The segments, with one or more links between two of them; of a single segment, itself.
+
+    A segment may be a chain: one with its lead-in and lead-out.
+    """
     if len(segments) == 1:
         return segments[0]
-    parts: list[Part] = [("segment", segments[0])]
+    parts = _pieces(segments[0])
     for own, segment in zip(links, segments[1:], strict=True):
-        parts += [*(("link", link) for link in own), ("segment", segment)]
+        parts += [*(("link", link) for link in own), *_pieces(segment)]
     return Chain(tuple(parts))
 
 
+def _pieces(segment: Trajectory) -> list[Part]:
+    return [(label, piece) for _, label, piece in segment.pieces()]
+
+
 def segment_starts(trajectory: Trajectory) -> list[float]:
-    """When each segment starts, s; what lies between (a link) belongs to the one before."""
-    return [start for start, label, _ in trajectory.pieces() if label == "segment"]
+    """When each segment starts, s, with its lead-in; what lies between (a link) belongs to the one before."""
+    pieces = trajectory.pieces()
+    return [
+        pieces[i - 1][0] if i and pieces[i - 1][1] == "lead-in" else start
+        for i, (start, label, _) in enumerate(pieces)
+        if label == "segment"
+    ]

@@ -29,7 +29,7 @@ SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
 SMALL = replace(
     SPEC, lower=(-1.0, -1.0, 0.0), upper=(1.0, 1.0, 2.0), speed=2.0, margin=0.25, vertical_margin=0.25
 )
-LABELS = ["take-off", "approach", "segment", "return", "landing"]
+LABELS = ["take-off", "approach", "lead-in", "segment", "lead-out", "return", "landing"]
 
 
 def flown(spec: QuadrotorSpec, seed: int, seconds: float = 15.0) -> tuple[There, tuple[Limit, ...], Array]:
@@ -50,7 +50,7 @@ def whole_of(found: There) -> Trajectory:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_flight_starts_and_ends_on_the_ground_at_rest_within_half_a_minute(seed: int) -> None:
+def test_a_flight_starts_and_ends_on_the_ground_at_rest_within_three_quarters_of_a_minute(seed: int) -> None:
     found, allowed, pose = flown(SMALL, seed)
     whole = whole_of(found)
     assert [label for _, label, _ in whole.pieces()] == LABELS
@@ -58,7 +58,7 @@ def test_a_flight_starts_and_ends_on_the_ground_at_rest_within_half_a_minute(see
     assert certificate.ok
     assert certificate.at_rest
     assert WAY not in certificate.not_looked_at
-    assert whole.duration <= 30.0
+    assert whole.duration <= 45.0
     ends = whole.motion(np.array([0.0, whole.duration]), 4).orders
     np.testing.assert_allclose(ends[0], [pose, pose], atol=1e-9)
     assert np.abs(ends[1:]).max() <= 1e-9
@@ -104,7 +104,7 @@ def test_receivers_play_the_whole_and_are_certified_piece_by_piece(exporter) -> 
 def test_from_hover_there_is_no_take_off_and_a_wall_in_the_way_is_refused() -> None:
     found, allowed, _ = flown(SPEC, 2)
     assert [label for _, label, _ in whole_of(found).pieces()] == LABELS
-    middle = whole_of(found).pieces()[2][2]
+    middle = whole_of(found).pieces()[3][2]
     hover = there_and_back(middle, home(SPEC), lambda m, p: ways(SPEC, m, p), allowed, home(SPEC))
     assert hover is not None
     assert [label for _, label, _ in whole_of(hover).pieces()] == LABELS[1:-1]
@@ -116,7 +116,7 @@ def test_from_hover_there_is_no_take_off_and_a_wall_in_the_way_is_refused() -> N
 def test_parts_that_jump_in_speed_are_no_chain() -> None:
     found, _, _ = flown(SMALL, 0)
     pieces = [(label, piece) for _, label, piece in whole_of(found).pieces()]
-    pieces[1] = ("approach", pieces[1][1].slowed(2.0))
+    pieces[2] = ("lead-in", pieces[2][1].slowed(2.0))
     with pytest.raises(UsageError, match="do not meet"):
         Chain(tuple(pieces))
     with pytest.raises(UsageError, match="ground at 1 m is not below"):

@@ -2,7 +2,8 @@
 
 PX4 holds each set-point until the next: its position, velocity and acceleration go to its controllers as they
 are, so that is what is certified. Where a model knows the drag, the accelerations are commands: the motion's
-own and what holds against the drag. The latter stands in columns of its own; what is left is the motion.
+own and what holds against the drag. The latter stands in columns of its own; what is left is the motion. What
+PX4 holds after the last row is that row: half a second at rest ends the table.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from etude.contracts import Array, Kind, Trajectory
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.csv_player import player
 from etude.deploy.exporters.knots import require_space
+from etude.trajectories.lead_in import STILL
 from etude.trajectories.splined import Splined
 
 TABLE, PLAYER = "setpoints.csv", "play.py"
 RATE = 50.0
 """Hz; offboard mode ends below 2."""
 ORDERS = 3
+HELD_S = 0.5
+"""s of rows at rest after the motion: whoever stops reading early still reads one."""
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """(north, east, down) <- (east, north, up), and back."""
 YAW = 0.5 * math.pi
@@ -44,12 +48,14 @@ class Offboard:
         require_space(kind, spec, "an autopilot")
         motion = what.trajectory if isinstance(what, Commanded) else what
         count = math.ceil(motion.duration * RATE - 1e-9) + 1
-        t = np.arange(count) / RATE  # at rest after the end
-        orders = motion.motion(t, ORDERS).orders @ NED.T
+        t = np.arange(count + round(HELD_S * RATE)) / RATE
+        orders = motion.motion(t, ORDERS).orders @ NED.T  # at rest after the end
+        still = np.abs(orders[1:]).max(axis=(0, 2)) <= STILL
+        orders[1:, still] = 0.0  # rest is exact in what is sent
         columns, header = list(orders), list(HEADER)
         if isinstance(what, Commanded) and what.acceleration is not None:
             told = what.acceleration(np.minimum(t, motion.duration)) @ NED.T
-            drag = np.where((t <= motion.duration)[:, None], told - orders[2], 0.0)
+            drag = np.where(((t <= motion.duration) & ~still)[:, None], told - orders[2], 0.0)
             columns[2], header = orders[2] + drag, [*HEADER, *DRAG]
             columns.append(drag)
         text = io.StringIO()

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 SAMPLES = 301
 RATES = ("", "/s", "/s²", "/s³")
 ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acceleration": 2, "jerk": 3}
+COMMANDED = {"torque": "", "command": "", "torque rate": "/s", "command rate": "/s"}
+"""Quantities in the commands' unit."""
 FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
 TEXT = (
     "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
@@ -149,7 +151,8 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     methods = "; ".join(dict.fromkeys(str(row["method"]) for row in every))
     header = ["", *(f"asked {quantity} ({_unit(record, quantity)})" for quantity in quantities)]
     warnings = [paragraph(str(sentence), class_="alert") for sentence in certificate.get("warnings", ())]
-    proved = table(header, body), *distances(every), paragraph(f"Method: {methods}.", class_="soft")
+    found = *distances(every), *_swept(certificate)
+    proved = table(header, body), *found, paragraph(f"Method: {methods}.", class_="soft")
     parts = [*warnings, *proved]
     unseen = [str(sentence) for sentence in certificate.get("not_looked_at", ())]
     if unseen:
@@ -157,10 +160,22 @@ def _proofs(record: Record, certificate: Facts) -> Html:
     return join(parts)
 
 
+def _swept(certificate: Facts) -> list[Html]:
+    """What part of each axis's range its segments go through; nothing of certificates that do not say."""
+    body = [
+        [str(row["axis"]), *(f"{100.0 * row[of]:.0f} %" for of in ("of_range", "of_clear")), str(row["held"])]
+        for row in certificate.get("swept", ())
+    ]
+    header = ["", "segments sweep of the range", "of where it is clear", "farther on"]
+    return [table(header, body)] if body else []
+
+
 def _unit(record: Record, quantity: str) -> str:
     """Of a proved quantity, from the unit of the path."""
     if quantity in FORCES:
         return FORCES[quantity]
+    if quantity in COMMANDED:
+        return (record.unit or "unit of the axis") + COMMANDED[quantity]
     units = set(record.path.units) if record.path else set()
     if quantity not in ORDERS or len(units) != 1:
         return "1" if not units else "unit of the axis"

@@ -157,6 +157,12 @@ class QuadrotorKind:
 
         return {"ground": standing(spec, home(spec))}
 
+    def from_rest(self, spec: QuadrotorSpec) -> bool:
+        """Of a real vehicle: it hovers before its first set-point and after its last. The simulated ones that
+        come with Etude begin as the thesis has it.
+        """
+        return spec.plant is None
+
     def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
         return config.data.inputs()  # type: ignore[no-any-return]
 

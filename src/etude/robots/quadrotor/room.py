@@ -23,6 +23,8 @@ from etude.robots.quadrotor.ways import ways as ways_of
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
+ATTITUDE_LAG = 1.0 / 6.5
+"""s; PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's attitude gains 6."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
 
@@ -39,7 +41,16 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
     found: list[Limit] = [
         RoomLimit("position", 0, AXES, lower, upper, margin=kept, margins=margins, ground=spec.floor),
-        NormLimit("speed", 1, PLACES, spec.speed, margins=margins, rest=config.rest, looks_at=(SPEED,)),
+        NormLimit(
+            "speed",
+            1,
+            PLACES,
+            spec.speed,
+            margin=_lag(spec, config, margins),
+            margins=margins,
+            rest=config.rest,
+            looks_at=(SPEED,),
+        ),
     ]
     if spec.radius is not None:
         found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=spec.margin, margins=margins))
@@ -51,6 +62,17 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     if tilts:
         found.append(TiltLimit(min(tilts), GRAVITY))
     return tuple(found)
+
+
+def _lag(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
+    """m/s by which a real vehicle's speed may exceed the plan's, until a log has told: its acceleration comes
+    late by the attitude's lag. That of a series is at most its speed times its highest frequency.
+    """
+    if spec.plant is not None or any(np.any(np.asarray(sure) > 0.0) for _, sure in margins.values()):
+        return 0.0
+    fastest = spec.speed * config.harmonics * config.series.omega0_range[1]
+    tilts = [GRAVITY * math.tan(tilt) for tilt in (spec.tilt, config.tilt) if tilt is not None]
+    return ATTITUDE_LAG * min([fastest, *tilts])
 
 
 def lift_room(spec: QuadrotorSpec) -> float:

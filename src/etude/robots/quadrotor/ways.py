@@ -1,7 +1,8 @@
 """Take-off, approach, return and landing: from where a vehicle stands or hovers to a plan's start, and back.
 
 All are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
-its ends; the way then leads from rest into that motion, and out of it.
+its ends; the way then leads from rest into that motion, and out of it: along the plan's own path where that
+goes on (`limits.at_rest`), else in one septic.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array, Limit, Proof, Trajectory
+from etude.limits.at_rest import leads
 from etude.limits.certificate import certify, use
 from etude.limits.library import AxisLimit
 from etude.robots.quadrotor.spec import QuadrotorSpec
-from etude.trajectories.chain import Chain
+from etude.trajectories.chain import Chain, Part
 from etude.trajectories.splined import Splined
 
 PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
@@ -29,6 +31,10 @@ STILL = 1e-9
 UPRIGHT, SETTLED = 1e-4, 1e-3
 """m that a way to or from the ground may go sideways or begin beside it, and the m/s, m/s^2 at its ends that
 count as rest: receivers play single precision.
+"""
+LIFTED, RAMP = 0.03, 4.0
+"""m that a take-off rises in its first s. An autopilot ramps thrust up once a set-point is above the ground
+(PX4 for 3 s, MPC_TKO_RAMP_T, and 1 s for the motors, COM_SPOOLUP_TIME) and lags behind what rises before.
 """
 LASTING = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 """Times of that of a straight way, in which one into a motion is tried."""
@@ -72,16 +78,33 @@ def ways(
         height: m, to which it takes off.
         limits: by which ways into a motion are chosen.
     """
-    first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
     low = spec.lower[2] + spec.margins[2]
     hover = np.array(pose, dtype=float)
-    if pose[2] >= low:
-        return _way(spec, at_rest(hover), first, limits), _way(spec, last, at_rest(hover), limits)
-    hover[2] = height
-    up, down = _straight(spec, pose, hover), _straight(spec, hover, pose)
-    there = _way(spec, at_rest(hover), first, limits)
-    back = _way(spec, last, at_rest(hover), limits)
-    return Chain((("take-off", up), ("approach", there))), Chain((("return", back), ("landing", down)))
+    if pose[2] < low:
+        hover[2] = height
+    there, back = _between(spec, motion, hover, limits)
+    if pose[2] < low:
+        there = [("take-off", _lifted(spec, pose, hover)), *there]
+        back = [*back, ("landing", _straight(spec, hover, pose))]
+    return _one(there), _one(back)
+
+
+def _between(
+    spec: QuadrotorSpec, motion: Trajectory, hover: Array, limits: Sequence[Limit]
+) -> tuple[list[Part], list[Part]]:
+    """From hover to the plan and back, with the lead-in and lead-out that it may need."""
+    first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
+    before, after = leads(motion, limits) or (None, None)
+    begin = first if before is None else before.points[:, 0]
+    end = last if after is None else after.points[:, -1]
+    there: list[Part] = [("approach", _way(spec, at_rest(hover), begin, limits))]
+    back: list[Part] = [("return", _way(spec, end, at_rest(hover), limits))]
+    there += [] if before is None else [("lead-in", before)]
+    return there, ([] if after is None else [("lead-out", after)]) + back
+
+
+def _one(parts: list[Part]) -> Trajectory:
+    return parts[0][1] if len(parts) == 1 else Chain(tuple(parts))
 
 
 def at_rest(place: Array) -> Array:
@@ -107,6 +130,14 @@ def _straight(spec: QuadrotorSpec, start: Array, end: Array) -> Splined:
     lasting = max(slow, math.sqrt(PEAK_ACCELERATION * length / GENTLE), SHORTEST)
     points = np.stack([at_rest(start), at_rest(end)], axis=1)
     return Splined(np.array([0.0, _whole(spec, lasting)]), points)
+
+
+def _lifted(spec: QuadrotorSpec, ground: Array, hover: Array) -> Splined:
+    """Straight up, after a first rise for which thrust is ramped up."""
+    first = ground + LIFTED * (hover - ground) / np.linalg.norm(hover - ground)
+    rest = _straight(spec, first, hover)
+    points = np.concatenate([at_rest(ground)[:, None], rest.points], axis=1)
+    return Splined(np.concatenate([[0.0], RAMP + rest.times]), points)
 
 
 def _whole(spec: QuadrotorSpec, seconds: float) -> float:

@@ -1,10 +1,11 @@
-"""Sends setpoints.csv to PX4 in offboard mode, if the vehicle hovers where the motion begins.
+"""Sends setpoints.csv to PX4 in offboard mode, if the vehicle is where the motion begins and at rest.
 
-    python3 play.py [--tolerance 0.3]
+    python3 play.py [--tolerance 0.3] [--speed 0.2] [--wait 5]
 
-Take off, hover at the start (first row of setpoints.csv: north, east, down of the local frame), then run this
-and switch to offboard mode while it says so; switch back at any time. It needs ROS 2 with rclpy and px4_msgs
-and PX4's uXRCE-DDS bridge; no package of Etude. The last set-point is held until you take over.
+Bring the vehicle to the first row of setpoints.csv (north, east, down of the local frame): it hovers there,
+or stands there if the motion begins with a take-off. Run this, arm, and switch to offboard mode while it says
+so; switch back at any time. It needs ROS 2 with rclpy, px4_msgs of the firmware's version (1.14 or newer) and
+PX4's uXRCE-DDS bridge; no package of Etude. The last row, which is at rest, is held until you take over.
 """
 
 import argparse
@@ -18,7 +19,11 @@ from px4_msgs.msg import OffboardControlMode, TrajectorySetpoint, VehicleLocalPo
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-RATE = 50.0  # Hz
+RATE = 50.0  # Hz; offboard mode ends below 2
+PLACE, STATUS = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_status"
+VERSIONS = 9  # of messages, that names are tried for where px4_msgs does not say its own
+SILENT = 2.0  # s without a word, after which the vehicle is not known; its state comes twice a second
+ARMED = 2  # VehicleStatus.ARMING_STATE_ARMED
 QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -34,48 +39,122 @@ def read(path):
     return [[float(cell) for cell in row] for row in rows]
 
 
+def names(base, kind):
+    """Topics of a message. Since 1.16 PX4 adds its version, but for version 0; px4_msgs then says its own,
+    and another one would be read wrongly. Older ones do not say it, and have no version in their names.
+    """
+    own = getattr(kind, "MESSAGE_VERSION", None)
+    if own is None:
+        return [base, *(f"{base}_v{number}" for number in range(1, VERSIONS + 1))]
+    return [f"{base}_v{own}" if own else base]
+
+
 class Player(Node):
     """Holds the first set-point until offboard mode is on, then plays, then holds the last."""
 
-    def __init__(self, rows, tolerance):
+    def __init__(self, rows, given):
         super().__init__("etude_player")
-        self.rows, self.tolerance = rows, tolerance
-        self.place, self.offboard, self.begun, self.problem = None, False, None, ""
+        self.rows, self.given = rows, given
+        self.place, self.velocity, self.offboard, self.armed = None, None, False, False
+        self.heard = {"position": None, "status": None}
+        self.begun, self.said, self.problem = None, None, ""
+        self.started = self.now()
         self.mode = self.create_publisher(OffboardControlMode, "/fmu/in/offboard_control_mode", QOS)
         self.setpoint = self.create_publisher(TrajectorySetpoint, "/fmu/in/trajectory_setpoint", QOS)
-        self.create_subscription(VehicleLocalPosition, "/fmu/out/vehicle_local_position", self.on_place, QOS)
-        self.create_subscription(VehicleStatus, "/fmu/out/vehicle_status", self.on_status, QOS)
+        self.topics = names(PLACE, VehicleLocalPosition), names(STATUS, VehicleStatus)
+        for topic in self.topics[0]:
+            self.create_subscription(VehicleLocalPosition, topic, self.on_place, QOS)
+        for topic in self.topics[1]:
+            self.create_subscription(VehicleStatus, topic, self.on_status, QOS)
         self.create_timer(1.0 / RATE, self.tick)
 
+    def now(self):
+        """s of the node's clock."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
     def on_place(self, message):
-        """Where the vehicle is."""
-        self.place = (message.x, message.y, message.z)
+        """Where the vehicle is and how it moves; nowhere while the estimate does not hold."""
+        valid = getattr(message, "xy_valid", True) and getattr(message, "z_valid", True)
+        self.place = (message.x, message.y, message.z) if valid else None
+        self.velocity = tuple(getattr(message, name, 0.0) for name in ("vx", "vy", "vz"))
+        self.heard["position"] = self.now()
 
     def on_status(self, message):
-        """Whether the pilot has switched to offboard mode."""
+        """Whether the pilot has armed and switched to offboard mode."""
         self.offboard = message.nav_state == VehicleStatus.NAVIGATION_STATE_OFFBOARD
+        self.armed = getattr(message, "arming_state", ARMED) == ARMED
+        self.heard["status"] = self.now()
 
-    def near(self):
-        """Whether the vehicle is where the motion begins; NaN is nowhere."""
-        return self.place is not None and math.dist(self.place, self.rows[0][1:4]) <= self.tolerance
+    def wrong(self):
+        """Why the motion cannot begin, or nothing; NaN is nowhere."""
+        if self.place is None:
+            return "the vehicle does not know its position"
+        away = math.dist(self.place, self.rows[0][1:4])
+        if not away <= self.given.tolerance:
+            start = ", ".join(f"{value:.2f}" for value in self.rows[0][1:4])
+            return f"the vehicle is {away:.2f} m off: the motion begins at ({start})"
+        speed = math.hypot(*self.velocity)
+        if not speed <= self.given.speed:
+            return f"the vehicle moves at {speed:.2f} m/s, and the motion begins at rest"
+        return ""
+
+    def silent(self, now):
+        """A sentence if PX4 does not answer, or does not any more."""
+        waited = now - self.started
+        for what, topics in zip(self.heard, self.topics):
+            if self.heard[what] is None and waited > self.given.wait:
+                return (
+                    f"nothing answers on {' or '.join(topics[:2])} after {self.given.wait:g} s: is the "
+                    "uXRCE-DDS agent running, and px4_msgs of the firmware's version? "
+                    "ros2 topic list shows the names"
+                )
+            if self.heard[what] is not None and now - self.heard[what] > SILENT:
+                return f"the vehicle's {what} has not been heard for {SILENT:g} s"
+        return ""
 
     def tick(self):
         """One set-point. The motion begins where offboard mode does, and is over where that ends."""
-        now = self.get_clock().now().nanoseconds
-        if self.begun is not None and not self.offboard:
-            self.problem = "offboard mode ended before the motion did"
-        elif self.begun is None and not self.near():
-            if self.offboard:
-                self.problem = f"the vehicle is at {self.place}, the motion begins at {self.rows[0][1:4]}"
-            return  # without set-points PX4 does not enter offboard mode
-        elif self.begun is None and self.offboard:
-            self.begun = now
-        seconds = 0.0 if self.begun is None else (now - self.begun) * 1e-9
+        now = self.now()
+        self.problem = self.problem or self.silent(now)
+        if self.problem or None in self.heard.values():
+            self.say(now, "waiting for PX4")
+            return
+        if self.begun is not None and not (self.offboard and self.armed):
+            self.problem = "offboard mode ended: the pilot has the vehicle, nothing more is sent"
+            return
+        if self.begun is None:
+            wrong = self.wrong()
+            if wrong and self.offboard and self.armed:
+                self.problem = wrong
+            if wrong:  # without set-points PX4 does not enter offboard mode
+                self.say(now, f"waiting: {wrong}")
+                return
+            self.begun = now if self.offboard and self.armed else None
+        seconds = 0.0 if self.begun is None else now - self.begun
         k = min(int(seconds * RATE + 1e-6), len(self.rows) - 1)
-        self.send(self.rows[k], now // 1000)
+        self.send(self.rows[k], int(now * 1e6))
+        self.say(now, self.state(seconds, self.rows[k]))
+
+    def state(self, seconds, row):
+        """In words."""
+        if self.begun is None:
+            return f"ready at the start: {'switch to offboard mode' if self.armed else 'arm'}"
+        last = self.rows[-1][0]
+        over = "over: the last set-point is held"
+        what = f"playing {seconds:.0f} of {last:.0f} s" if seconds < last else over
+        away = math.nan if self.place is None else math.dist(self.place, row[1:4])
+        return f"{what}, {away:.2f} m from the set-point"
+
+    def say(self, now, text):
+        """One line a second."""
+        if self.said is None or now - self.said >= 1.0:
+            self.said = now
+            print(f"{now - self.started:6.0f} s  {text}", flush=True)
 
     def send(self, row, microseconds):
-        """The mode, which keeps offboard mode alive, and the set-point."""
+        """The mode, which keeps offboard mode alive, and the set-point. With `position` PX4 adds velocity and
+        acceleration of the set-point to its own.
+        """
         self.mode.publish(OffboardControlMode(timestamp=microseconds, position=True))
         message = TrajectorySetpoint(timestamp=microseconds)
         message.position, message.velocity, message.acceleration = row[1:4], row[4:7], row[7:10]
@@ -87,9 +166,11 @@ def main(arguments=None):
     """The exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tolerance", type=float, default=0.3, help="m at the start")
+    parser.add_argument("--speed", type=float, default=0.2, help="m/s at the start")
+    parser.add_argument("--wait", type=float, default=5.0, help="s for PX4's first answer")
     given = parser.parse_args(arguments)
     rclpy.init()
-    node = Player(read(pathlib.Path(__file__).with_name("setpoints.csv")), given.tolerance)
+    node = Player(read(pathlib.Path(__file__).with_name("setpoints.csv")), given)
     try:
         while rclpy.ok() and not node.problem:
             rclpy.spin_once(node, timeout_sec=0.1)

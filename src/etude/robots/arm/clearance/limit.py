@@ -134,6 +134,13 @@ class Clearance:
         first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
         return all(self._kept_at(way.at(some)[0], error) for some in (first, others))
 
+    def blocked(self, form: str, pose: Array) -> str:
+        """The gap that is narrowest for what it keeps, where that is too narrow."""
+        error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
+        spared = self._distances(pose[None], error)[0] - self._wanted
+        nearest = int(spared.argmin())
+        return self.gaps.list[nearest].text if spared[nearest] < 0.0 else ""
+
     def about(self, lower: Array, upper: Array) -> Clearance:
         """The same limit with another box for searches; both remember what either has proved."""
         return replace(self, lower=lower, upper=upper)

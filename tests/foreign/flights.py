@@ -1,0 +1,144 @@
+"""Flights for vehicles that nobody tuned, and what PX4's cascade makes of the bytes that leave for it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from px4_cascade import Body, fly, padded
+
+from etude.contracts import Limit, Trajectory
+from etude.deploy.exporters.offboard import NED, OFFBOARD
+from etude.deploy.played import certify_played
+from etude.design.ways import there_and_back
+from etude.limits.at_rest import at_rest
+from etude.limits.certificate import certify
+from etude.limits.feasible import FeasibleSet
+from etude.limits.samplers import boundary, scaled, uniform
+from etude.limits.tracking import Ranges, TrackingConfig, margins_of
+from etude.robots.quadrotor.family import FlightConfig, flight_family
+from etude.robots.quadrotor.kind import KIND
+from etude.robots.quadrotor.room import home, limits, ways
+from etude.robots.quadrotor.spec import QuadrotorSpec
+
+Array = NDArray[np.float64]
+BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
+SAMPLERS = (uniform, scaled, boundary)
+
+
+def vehicle(seed: int) -> QuadrotorSpec:
+    """A real vehicle (no stand-in) in a room of its own: wide or small, with a cylinder or a tilt limit."""
+    rng = np.random.default_rng([29, seed])
+    half, height = rng.uniform(2.0, 12.0, size=2), rng.uniform(2.5, 8.0)
+    return QuadrotorSpec(
+        name=f"foreign_{seed}",
+        lower=(-float(half[0]), -float(half[1]), 0.0),
+        upper=(float(half[0]), float(half[1]), float(height)),
+        speed=float(rng.uniform(1.0, 7.0)),
+        command_names=("a", "b", "c", "d"),
+        command_unit="1",
+        command_lower=(0.0,) * 4,
+        command_upper=(1.0,) * 4,
+        rate=25.0,
+        radius=float(0.8 * half.min()) if seed % 3 == 0 else None,
+        tilt=float(rng.uniform(0.25, 0.6)) if seed % 2 == 0 else None,
+        margin=1.0 if half.min() > 4.0 else 0.6,
+        vertical_margin=0.3,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A motion as it leaves, and what was promised of it."""
+
+    spec: QuadrotorSpec
+    whole: Trajectory
+    limits: tuple[Limit, ...]
+    rows: Array
+    ground: bool
+
+
+def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFFBOARD) -> Planned:
+    """A random flight as large as the limits less what is assumed of tracking, from rest to rest."""
+    config = FlightConfig(2 + seed % 2, (15.0, 20.0, 12.0)[seed % 3], tilt=0.4363)
+    ranges = Ranges.of((np.array(spec.lower), np.array(spec.upper)), _speeds(spec), home(spec))
+    margins = margins_of(TrackingConfig(), ranges, {}, ("fourier", "splined"))
+    allowed, family = limits(spec, config, margins), flight_family(config)
+    room = FeasibleSet.of(allowed, family, home(spec))
+    drawn = family.trajectory(SAMPLERS[seed % 3](np.random.default_rng(seed), room)[0])
+    whole: Trajectory = at_rest(drawn, allowed)
+    if ground:
+        way = there_and_back(
+            whole, KIND.poses(spec)["ground"], lambda m, p: ways(spec, m, p), allowed, home(spec)
+        )
+        assert way is not None
+        assert way.whole is not None
+        whole = way.whole
+    certificate = certify(whole, allowed)
+    assert certificate.ok
+    assert certificate.at_rest
+    files = exporter(whole, KIND, spec)
+    held = certify_played(exporter, files, allowed, whole)
+    assert {row.axis for row in held.rows} >= {"held before the first row", "held after the last row"}
+    return Planned(spec, whole, allowed, rows_of(files["setpoints.csv"]), ground)
+
+
+def _speeds(spec: QuadrotorSpec) -> tuple[Array, Array]:
+    return np.full(3, -spec.speed), np.full(3, spec.speed)
+
+
+def rows_of(data: bytes) -> Array:
+    """(n, 9) position, velocity, acceleration of setpoints.csv; north, east, down."""
+    _, *rows = csv.reader(io.StringIO(data.decode()))
+    return np.array(rows, dtype=float)[:, 1:10]
+
+
+def left(flights: list[Planned], body: Body | None = None) -> list[str]:
+    """A sentence for each flight that leaves a limit, or the plan by more than the margin, in the cascade:
+    from ten seconds before its first row to ten seconds after its last.
+    """
+    table = padded([own.rows for own in flights], RATE, BEFORE, AFTER)
+    ground = np.array([-own.spec.floor if own.ground else np.nan for own in flights])
+    flown = fly(table, RATE, ground=ground, body=body)
+    found = []
+    for i, own in enumerate(flights):
+        place, plan = (part[:, i] @ NED.T for part in (flown.position, flown.setpoint))
+        found += [
+            f"{own.spec.name}: {text}"
+            for text in _wrong(own, flown.t - BEFORE, place, plan, flown.velocity[:, i])
+        ]
+    return found
+
+
+def _wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) -> list[str]:
+    spec, found = own.spec, []
+    low, high = np.array(spec.lower), np.array(spec.upper)
+    beyond = np.maximum(low - place, place - high).max()
+    found += [f"{beyond:.3f} m out of the room"] if beyond > 1e-3 else []
+    speed = float(np.linalg.norm(velocity, axis=1).max())
+    found += [f"{speed:.3f} m/s of {spec.speed:.3f}"] if speed > spec.speed else []
+    if spec.radius is not None:
+        out = np.hypot(place[:, 0], place[:, 1]).max() - spec.radius
+        found += [f"{out:.3f} m out of the cylinder"] if out > 0.0 else []
+    off = np.abs(place - plan)
+    # straight up or down no margin is kept: below the column's top there is nothing but the column
+    off[column(own, t), 2] = 0.0
+    over = off.max(axis=0) - np.array(spec.margins)
+    found += [f"{over.max():.3f} m beyond the margin"] if over.max() > 0.0 else []
+    end = float(np.linalg.norm(place[-1] - plan[-1]))
+    found += [f"{end:.3f} m off after ten seconds"] if end > 0.1 else []
+    return found
+
+
+def column(own: Planned, t: Array) -> Any:
+    """(T,) while it takes off or lands, or stands."""
+    pieces = own.whole.pieces()
+    if not own.ground:
+        return np.zeros(len(t), dtype=bool)
+    up = next(start for start, label, _ in pieces if label != "take-off")
+    down = next(start for start, label, _ in pieces if label == "landing")
+    return (t < up) | (t > down)

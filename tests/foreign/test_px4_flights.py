@@ -1,0 +1,47 @@
+"""What leaves for PX4 stays inside limits and margins in PX4's own cascade, from before it to after it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flights import left, planned, vehicle
+from px4_cascade import Body
+
+FEW, MANY, BATCH = 8, 500, 25
+
+
+def test_no_flight_leaves_a_limit_or_its_margin() -> None:
+    flights = [planned(vehicle(seed), seed, ground=seed % 2 == 1) for seed in range(FEW)]
+    assert left(flights) == []
+
+
+def test_the_first_row_and_the_last_are_at_rest_to_the_bit() -> None:
+    own = planned(vehicle(1), 1, ground=False)
+    assert not own.rows[0, 3:].any()
+    assert not own.rows[-20:, 3:].any()
+    assert np.ptp(own.rows[-20:, :3], axis=0).max() == 0.0
+    assert np.linalg.norm(own.rows[:, 3:6], axis=1).max() > 0.3 * own.spec.speed, "it moves in between"
+
+
+def test_it_holds_with_a_wrong_hover_thrust_and_drag() -> None:
+    """6 % and 0.2 1/s that the autopilot does not know: its integral finds them while it waits and flies."""
+    flights = [planned(vehicle(seed), seed, ground=False) for seed in (2, 4, 5)]
+    assert left(flights, Body(hover=0.53, drag=0.2)) == []
+
+
+@pytest.mark.slow
+def test_five_hundred_flights(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Resumable: batches that were flown stand in the file that ETUDE_FLIGHTS names."""
+    path = Path(os.environ.get("ETUDE_FLIGHTS", tmp_path_factory.mktemp("flights") / "flown.json"))
+    done = json.loads(path.read_text()) if path.exists() else {}
+    for first in range(1000, 1000 + MANY, BATCH):
+        if str(first) not in done:
+            seeds = range(first, first + BATCH)
+            done[str(first)] = left([planned(vehicle(s), s, ground=s % 2 == 1) for s in seeds])
+            path.write_text(json.dumps(done))
+    wrong = [text for own in done.values() for text in own]
+    assert not wrong, f"{len(wrong)} of {MANY}: {wrong[:10]}"
