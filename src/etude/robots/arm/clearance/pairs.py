@@ -172,7 +172,8 @@ def _is_ignored(gap: Gap, ignored: set[frozenset[str]]) -> bool:
 
 
 def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
-    things = [one.name for one in (*around.box, *around.walls)] + ["floor", "room", "column"]
+    things = [box.name for box in around.box] + [wall.name for wall in around.walls]
+    things += ["floor", "room", "column"]
     links = {shape.link for shape in skeleton.shapes if not shape.box}
     known = links | set(skeleton.parts) | set(map(skeleton.called, things))
     unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
