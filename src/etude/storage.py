@@ -98,6 +98,22 @@ def packed(arrays: Mapping[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
+def arrays_of(data: bytes) -> dict[str, Any]:
+    """The arrays that `packed` wrote: none of objects, and none that was compressed, which may unpack to any
+    size. ValueError: one of these; other errors of zip archives where the bytes are damaged.
+    """
+    import zipfile
+
+    import numpy as np
+
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        if any(part.file_size > part.compress_size for part in archive.infolist()):
+            raise ValueError("its arrays are compressed, which those of Étude are not")
+    # from memory: NumPy leaves a damaged file open
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return dict(file)
+
+
 def append_line(path: Path, line: str) -> None:
     """Appends one line and waits until it is on the disk; first removes a torn line left by a crash.
 
