@@ -18,6 +18,8 @@ from typing import Any
 
 from etude.errors import EtudeError, UsageError
 
+LARGEST_ARRAYS = 2**30
+"""Bytes in memory, of all arrays of one file."""
 TEMPORARY_PREFIX = ".partial-"
 
 
@@ -99,16 +101,19 @@ def packed(arrays: Mapping[str, Any]) -> bytes:
 
 
 def arrays_of(data: bytes) -> dict[str, Any]:
-    """The arrays that `packed` wrote: none of objects, and none that was compressed, which may unpack to any
-    size. ValueError: one of these; other errors of zip archives where the bytes are damaged.
+    """The arrays of NumPy's npz: none of objects, and at most `LARGEST_ARRAYS` bytes in all.
+
+    Raises:
+        ValueError: arrays of objects, or larger ones; a few bytes may unpack to any size. Other errors of zip
+            archives where the bytes are damaged.
     """
     import zipfile
 
     import numpy as np
 
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        if any(part.file_size > part.compress_size for part in archive.infolist()):
-            raise ValueError("its arrays are compressed, which those of Étude are not")
+        if sum(part.file_size for part in archive.infolist()) > LARGEST_ARRAYS:
+            raise ValueError("its arrays unpack to more than 1 GB")
     # from memory: NumPy leaves a damaged file open
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         return dict(file)

@@ -106,7 +106,7 @@ def test_a_chunk_of_a_bag(tmp_path: Path, packing: str) -> None:
         read_raw(path)
 
 
-def test_arrays_of_a_model_are_not_compressed() -> None:
+def test_arrays_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = {"a": np.zeros(1000)}
     np.testing.assert_equal(arrays_of(packed(arrays)), arrays)
     buffer = io.BytesIO()
@@ -114,5 +114,8 @@ def test_arrays_of_a_model_are_not_compressed() -> None:
         own = io.BytesIO()
         np.save(own, arrays["a"])
         archive.writestr("a.npy", own.getvalue())
-    with pytest.raises(ValueError, match="are compressed"):
+    assert len(buffer.getvalue()) < 1000
+    np.testing.assert_equal(arrays_of(buffer.getvalue()), arrays)
+    monkeypatch.setattr("etude.storage.LARGEST_ARRAYS", 8000)
+    with pytest.raises(ValueError, match="more than 1 GB"):
         arrays_of(buffer.getvalue())

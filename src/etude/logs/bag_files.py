@@ -11,6 +11,7 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,10 @@ def _check_room(path: Path) -> None:
     """DataError: a chunk of an MCAP unpacks to more than a file may. The library unpacks each as a whole."""
     for one in _storages(path) if path.is_dir() else [path]:
         if one.suffix == ".mcap":
-            check_chunks(one, lambda packing, data, own=one: _count(packing, data, own))
+            check_chunks(one, partial(_count, one))
 
 
-def _count(packing: bytes, data: bytes, path: Path) -> None:
+def _count(path: Path, packing: bytes, data: bytes) -> None:
     if packing == b"zstd":
         unpacked(_zstd(path).ZstdDecompressor(), data, path)
     elif packing == b"lz4":
