@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.campaign.config import CampaignConfig
-from etude.campaign.config_file import CONFIG, load_config
-from etude.campaign.journal import Event, commit, read_events
+from etude.campaign.config_file import CONFIG, load_config, trusting
+from etude.campaign.journal import JOURNAL, Event, commit, read_events
+from etude.campaign.names import require_plain
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
 from etude.generation import GENERATION
+from etude.plugins import named_in
 from etude.shown import Picture, picture_of
 from etude.storage import sha256_of, writer_lock
+from etude.trust import folder_id
 
 if TYPE_CHECKING:
     from etude.models.model import LearnedModel
@@ -162,12 +165,15 @@ def open_campaign(path: Path) -> Campaign:
             next_step="Run etude init again.",
         )
     spec = _spec(path, found.kind)
+    parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
+    require_plain((part for part in parts if part), str(path / ROBOT))
     return Campaign(path, found.config, found.sha256, found.kind, spec, found.notes, sha256_of(path / ROBOT))
 
 
 def _spec(path: Path, kind: Kind) -> Any:
     try:
-        return kind.spec(path / ROBOT)
+        with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trusting(path)):
+            return kind.spec(path / ROBOT)
     except UsageError:
         if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
             raise UsageError(
