@@ -99,8 +99,8 @@ def test_on_board_no_force_is_commanded_twice(
 ) -> None:
     """The exported C in the allocator, in a loop with PX4's hover thrust: never worse than without it.
 
-    The model was learned with a thrust curve of 1. Flown with 0 its motors are others: that, too, it is not to
-    make worse. Two per cent are the noise of the sensors.
+    The model was learned with a thrust curve of 1. Flown with 0 its motors are others: it is not to make
+    that worse. Two per cent are the noise of the sensors.
     """
     added = onboard(lab, tmp_path / "px4", decouple=controller is Cascade)
     frame = Airframe(curve=curve)
