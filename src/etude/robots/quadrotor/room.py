@@ -28,7 +28,7 @@ ATTITUDE_LAG = 1.0 / 6.5
 PLACE_GAIN = 0.95
 """1/s, PX4's MPC_XY_P: what a late acceleration has cost in speed is made up for by an error of the place."""
 CUT = 0.9
-"""Part of the vertical speeds that plans use: an autopilot cuts what is asked and its own feedback together."""
+"""Part of the vertical speeds that plans use: an autopilot cuts what is asked with its feedback."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
 
