@@ -6,9 +6,12 @@ everyday suite took nearly twice the time.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import shutil
 import sys
+import tempfile
 
 import pytest
 from hypothesis import settings
@@ -19,6 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # that tests start compiles Étude anew, and each worker rewrites the assertions of all tests
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# the list of folders that may name code is the user's, who runs these tests
+os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="etude-config-")
+atexit.register(shutil.rmtree, os.environ["XDG_CONFIG_HOME"], ignore_errors=True)
 settings.register_profile("etude", deadline=None, derandomize="CI" in os.environ, print_blob=True)
 settings.load_profile("etude")
 

@@ -10,6 +10,12 @@ import pytest
 from etude import plugins
 from etude.errors import UsageError
 
+VESSEL = """
+class KIND:
+    name = "a vessel"
+    path = tables = presets = recognises = described = spec = None
+"""
+
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
@@ -44,10 +50,10 @@ def test_every_row_of_the_table_is_there(group: str) -> None:
 
 
 def test_a_plug_in_follows_the_built_ins_and_is_imported_only_when_named(installed) -> None:  # type: ignore[no-untyped-def]
-    installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", "KIND = 'a vessel'")
+    installed("rov", "[etude.robots]\nvessel = rov_module:KIND\n", VESSEL)
     assert plugins.names("etude.robots") == ("arm", "quadrotor", "vessel")
     assert "rov_module" not in sys.modules
-    assert plugins.load("etude.robots", "vessel") == "a vessel"
+    assert plugins.load("etude.robots", "vessel").name == "a vessel"
     row = next(p for p in plugins.listed() if p.name == "vessel")
     assert (row.source, row.target, row.problem) == ("rov 1.2", "rov_module:KIND", "")
 
@@ -87,7 +93,9 @@ def test_listing_tries_the_plug_ins_of_others_on_request(installed) -> None:  # 
 
 def test_full_names_need_no_table(installed) -> None:  # type: ignore[no-untyped-def]
     installed("rov", "", "class Box:\n    lid = 7\n")
-    assert plugins.load("etude.kernels", "rov_module:Box.lid") == 7
+    assert plugins.named_in_full("rov_module:Box.lid") == 7
+    with pytest.raises(UsageError, match=r"Box\.lid is not a kernel's factory"):
+        plugins.load("etude.kernels", "rov_module:Box.lid")
 
 
 def test_a_module_that_is_not_found_is_told_apart_from_what_it_lacks(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]

@@ -78,6 +78,8 @@ def _run(given: list[str]) -> int:
     from etude.commands.terminal import fitted
 
     command = parse.command(given)
+    if getattr(command, "trust", False):
+        _trust(command)
     with progress_shown(silent=command.json):
         outcome = command.run(_say)
     line = fitted(outcome.text, sys.stdout)
@@ -86,6 +88,21 @@ def _run(given: list[str]) -> int:
     if line:
         print(line, flush=True)
     return outcome.exit_code
+
+
+def _trust(command: object) -> None:
+    """Puts the command's folder on this user's list."""
+    from etude.errors import UsageError
+
+    folder = getattr(command, "folder", None)
+    if folder is None:
+        raise UsageError(
+            "--trust is of commands that have a campaign's folder", next_step="etude status FOLDER --trust."
+        )
+    from etude.campaign.config_file import trust_campaign
+
+    trust_campaign(folder)
+    _say(f"Trusted from now on, by you: code that the files in {folder} name.")
 
 
 def _say(text: str) -> None:

@@ -393,6 +393,17 @@ class Followed(Protocol):
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
+class Dragging(Protocol):
+    """Capability of `Inputs` of vehicles that know the air's drag. drag: (dx, dy, dz) 1/s, by which attitudes
+    are found; drag_c: C99 of void name(const real *body_velocity, real *force), the lateral force per mass
+    along the body's x and y; None: not known.
+    """
+
+    @property
+    def drag(self) -> tuple[float, float, float]: ...
+    def drag_c(self, name: str) -> Code | None: ...
+
+
 class Graphed(Protocol):
     """Capability of `Inputs` and of a `Mean`: itself as a piece of a graph of ONNX. Law: in a run from rest
     the graph says what Python says of the same rows.

@@ -2,19 +2,26 @@
 
 A plug-in is named by its group and a name, or in full by "module:attribute". Nothing is imported before it
 is named, so a source tree needs no installation and a broken plug-in harms nobody who does not ask for it.
+Full names are for people who type them and for Python; those that stand in a file are held against the user's
+list of folders first (`trust`), and what a name gives is of the group's kind before it is called.
 """
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import importlib
-import re
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from etude.errors import UsageError
+from etude.trust import FULL_NAME as FULL_NAME
+from etude.trust import require_trusted
 
 _MEMBERS = (
     "exact",
@@ -109,7 +116,62 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)
-FULL_NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the things of a group are, as far as that is seen without calling one.
+
+    Attributes:
+        words: for people. arguments: names of what it is called with; None of what is not called.
+        attributes: that it has.
+    """
+
+    words: str
+    arguments: tuple[str, ...] | None = None
+    attributes: tuple[str, ...] = ()
+
+
+SHAPES: Mapping[str, Shape] = {
+    "etude.robots": Shape(
+        "a kind of robot", None, ("name", "path", "tables", "presets", "recognises", "described", "spec")
+    ),
+    "etude.models": Shape("a member of the model family", ("fit",), ("restore",)),
+    "etude.kernels": Shape("a kernel's factory", ("columns", "commands")),
+    "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
+    "etude.readers": Shape("a reader of logs", ("path", "topics")),
+    "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",)),
+    "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
+}
+"""By group, the callables of `contracts`; studies and pictures, which are not in it, are checked in use."""
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The file whose names are being looked up, and the folder that it belongs to."""
+
+    path: Path
+    folder: Path
+    identity: str
+    command: str
+
+
+_reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
+_given: set[str] = set()
+"""Full names that were typed or passed in Python since the program began: a file may repeat them."""
+
+
+@contextlib.contextmanager
+def named_in(path: Path, folder: Path, identity: str, command: str) -> Iterator[None]:
+    """Within it full names are those of a file; `load` raises UsageError where its folder is not trusted.
+
+    path: the file. folder: that it belongs to, by its identity. command: what trusts that.
+    """
+    token = _reading.set(_Reading(path, folder, identity, command))
+    try:
+        yield
+    finally:
+        _reading.reset(token)
 
 
 @dataclass(frozen=True)
@@ -139,11 +201,12 @@ def load(group: str, name: str) -> Any:
     """The object of that name, or of a full "module:attribute".
 
     Raises:
-        UsageError: no such plug-in (with the nearest name), two of one name (with both distributions), or
-            one that cannot be imported (with the reason).
+        UsageError: no such plug-in (with the nearest name), two of one name (with both distributions), one
+            that cannot be imported (with the reason), that is no thing of this group, or that a file names
+            whose folder is not trusted.
     """
     if FULL_NAME.fullmatch(name):
-        return _imported(Plugin(group, name, name, "named in full"))
+        return _of_group(group, name, named_in_full(name, group))
     found = [plugin for plugin in _known(group) if plugin.name == name]
     if not found:
         near = difflib.get_close_matches(name, names(group), 1)
@@ -157,7 +220,44 @@ def load(group: str, name: str) -> Any:
             f"two plug-ins are named {name!r} in {group}: of {_sources(found)}",
             next_step="Uninstall one, or name the one that you want as module:attribute.",
         )
-    return _imported(found[0])
+    return _of_group(group, name, _imported(found[0]))
+
+
+def named_in_full(name: str, group: str = "etude.models") -> Any:
+    """What "module:attribute" names, whatever that is. Errors as `load`."""
+    reading = _reading.get()
+    if reading is None:
+        _given.add(name)
+    elif name not in _given:
+        named = {name: group}
+        require_trusted(named, reading.path, reading.folder, reading.identity, reading.command)
+    return _imported(Plugin(group, name, name, "named in full"))
+
+
+def _of_group(group: str, name: str, found: Any) -> Any:
+    """The same, if it is a thing of the group. UsageError: it is not; nothing was called."""
+    shape = SHAPES.get(group)
+    if shape is None or name in BUILT_IN[group]:
+        return found
+    missing = [own for own in shape.attributes if not hasattr(found, own)]
+    wanted = f"it has no {', '.join(missing)}" if missing else ""
+    if not missing and shape.arguments is not None and not _takes(found, len(shape.arguments)):
+        wanted = f"it is not called with ({', '.join(shape.arguments)})"
+    if wanted:
+        raise UsageError(
+            f"{name} is not {shape.words}: {wanted}",
+            where=f"{group}; it is of type {type(found).__name__}",
+            next_step="docs/plugins.md says what a plug-in of this group is; etude plugins lists them.",
+        )
+    return found
+
+
+def _takes(found: Any, count: int) -> bool:
+    try:
+        inspect.signature(found).bind(*[None] * count)
+    except (TypeError, ValueError):  # no function, of other arguments, or one that does not tell them
+        return False
+    return True
 
 
 def listed(*, tried: bool = False) -> tuple[Plugin, ...]:
@@ -175,7 +275,7 @@ def _judged(plugin: Plugin, tried: bool) -> Plugin:
         return replace(plugin, problem=f"the name stands twice: of {_sources(twins)}")
     if tried and plugin.source != "etude":
         try:
-            _imported(plugin)
+            _of_group(plugin.group, plugin.name, _imported(plugin))
         except UsageError as error:
             return replace(plugin, problem=error.fact)
     return replace(plugin, problem=_failures.get(plugin.target, ""))

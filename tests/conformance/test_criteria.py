@@ -140,7 +140,7 @@ def test_a_criterion_is_found_by_its_full_name() -> None:
         "identified",
         "",
     ]
-    with pytest.raises(UsageError, match="not a function"):
+    with pytest.raises(UsageError, match="is not a criterion"):
         criterion_named("etude.design.criteria:LOG_FLOOR")
     with pytest.raises(UsageError, match="there is no 'inform'"):
         criterion_named("inform")

@@ -59,16 +59,16 @@ def test_px4(tmp_path: Path) -> None:
     folder = tmp_path / "sky" / "exports" / "px4"
     (program,) = blocks(DOCS / "deploy_px4.md", "c")
     (folder / "page.c").write_text(program, encoding="utf-8")
-    sources = ["page.c", "sky.c", "sky_flight.c", "sky_px4.c"]
+    sources = ["page.c", "sky.c", "sky_lean.c", "sky_flight.c", "sky_px4.c"]
     run([tool("gcc"), *STRICT_C, "-Wdouble-promotion", f"-I{STUBS / 'px4_stubs'}", "-I.", *sources], folder)
 
 
 def test_crazyflie(tmp_path: Path) -> None:
     followed("deploy_crazyflie.md", tmp_path)
     folder = tmp_path / "cf" / "exports" / "crazyflie"
-    sources = ["controller_cf.c", "cf_flight.c", "cf.c"]
+    sources = ["controller_cf.c", "cf_flight.c", "cf_lean.c", "cf.c"]
     run(
         [tool("gcc"), *STRICT_C, "-Wdouble-promotion", f"-I{STUBS / 'crazyflie_stubs'}", "-I.", *sources],
         folder,
     )
-    assert "#define RATE RATE_250_HZ" in (folder / "controller_cf.c").read_text()
+    assert "#define RATE 250" in (folder / "controller_cf.c").read_text()

@@ -91,18 +91,8 @@ def learned_lab(
 
 def exported(lab: Path, motion: Path, output: Path) -> tuple[Array, Array]:
     """The set-points of a motion of one's own as `etude export` writes them for PX4, and the drag in them."""
-    run(
-        "export",
-        lab,
-        "--to",
-        "trajectory",
-        "--set",
-        f"motion={motion}",
-        "--set",
-        "format=px4",
-        "--output",
-        output,
-    )
+    given = ("--set", f"motion={motion}", "format=px4")
+    run("export", lab, "--to", "trajectory", *given, "--output", output)
     return table_of(output / "px4" / "setpoints.csv")
 
 

@@ -65,6 +65,11 @@ def file_of(arm: str) -> Path:
     return Path(found.origin).parent / ARMS[arm][0]
 
 
+def packages_of(arm: str) -> tuple[Path, ...]:
+    """Folders in which an arm's meshes are."""
+    return robots().parents[1], robots(), file_of(arm).parents[1], file_of(arm).parent
+
+
 def etude(*words: str) -> float:
     """Runs a command; user seconds."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
@@ -118,8 +123,8 @@ def measured(arm: str, seed: int, *, logs: bool) -> dict[str, Any]:
             cpu.append(etude("ask", str(lab), *(() if logs else ("--new",))))
             if logs and len(cpu) < 3:
                 etude("simulate", str(lab), "--rounds", "1")
-        packages = (robots().parents[1], robots(), file_of(arm).parents[1], file_of(arm).parent)
-        lower, upper = ruler_of_campaign(lab, file_of(arm), packages).clear_range(np.random.default_rng(7))
+        ruler = ruler_of_campaign(lab, file_of(arm), packages_of(arm))
+        lower, upper = ruler.clear_range(np.random.default_rng(7))
         asked = [from_json(path.read_bytes()) for path in sorted(lab.glob("proposals/*/trajectory.json"))[:3]]
         free = swept([from_json((bare / "proposals/0001/trajectory.json").read_bytes())], lower, upper)
         first, third = swept(asked[:1], lower, upper), swept(asked, lower, upper)

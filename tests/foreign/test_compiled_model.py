@@ -18,6 +18,7 @@ from etude.robots.arm.clearance.surroundings import Box, Surroundings
 from etude.robots.arm.loading import mjcf_writer, urdf, urdf_additions
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.loading.load import load_arm
+from etude.robots.arm.physics import rigid_tree
 from etude.robots.arm.physics.geometry import read_geometry
 from etude.robots.arm.physics.kinematics import body_motion
 from etude.robots.arm.physics.newton_euler import nominal_commands
@@ -143,15 +144,15 @@ class Judge:
 
 def require_alike(spec: ArmSpec) -> None:
     """Gravity torques and forward kinematics at random poses, by what learning and designs use."""
-    judge, geometry = Judge(spec), read_geometry(spec)
-    assert geometry is not None
+    judge, found = Judge(spec), read_geometry(spec)
+    assert found is not None
     poses = np.random.default_rng(4).uniform(spec.lower, spec.upper, (5, spec.dof))
     still = np.zeros_like(poses)
     torque, motion = (
-        nominal_commands(geometry, poses, still, still),
-        body_motion(geometry.tree, poses, still, still),
+        nominal_commands(found, poses, still, still),
+        body_motion(found.tree, poses, still, still),
     )
-    bodies = geometry.tree.joint_body
+    bodies = found.tree.joint_body
     for k, pose in enumerate(poses):
         np.testing.assert_allclose(torque[k], judge.gravity(pose), atol=1e-6)
         wanted = judge.frames(pose)
@@ -183,9 +184,9 @@ def test_nor_need_it_be_described(tmp_path: Path) -> None:
         Judge(written(tmp_path, described, mounting=CEILING)),
         written(tmp_path, bare, mounting=CEILING),
     )
-    geometry, q, still = read_geometry(spec), np.array([[0.3, -1.1]]), np.zeros((1, 2))
-    assert geometry is not None
-    np.testing.assert_allclose(nominal_commands(geometry, q, still, still)[0], judge.gravity(q[0]), atol=1e-6)
+    known, q, still = read_geometry(spec), np.array([[0.3, -1.1]]), np.zeros((1, 2))
+    assert known is not None
+    np.testing.assert_allclose(nominal_commands(known, q, still, still)[0], judge.gravity(q[0]), atol=1e-6)
 
 
 def test_a_slide_on_a_wall(tmp_path: Path) -> None:
@@ -274,8 +275,8 @@ def test_no_name_of_an_mjcf_changes_what_is_compiled(one: str, tmp_path: Path) -
 def test_a_mounted_mjcf_weighs_as_by_levers(tmp_path: Path) -> None:
     """By the potential of two point masses: tau = dV/dq, of the file's own lengths."""
     spec, step = mjcf(tmp_path, mounting=WALL, payload=LOAD), 1e-6
-    geometry = read_geometry(spec)
-    assert geometry is not None
+    known = read_geometry(spec)
+    assert known is not None
     q, still = np.array([[0.4, -0.7]]), np.zeros((1, 2))
     turn = _about(1, WALL.rotation[1])
 
@@ -288,7 +289,7 @@ def test_a_mounted_mjcf_weighs_as_by_levers(tmp_path: Path) -> None:
         return float(9.81 * (turn @ moment)[2])
 
     wanted = [(potential(q[0] + e) - potential(q[0] - e)) / (2 * step) for e in step * np.eye(2)]
-    np.testing.assert_allclose(nominal_commands(geometry, q, still, still)[0], wanted, atol=1e-6)
+    np.testing.assert_allclose(nominal_commands(known, q, still, still)[0], wanted, atol=1e-6)
 
 
 def _about(axis: int, angle: float) -> Array:
@@ -368,3 +369,23 @@ def test_whatever_the_text_loses_is_named(old: str, new: str, said: str, tmp_pat
     assert old in loaded.xml
     with pytest.raises(UnsafeModelError, match=said):
         replace(loaded, xml=loaded.xml.replace(old, new)).model()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gravity": np.array([0.0, 0.0, 9.81])}, r"gravity asks .* N m of joint 'b', to be"),
+        (
+            {"joint_axis": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])},
+            "what joint 'b' moves is .* deg away",
+        ),
+    ],
+    ids=["gravity", "axis"],
+)
+def test_the_tree_that_learning_and_exports_use_is_held_against_it_too(
+    change: dict[str, Any], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec, whole = written(tmp_path, two("world"), mounting=LEANING), rigid_tree.tree_from_mujoco
+    monkeypatch.setattr(rigid_tree, "tree_from_mujoco", lambda *given: replace(whole(*given), **change))
+    with pytest.raises(UnsafeModelError, match=said):
+        read_geometry(spec)

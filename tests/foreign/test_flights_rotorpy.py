@@ -24,12 +24,12 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
-def eight(folder: Path, size: float = 3.0, pace: float = 1.2, seconds: float = 12.0) -> Path:
-    """A figure of eight about 3 m above the ground, at rest at both ends, and its file."""
+def eight(folder: Path, size: float = 1.9, pace: float = 0.9, seconds: float = 14.0) -> Path:
+    """A figure of eight about 3 m above the ground and its file."""
     speeds = np.zeros((5, 3))
     speeds[1, 0], speeds[4, 1], speeds[3, 2] = size * pace, size * pace, 0.5 * pace
     speeds[0] = [0.0, 0.0, 3.0]
-    motion = FourierTrajectory(speeds, pace, seconds, ramp=2.0)
+    motion = FourierTrajectory(speeds, pace, seconds)
     path = folder / "eight.json"
     path.write_text(motion.to_json())
     return path

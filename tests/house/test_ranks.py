@@ -17,6 +17,7 @@ SOURCE = Path(etude.__file__).parent
 RANKS = {
     "errors": 0,
     "generation": 0,
+    "trust": 0,
     "storage": 0,
     "threads": 0,
     "blas": 0,
@@ -47,6 +48,9 @@ RANKS = {
 SIDEWAYS = {
     ("storage", "errors"),
     ("plugins", "errors"),
+    ("plugins", "trust"),
+    ("trust", "errors"),
+    ("trust", "storage"),
     ("options", "errors"),
     ("threads", "blas"),
     ("lbfgs", "blas"),

@@ -36,7 +36,15 @@ def pendulum(motion: Motion) -> Array:
 
 
 LIMIT = CommandLimit(
-    "torque", "N m", NAMES, -np.full(2, 8.0), np.full(2, 8.0), np.full(2, np.inf), pendulum, None, "a formula"
+    "torque",
+    ("N m", "N m"),
+    NAMES,
+    -np.full(2, 8.0),
+    np.full(2, 8.0),
+    np.full(2, np.inf),
+    pendulum,
+    None,
+    "a formula",
 )
 RATED = replace(LIMIT, rate=np.array([60.0, np.inf]), _proofs={})
 SWING = FourierTrajectory(np.array([[0.1, -0.3], [0.5, 0.2], [0.3, -0.4]]), 0.9, 7.0)
@@ -180,7 +188,7 @@ def test_a_model_whose_mean_is_doubted_is_asked_in_full() -> None:
     ends = -np.full(2, 9.0), np.full(2, 9.0)
     for least, known in ((None, True), (np.ones(2), False)):
         model = SimpleNamespace(inputs=inputs, posterior=None, prior_deviation=np.ones(2), least=least)
-        limit = by_model(model, "torque", "N m", NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
+        limit = by_model(model, "torque", ("N m", "N m"), NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
         assert (limit.most is not None) == known
 
 
@@ -204,7 +212,7 @@ def test_a_model_is_asked_along_the_plan() -> None:
     inputs = SimpleNamespace(states=lambda motion: motion.orders[0], orders=3)
     model = SimpleNamespace(inputs=inputs, posterior=predict)
     ends = -np.full(2, 9.0), np.full(2, 9.0)
-    limit = by_model(model, "torque", "N m", NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
+    limit = by_model(model, "torque", ("N m", "N m"), NAMES, ends, np.full(2, np.inf))  # type: ignore[arg-type]
     row = limit.prove(SWING)[0]
     path = SWING.motion(np.linspace(0.0, 7.0, 7001), 1).orders[0][:, 0]
     assert row.proved_upper == pytest.approx(2.0 * path.max() + 0.2 * limit.beyond(7.0), abs=1e-3)

@@ -11,11 +11,13 @@ from typing import Any
 from etude import plugins
 from etude.campaign.comments import COMMENTS, HEAD
 from etude.campaign.config import SECTIONS, CampaignConfig, preset_config, tables_of
+from etude.campaign.journal import JOURNAL
 from etude.campaign.renamed import KINDS, modern
 from etude.contracts import Kind
 from etude.errors import UsageError
 from etude.robots.toml import CORRECT, decoded, read_table, refuse_unknown, write_table
 from etude.storage import unreadable
+from etude.trust import folder_id, is_trusted, names_in, require_trusted, trust
 
 CONFIG = "campaign.toml"
 FIRST_KIND = "arm"
@@ -56,7 +58,42 @@ def load_config(folder: Path) -> ConfigFile:
         ) from None
     except OSError as error:
         raise unreadable(path, error) from error
+    require_trusted_names(folder, CONFIG, _names(data, str(path)))
     return parse_config(data, str(path))
+
+
+def require_trusted_names(folder: Path, file: str, named: Mapping[str, str]) -> None:
+    """UsageError: a file of the campaign names code, and this user does not trust the folder."""
+    if named:
+        command = trusting(folder)
+        require_trusted(named, folder / file, folder, folder_id(folder / JOURNAL), command)
+
+
+def trust_campaign(folder: Path) -> None:
+    """Puts the campaign in a folder on this user's list: code that its files name is run from now on.
+
+    Raises:
+        UsageError: there is no campaign. OSError: the list cannot be written.
+    """
+    identity = folder_id(folder / JOURNAL)
+    if not identity:
+        raise UsageError("there is no campaign here", where=str(folder), next_step="Check the path.")
+    if not is_trusted(folder, identity):
+        trust(folder, identity)
+
+
+def trusting(folder: Path) -> str:
+    """The command that trusts the campaign in a folder."""
+    return f"etude status {folder} --trust"
+
+
+def _names(data: bytes, where: str) -> dict[str, str]:
+    """Code that a campaign.toml names; how logs name their columns is none."""
+    try:
+        table = decoded(data.decode(), where)
+    except UnicodeDecodeError:
+        return {}  # said by whoever reads it
+    return names_in({name: value for name, value in table.items() if name != "log"})
 
 
 def parse_config(data: bytes, where: str) -> ConfigFile:

@@ -16,6 +16,7 @@ from etude.campaign.journal import JOURNAL, commit, read_events
 from etude.contracts import Described, Kind
 from etude.errors import UsageError
 from etude.storage import write_atomic, writer_lock
+from etude.trust import folder_id, trust_own
 
 GROUP = "etude.robots"
 
@@ -69,6 +70,7 @@ def create_campaign(
         facts = {"seed": seed, "preset": preset_name, "kind": kind.name, "robot": spec.name}
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
         commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
+    trust_own(path, folder_id(path / JOURNAL))
     return open_campaign(path), described.confirm
 
 

@@ -10,14 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.campaign.config import CampaignConfig
-from etude.campaign.config_file import CONFIG, load_config
-from etude.campaign.journal import Event, commit, read_events
+from etude.campaign.config_file import CONFIG, load_config, trusting
+from etude.campaign.journal import JOURNAL, Event, commit, read_events
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
 from etude.generation import GENERATION
+from etude.plugins import named_in
 from etude.shown import Picture, picture_of
 from etude.storage import sha256_of, writer_lock
+from etude.trust import folder_id
 
 if TYPE_CHECKING:
     from etude.models.model import LearnedModel
@@ -167,7 +169,8 @@ def open_campaign(path: Path) -> Campaign:
 
 def _spec(path: Path, kind: Kind) -> Any:
     try:
-        return kind.spec(path / ROBOT)
+        with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trusting(path)):
+            return kind.spec(path / ROBOT)
     except UsageError:
         if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
             raise UsageError(

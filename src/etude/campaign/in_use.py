@@ -9,11 +9,10 @@ from typing import Any
 
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
-from etude.campaign.stored import MODEL, newest_model
+from etude.campaign.stored import MODEL, newest_model, read_stored
 from etude.campaign.stored_files import require_description
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
-from etude.models.store import load_model as read_model
 from etude.storage import sha256_of, write_atomic
 
 FOLDER = "promoted"
@@ -62,11 +61,10 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
 
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
     """The stored model whose file has that hash, promoted or not; None if there is none any more."""
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
     places = [pinned(campaign, digest), *sorted(campaign.path.glob(f"models/*/{MODEL}"))]
     for path in places:
         if path.is_file() and sha256_of(path) == digest:
-            return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+            return read_stored(campaign, path)
     return None
 
 
@@ -74,8 +72,7 @@ def promoted_model(campaign: Campaign, facts: Mapping[str, Any]) -> LearnedModel
     """The model of a promotion, from its own copy of the file. Errors as `model_in_use`."""
     path = pinned(campaign, facts["sha256"])
     check_pinned(campaign, facts)
-    kind, spec, config = campaign.kind, campaign.spec, campaign.config
-    return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
+    return read_stored(campaign, path)
 
 
 def check_pinned(campaign: Campaign, facts: Mapping[str, Any]) -> None:

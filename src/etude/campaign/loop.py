@@ -72,7 +72,8 @@ class Loop:
             raise UsageError(
                 f"robot '{campaign.name}' has no simulated plant",
                 where=str(campaign.path / ROBOT),
-                next_step="Name its URDF or MJCF as model_file there to rehearse, or run the real robot.",
+                next_step="Name its URDF or MJCF, with masses, as model_file there to rehearse, or run the "
+                "real robot.",
             )
         if hasattr(robot, "assumed"):  # what stands in for a robot that exists
             _check_rehearsed(campaign)

@@ -43,7 +43,8 @@ def predict(
     Args:
         campaign: the folder, or it opened.
         motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.
-            Where it lacks velocities or accelerations they are made of the positions as learning makes them.
+            Where it lacks velocities or accelerations they are made of the positions as learning makes them;
+            those that it has are asked as they are, and times stay those of the table.
         degrees: the table's angles are degrees.
         say: receives which model it is.
 
@@ -119,7 +120,18 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
     said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
-    return samples.log.repaired(said[0].upper() + said[1:])
+    return _as_given(motion, samples.log, missing).repaired(said[0].upper() + said[1:])
+
+
+def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:
+    """The states that were made, with the rates that the motion has: what somebody gives is asked."""
+    rows = np.searchsorted(motion.t, made.t).clip(0, len(motion) - 1)
+    if not np.array_equal(motion.t[rows], made.t):
+        return made
+    for name, channel in motion.channels.items():
+        if channel.derivative_of and name in made and name not in missing:
+            made = made.put(channel, motion[name][rows])
+    return made
 
 
 def _planned(campaign: Campaign, place: Path) -> Trajectory:
@@ -141,7 +153,7 @@ def _planned(campaign: Campaign, place: Path) -> Trajectory:
 
 def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
     from etude.logs.doctor import drop_unreadable, order_rows
-    from etude.logs.units import from_degrees, start_at_zero
+    from etude.logs.units import from_degrees
 
     loose = [
         replace(c, required=c.name == campaign.kind.path) if c.role == "command" else c
@@ -150,7 +162,7 @@ def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
     rate = campaign.kind.expected(campaign.spec).rate
     log, stated = matched_log(path, loose, rate, (), campaign.config.log)
     log = from_degrees(log, stated) if degrees else log
-    return start_at_zero(order_rows(drop_unreadable(log)))
+    return order_rows(drop_unreadable(log, recorded=False))
 
 
 def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:

@@ -40,7 +40,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "robot": campaign.name,
         "axes": list(campaign.axes),
         "outputs": list(campaign.command.parts),
-        "command_unit": campaign.command.units[0],
+        "command_unit": ", ".join(dict.fromkeys(campaign.command.units)),
         "preset": campaign.config.preset,
         "seed": state.seed,
         "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from etude.campaign.config_file import trusting
 from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.journal import recorded, require_intact
+from etude.campaign.journal import JOURNAL, recorded, require_intact
 from etude.campaign.state import Round, State
 from etude.campaign.stored_files import name_of, require_runs
 from etude.contracts import Log
@@ -14,7 +15,9 @@ from etude.errors import UsageError
 from etude.logs.log_file import read_log_file
 from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model
+from etude.plugins import named_in
 from etude.storage import sha256_of
+from etude.trust import folder_id
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
@@ -93,13 +96,19 @@ def stored_model(campaign: Campaign, number: int) -> LearnedModel:
 
     DataError: missing or damaged. UsageError: it is not the one that was committed.
     """
-    kind, spec, config, path = campaign.kind, campaign.spec, campaign.config, campaign.model_folder(number)
+    path = campaign.model_folder(number)
     digest = require_stored(campaign, number)
     if digest not in campaign.models:
         campaign.models.clear()  # only the last one read: models are large
-        inputs = kind.inputs(spec, config)
-        campaign.models[digest] = read_model(path / MODEL, inputs.restore, kind.physics(spec, config))
+        campaign.models[digest] = read_stored(campaign, path / MODEL)
     return campaign.models[digest]
+
+
+def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
+    """The model in a file of the campaign; code that it names is run only of a folder that is trusted."""
+    kind, spec, config, folder = campaign.kind, campaign.spec, campaign.config, campaign.path
+    with named_in(path, folder, folder_id(folder / JOURNAL), trusting(folder)):
+        return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
 
 
 def is_stored(trained: Round) -> bool:

@@ -21,6 +21,8 @@ class Common:
 
     json: bool = False
     """Print one line of JSON on stdout instead of text."""
+    trust: bool = False
+    """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
 
 
 def opened(folder: Path, say: Callable[[str], None]) -> Campaign:

@@ -23,6 +23,7 @@ from etude.models.online.once import asking_once
 from etude.models.online.state import put_back, state_bytes, state_of, taken
 from etude.models.store import load_model
 from etude.storage import write_atomic
+from etude.trust import names_in, require_trusted
 
 
 class Deployed:
@@ -130,19 +131,33 @@ class Deployed:
         return self.warm_s
 
 
-def open_online(folder: str | Path, state: str | Path | None = None) -> Deployed:
+TRUST = "etude.deploy.runtime.open_online({folder!r}, trust=True)"
+"""What opens a folder that names code of others."""
+
+
+def open_online(folder: str | Path, state: str | Path | None = None, *, trust: bool = False) -> Deployed:
     """Opens a folder that was exported for learning on line, warm.
 
     Args:
         folder: as exported. state: what `Deployed.save` wrote, to go on from; None begins with the model.
+        trust: run code that its files name as module:attribute, of a kernel of your own for example.
 
     Raises:
-        UsageError: no such folder, or its kind of robot is not installed.
+        UsageError: no such folder, its kind of robot is not installed, or it names code and is not trusted.
         DataError: a file is missing, was changed, or is of another version.
     """
     folder = Path(folder)
     digest = _verified(folder)
-    words = json.loads(_read(folder / SETTINGS))
+    words, settings = json.loads(_read(folder / SETTINGS)), folder / SETTINGS
+    if trust:
+        return _opened(folder, words, digest, state)
+    command = TRUST.format(folder=str(folder))
+    require_trusted(names_in([words["kind"], words["config"]]), settings, folder, digest, command)
+    with plugins.named_in(settings, folder, digest, command):
+        return _opened(folder, words, digest, state)
+
+
+def _opened(folder: Path, words: Mapping[str, Any], digest: str, state: str | Path | None) -> Deployed:
     kind: Kind = plugins.load("etude.robots", words["kind"])
     spec = kind.spec(folder / ROBOT / "robot.toml")
     config = read_config(words["config"], {**kind.tables, "model": ModelConfig})

@@ -25,6 +25,8 @@ Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 
 HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
 """Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
+TRIES = 2
+"""Times that a segment elsewhere than about home is designed, if no straight way from home leads there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +80,16 @@ def design_chain(
     Segment i is designed given the planned samples of those before it: what they will say is not needed, as
     a variance does not depend on it.
     """
-    if not standing_in or roam is not None:
-        source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
-        if roam is not None:
-            source = Roamed.of(family, tuple(limits), roam, config.sampler)
-        standing_in = [drawn.trajectory for drawn in source.typical(rng, MOTIONS)]
+    source: Source | Roamed = Source(family, tuple(limits), home, config.sampler)
+    if roam is not None:
+        source = Roamed.of(family, tuple(limits), roam, config.sampler)
+    if not standing_in or roam is not None:  # what stands in otherwise is about home
+        standing_in = [*standing_in, *(drawn.trajectory for drawn in source.typical(rng, MOTIONS))]
     found: list[Design] = []
     for _ in counted(range(count)):
         before = [*given, *(own.trajectory for own in found)]
-        found.append(
-            design(
+        for again in range(TRIES):
+            own = design(
                 family,
                 limits,
                 home,
@@ -102,13 +104,21 @@ def design_chain(
                 physics=physics,
                 roam=roam,
             )
-        )
+            if roam is None or again == TRIES - 1 or reached(own.trajectory, ways, limits, home):
+                break
+        found.append(own)
         if roam is not None:
-            roam = replace(roam, visited=roam.visited.adding([found[-1].trajectory]))
+            roam = replace(roam, visited=roam.visited.adding([own.trajectory]))
     segments = [own.trajectory for own in found]
     order = list(range(count)) if roam is None else near_to_near(segments, ways, home)
     trajectory, kept = linked([segments[i] for i in order], ways, limits, home)
     return DesignedChain(trajectory, tuple(found[i] for i in sorted(order[:kept])), count - kept)
+
+
+def reached(segment: Trajectory, ways: Ways, limits: Sequence[Limit], home: Array) -> bool:
+    """Whether the straight ways from home to a segment and back are proved: it can then always be linked."""
+    found = ways(segment, home)
+    return found is not None and all(certify(part, limits).ok for part in found)
 
 
 def near_to_near(segments: Sequence[Trajectory], ways: Ways, home: Array) -> list[int]:

@@ -86,8 +86,6 @@ def criterion_named(name: str) -> Criterion:
         UsageError: there is none, it cannot be loaded, it is no function, or it needs what no design has.
     """
     criterion: Criterion = plugins.load(GROUP, name)
-    if not callable(criterion):
-        raise UsageError(f"the criterion {name!r} is a {type(criterion).__name__}, not a function")
     if needs_of(criterion) not in ("", "reference", "identified"):
         raise UsageError(
             f"the criterion {name!r} needs {needs_of(criterion)!r}; a design has 'reference' and 'identified'"

@@ -49,8 +49,8 @@ class CommandLimit:
     """A limit of `contracts`: lower <= mean - b deviation and mean + b deviation <= upper, |rate| <= rate.
 
     Attributes:
-        quantity: "torque" or "command". unit: of the commands.
-        names: of the J commands.
+        quantity: "torque" or "command".
+        units: of the J commands: a slide's force is in N where a hinge's torque is in N m. names: of them.
         lower, upper: (J,). rate: (J,) per s, infinite where there is no limit.
         mean: motion -> (T, J). deviation: motion -> (T, J); None: the mean is all that is known.
         source: whose word it is, for the certificate.
@@ -64,7 +64,7 @@ class CommandLimit:
     """
 
     quantity: str
-    unit: str
+    units: tuple[str, ...]
     names: tuple[str, ...]
     lower: Array
     upper: Array
@@ -192,12 +192,12 @@ class CommandLimit:
         text = f"samples every {1000.0 * step:.2g} ms of {self._whose(piece)}"
         rows = []
         for j, name in enumerate(self.names):
-            method = f"{text}; between them at most {bend[:, j].max() / 8.0:.2g} {self.unit} more"
+            method = f"{text}; between them at most {bend[:, j].max() / 8.0:.2g} {self.units[j]} more"
             rows.append(_row(name, self.quantity, (self.lower[j], self.upper[j]), (low[j], high[j]), method))
         slope, more = np.abs(np.diff(mean, axis=0)) / step, bend / (2.0 * step)
         steepest = (slope + np.maximum(more[:-1], more[1:])).max(axis=0)
         for j in self.rated:
-            method = f"{text}, its mean; between them at most {more[:, j].max():.2g} {self.unit}/s more"
+            method = f"{text}, its mean; between them at most {more[:, j].max():.2g} {self.units[j]}/s more"
             ends = (-self.rate[j], self.rate[j]), (-steepest[j], steepest[j])
             rows.append(_row(self.names[j], f"{self.quantity} rate", *ends, method))
         return tuple(rows)
@@ -249,12 +249,17 @@ class CommandLimit:
 
 
 def by_model(
-    model: Model, quantity: str, unit: str, names: Sequence[str], ends: tuple[Array, Array], rate: Array
+    model: Model,
+    quantity: str,
+    units: Sequence[str],
+    names: Sequence[str],
+    ends: tuple[Array, Array],
+    rate: Array,
 ) -> CommandLimit:
     """Commands by what was learned: its mean, and its deviations with noise and calibration.
 
     Args:
-        model: the newest. quantity, unit, names: of its commands.
+        model: the newest. quantity, units, names: of its commands.
         ends: least and largest (J,). rate: (J,) per s, infinite where there is no limit.
     """
     inputs, cheap = model.inputs, getattr(model, "mean", None)
@@ -280,7 +285,7 @@ def by_model(
     most = None if before is None or doubted else MORE * before
     return CommandLimit(
         quantity,
-        unit,
+        tuple(units),
         tuple(names),
         *ends,
         rate,

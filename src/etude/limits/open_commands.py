@@ -47,7 +47,7 @@ class OpenCommands:
         if not len(beyond):
             return ()
         parts = [
-            f"{self.limit.names[j]} {max(high[j], -low[j]):.3g} {self.limit.unit} of "
+            f"{self.limit.names[j]} {max(high[j], -low[j]):.3g} {self.limit.units[j]} of "
             f"{min(self.limit.upper[j], -self.limit.lower[j]):.3g}"
             for j in beyond
         ]
@@ -84,7 +84,9 @@ def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
     if not np.any(over > 0.0):
         return limit
     j = int(np.argmax(over / (limit.upper - limit.lower)))
-    most = f"{mean[j]:.3g} {limit.unit}" + (f" with a deviation of {spread[j]:.2g}" if spread.any() else "")
+    most = f"{mean[j]:.3g} {limit.units[j]}" + (
+        f" with a deviation of {spread[j]:.2g}" if spread.any() else ""
+    )
     return OpenCommands(
         (
             f"Whether the drives can give the forces: {limit.source} says {most} of {limit.names[j]} at "

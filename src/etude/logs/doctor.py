@@ -22,8 +22,12 @@ LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
 REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
 
 
-def drop_unreadable(log: Log) -> Log:
+def drop_unreadable(log: Log, *, recorded: bool = True) -> Log:
     """Drops optional channels that are mostly empty, then rows with an empty, NaN or infinite cell.
+
+    Args:
+        recorded: the log is a recording, in which a rate that stands still while its path moves was never
+            filled; else somebody wrote it so.
 
     Raises:
         DataError: too many rows would go.
@@ -32,7 +36,7 @@ def drop_unreadable(log: Log) -> Log:
         if channel.required or channel.role == "command":
             continue
         finite = np.isfinite(log[name])
-        if _never_recorded(log, name):
+        if recorded and _never_recorded(log, name):
             log = log.without(name).repaired(
                 f"Channel {name} never changes although {channel.derivative_of} does: it was dropped."
             )

@@ -140,7 +140,8 @@ def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels:
     for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
         text, unit = split_suffix(header)
         for claim in known.claims(text) if unit else ():
-            alike = ALIKE.get(described[claim.channel].units[0], ())
+            units = described[claim.channel].units
+            alike = [one for own in dict.fromkeys(units) for one in ALIKE.get(own, ())]
             if unit in alike and claim.part not in more.of(claim):
                 more.note(claim, header, unit)
     for place in ("named", "numbered", "bare"):
@@ -161,7 +162,7 @@ def words_of(channel: Channel) -> tuple[str, ...]:
     """The channel's own name, then what else it is called."""
     words = [normal(channel.name), *SYNONYMS.get(channel.name, ())]
     if channel.role == "command":
-        words += COMMANDS.get(channel.units[0], ()) if channel.units else ()
+        words += [word for unit in dict.fromkeys(channel.units) for word in COMMANDS.get(unit, ())]
         words += () if channel.acts_on else SETPOINTS
     return tuple(dict.fromkeys(words))
 

@@ -19,6 +19,7 @@ from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.extras import needed
 from etude.logs.frames import raw_log
+from etude.logs.ulog_airframe import STATUS, require_quadrotor
 from etude.logs.ulog_motors import MOTORS, Dataset, motors_of, moves
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
@@ -95,7 +96,7 @@ class _Patient:
 
 
 def _needed() -> list[str]:
-    return sorted({*MOTORS, *(name for names, _ in SIGNALS for name in names)})
+    return sorted({STATUS, *MOTORS, *(name for names, _ in SIGNALS for name in names)})
 
 
 def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
@@ -146,6 +147,7 @@ def _flight(
     Raises:
         DataError: nothing tells what the body or the motors did.
     """
+    require_quadrotor(parameters, found.get(STATUS, ()), path)
     if lacking := [names for names in (GYRO, FORCE, MOTORS) if not any(name in found for name in names)]:
         raise _lacks(path, lacking[0], found)
     sentences = ["Axes were turned: body x forward, y left, z up; world east, north, up."]

@@ -172,7 +172,8 @@ class LearnedModel:
         States as for `predict`, of a Log as they are: what friction remembers counts where the log carries
         it.
         """
-        average, variance, _ = self._predicted(Means(as_log(log, self.columns)), iter)
+        log = log if isinstance(log, Log) else as_run(log, self.columns, self.inputs).log
+        average, variance, _ = self._predicted(Means(log), iter)
         return average, variance
 
     def unknown(self, log: Any) -> Array:

@@ -35,7 +35,7 @@ def part_of(method: str) -> Part:
             where="--method",
             next_step="Name the function that makes your kernel or model, such as my_kernels:posture.",
         )
-    found = plugins.load("etude.models", method)
+    found = plugins.named_in_full(method)
     if hasattr(found, "restore"):
         return "model"
     takes = len(_arguments(found))

@@ -13,6 +13,7 @@ typedef struct {
     stab_mode_t x, y, z;
 } setpoint_mode_t;
 typedef struct {
+    uint32_t timestamp;  /* ms */
     attitude_t attitude; /* deg */
     vec3_t position, velocity, acceleration, jerk;
     setpoint_mode_t mode;
@@ -21,7 +22,7 @@ typedef struct {
     int unused;
 } sensorData_t;
 typedef struct {
-    int unused;
+    attitude_t attitude; /* deg, pitch positive nose up */
 } state_t;
 
 #define STABILIZER_NR_OF_MOTORS 4

@@ -49,11 +49,19 @@ def urdf(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_file_without_masses_is_refused_before_limits_are_asked_for(tmp_path: Path) -> None:
+def test_a_file_without_masses_is_read_like_any_other(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
-    path.write_text(re.sub(r"<inertial>.*?</inertial>", "", URDF, flags=re.S).replace('velocity="3"', ""))
-    with pytest.raises(UsageError, match="no moving link has a mass"):
+    bare = re.sub(r"<inertial>.*?</inertial>", "", URDF, flags=re.S)
+    path.write_text(bare)
+    assert spec_from_model(path).spec.names == spec_from_model(_whole(tmp_path)).spec.names
+    path.write_text(bare.replace('velocity="3"', ""))
+    with pytest.raises(UsageError, match="limits are missing: velocity of shoulder"):
         spec_from_model(path)
+
+
+def _whole(folder: Path) -> Path:
+    (folder / "whole.urdf").write_text(URDF)
+    return folder / "whole.urdf"
 
 
 @pytest.mark.parametrize("attribute", ["drake:acceleration", "acceleration"])

@@ -71,7 +71,6 @@ def test_nodes_shift_turn_and_scale_what_hangs_on_them(tmp_path: Path) -> None:
         ({"buffers": [{"uri": "a.bin"}]}, 0, "in another file"),
         ({}, 8, "ends before"),
         ({"nodes": [{"children": [0]}]}, 0, "in a circle"),
-        ({"nodes": [{}]}, 0, "no triangles"),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path: Path, more: dict[str, Any], cut: int, said: str) -> None:

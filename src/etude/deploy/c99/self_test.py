@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from etude.contracts import Array
 from etude.deploy.c99.golden import Golden
 from etude.deploy.c99.header import Form
@@ -10,6 +12,19 @@ from etude.deploy.c99.tables import PER_LINE, numbers
 
 EXACT, FAST, SINGLE = 1e-12, 1e-9, 1e-4
 """Largest deviation from Python as a part of each command's limit: double, with -ffast-math, and float."""
+OF_NOISE = 0.1
+"""Part of a command's own noise by which float may differ: it then adds half a per cent to its deviation."""
+
+
+def allowed(plan: Plan) -> float:
+    """What float may differ by, as a part of a command's limit: what its noise hides, and SINGLE at least."""
+    noise = np.zeros(len(plan.limit))
+    for candidate in plan.candidates:
+        if candidate.process is None:
+            continue
+        own = candidate.units[1] ** 2 * candidate.calibration * candidate.process.noise_variance
+        np.add.at(noise, list(candidate.commands), candidate.weights * own)
+    return max(SINGLE, OF_NOISE * float(np.min(np.sqrt(noise) / plan.limit)))
 
 
 def self_test(plan: Plan, form: Form, vectors: Golden, exact: float) -> str:
@@ -43,9 +58,9 @@ def self_test(plan: Plan, form: Form, vectors: Golden, exact: float) -> str:
 #include <stdio.h>
 
 #if defined(__FAST_MATH__)
-#define SMALL {FAST if not form.single else SINGLE!r}
+#define SMALL {FAST if not form.single else allowed(plan)!r}
 #else
-#define SMALL {exact if not form.single else SINGLE!r}
+#define SMALL {exact if not form.single else allowed(plan)!r}
 #endif
 
 {"".join(tables)}

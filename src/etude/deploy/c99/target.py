@@ -14,7 +14,7 @@ from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
 from etude.deploy.c99.names import renamed
 from etude.deploy.c99.plan import Plan, parts_in_c, planned
-from etude.deploy.c99.self_test import EXACT, SINGLE, self_test
+from etude.deploy.c99.self_test import EXACT, allowed, self_test
 from etude.deploy.c99.single import single
 from etude.deploy.c99.source import source
 from etude.deploy.fading import fading
@@ -127,23 +127,24 @@ def held(
     made = c_files(chosen, kind, spec, form, name)
     found = built(made.plan.name, made.files, made.tables)
     if form.single:
-        _require_right(found)
+        _require_right(found, made.plan)
     elif found is not None and found.deviation > EXACT:
         made = c_files(chosen, kind, spec, form, name, _rounding(found))
     said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate, alone)]
     return made, (*said, _checked(found)), _facts(made, found)
 
 
-def _require_right(found: Built | None) -> None:
+def _require_right(found: Built | None, plan: Plan) -> None:
     if found is None:
         raise UsageError(
             "whether float is right for this model is found with a C compiler, and there is none",
             next_step="apt-get install -y gcc, or export double.",
         )
-    if found.deviation > SINGLE or found.wrong:
+    most = allowed(plan)
+    if found.deviation > most or found.wrong:
         raise UsageError(
             f"float is wrong for this model: commands differ from Python's by up to {found.deviation:.1e} of "
-            f"their limit on the golden vectors, more than {SINGLE:g}",
+            f"their limit on the golden vectors, more than {most:.2g}, a tenth of their noise or 1e-4",
             next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
         )
 

@@ -10,15 +10,17 @@ from typing import Any
 
 from etude.contracts import Delivered, Kind
 from etude.deploy.c99.header import Form
+from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
+from etude.deploy.flight.chips import M4F, M7, Chip, chosen_rate, cost_in_words
 from etude.errors import UsageError
 from etude.options import taken
 
 MOTORS = 4
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
-    "specific_force": ("R(0.0)", "R(0.0)", "lift"),
+    "specific_force": ("dot(x, push)", "dot(y, push)", "dot(z, push)"),
     "rates": ("rates[0]", "rates[1]", "rates[2]"),
     "angular_acceleration": ("own->turning[0]", "own->turning[1]", "own->turning[2]"),
     "body_velocity": ("dot(x, velocity)", "dot(y, velocity)", "dot(z, velocity)"),
@@ -33,12 +35,12 @@ HOVERS: Mapping[str, Sequence[str]] = {
 }
 """Those that are not 0 in hover."""
 RATES = (100, 250, 500)
-"""Hz of a Crazyflie's loop that divide its 1,000."""
+"""Hz at which a model may be asked: they divide the 1,000 of a Crazyflie's stabilizer."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """See `commands.export`; rate: Hz at which a Crazyflie asks the model."""
+    """See `commands.export`; rate: Hz at which the model is asked; None: as fast as the chip can."""
 
     real: str = "float"
     single: bool = False
@@ -53,10 +55,13 @@ class Autopilot:
 
     Attributes:
         name: of the target. sources: templates, and how their files are called.
+        chip: that it runs on. rounds: how often an answer finds the drag, flight.c.
     """
 
     name: str
     sources: Mapping[str, str]
+    chip: Chip
+    rounds: int
 
     def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
         """The model's C, NAME_flight.h and .c, and the glue.
@@ -67,28 +72,31 @@ class Autopilot:
         """
         asked = taken(options, Options, self.name)
         form = Form(asked.real == "float", fade=False, digest=asked.model_hash)
-        rate = float(asked.rate or RATES[0])
-        made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
+        made, said, facts = held(model, kind, spec, form, asked.name, alone=asked.single)
+        lean, drag = lean_files(made.plan.model.inputs, made.plan.name, form)
+        # one answer asks of the motion and of hovering, and finds the drag as often as flight.c says
+        operations = 2 * made.plan.operations(form.deviations)
+        operations += 0 if drag is None else self.rounds * drag.operations[0]
+        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single)
+        cost = cost_in_words(self.chip, operations, rate, single=form.single)
         words = _words(made, self.name, rate)
-        files = dict(made.files)
+        files = {**made.files, **lean}
         for template, place in self.sources.items():
             files[place.replace("@NAME@", made.plan.name)] = _filled(template, words)
         order = ", ".join(
             f"{n} is {int(m) + 1}" for n, m in zip(model.commands, words["MOTORS"].split(", "), strict=True)
         )
-        return Delivered(files, (f"Motors of {self.name}: {order}.", *said), facts)
+        facts |= {"rate": rate, "operations_of_an_answer": operations}
+        return Delivered(files, (f"Motors of {self.name}: {order}.", *said, cost), facts)
 
 
 SHARED = {"flight.h": "@NAME@_flight.h", "flight.c": "@NAME@_flight.c"}
-PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.c"})
-CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"})
+PX4 = Autopilot("px4", {**SHARED, "px4.h": "@NAME@_px4.h", "px4.c": "@NAME@_px4.c"}, M7, 3)
+CRAZYFLIE = Autopilot("crazyflie", {**SHARED, "crazyflie.c": "controller_@NAME@.c"}, M4F, 1)
 
 
 def _words(made: Files, target: str, rate: float) -> dict[str, str]:
     plan, single_precision = made.plan, made.form.single
-    if rate not in RATES and target == "crazyflie":
-        raise UsageError(f"a Crazyflie's loop asks at {', '.join(map(str, RATES))} Hz, not {rate:g}")
-    reads_battery = any(channel.name == "battery_voltage" for channel in plan.channels)
     return {
         "NAME": plan.name,
         "UPPER": plan.name.upper(),
@@ -98,9 +106,7 @@ def _words(made: Files, target: str, rate: float) -> dict[str, str]:
         "FILL": "\n".join(_fill(plan, "own->input", READS, "    ")),
         "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "        ")),
         "MOTORS": ", ".join(map(str, _motors(plan, target))),
-        "RATE": f"RATE_{rate:.0f}_HZ",
-        "BATTERY": "pmGetBatteryVoltage()" if reads_battery else "0.0f",
-        "PM": '#include "pm.h"\n' if reads_battery else "",
+        "RATE": f"{rate:.0f}",
     }
 
 

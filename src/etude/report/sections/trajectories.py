@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 SAMPLES = 301
 RATES = ("", "/s", "/s²", "/s³")
 ORDERS = {"position": 0, "box": 0, "radius": 0, "velocity": 1, "speed": 1, "acceleration": 2, "jerk": 3}
+COMMANDED = {"torque": "", "command": "", "torque rate": "/s", "command rate": "/s"}
+"""Quantities in the commands' unit."""
 FORCES = {"lift": "m/s²", "thrust": "m/s²", "tilt": "rad"}
 TEXT = (
     "Curves are drawn as a fraction of each limit: the dotted lines at ±1 are the limits. The table gives "
@@ -172,6 +174,8 @@ def _unit(record: Record, quantity: str) -> str:
     """Of a proved quantity, from the unit of the path."""
     if quantity in FORCES:
         return FORCES[quantity]
+    if quantity in COMMANDED:
+        return (record.unit or "unit of the axis") + COMMANDED[quantity]
     units = set(record.path.units) if record.path else set()
     if quantity not in ORDERS or len(units) != 1:
         return "1" if not units else "unit of the axis"

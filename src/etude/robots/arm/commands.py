@@ -10,9 +10,10 @@ from etude.contracts import Array, Model, Motion
 from etude.limits.commands import CommandLimit, by_model
 from etude.limits.open_commands import OpenCommands, kept_at, rest_at
 from etude.robots.arm.of_file import of_file
-from etude.robots.arm.physics.mean import FORCES, ArmPhysics
+from etude.robots.arm.physics.geometry import has_masses
+from etude.robots.arm.physics.mean import ArmPhysics
 from etude.robots.arm.physics.newton_euler import nominal_commands
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.spec import FORCES, ArmSpec
 
 NOMINAL = "the model file's masses"
 OPEN = (
@@ -37,9 +38,9 @@ def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit
         home: (J,) a pose inside every limit.
     """
     if model is not None:
-        own = by_model(model, _quantity(spec), spec.command_unit, spec.names, _ends(spec), spec.torque_rate)
+        own = by_model(model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate)
         return kept_at(own, home)
-    if spec.model_file is None or spec.command_unit not in FORCES:
+    if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     return of_file(_known, spec, lambda: _unless_confirmed(kept_at(_nominal(spec), home), spec, home))
 
@@ -53,8 +54,10 @@ def _unless_confirmed(
         return found
     asked = np.abs(found.limit.mean(rest_at(home, found.limit.orders))[0])
     beyond = [
-        f"{name} takes {most:.4g} {found.limit.unit} of {end:.4g}"
-        for name, most, end in zip(spec.names, asked.tolist(), found.limit.upper.tolist(), strict=True)
+        f"{name} takes {most:.4g} {unit} of {end:.4g}"
+        for name, unit, most, end in zip(
+            spec.names, found.limit.units, asked.tolist(), found.limit.upper.tolist(), strict=True
+        )
         if most > end
     ]
     return replace(found, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
@@ -70,7 +73,7 @@ def _nominal(spec: ArmSpec) -> CommandLimit:
     ends = _ends(spec)
     return CommandLimit(
         _quantity(spec),
-        spec.command_unit,
+        spec.command_units,
         spec.names,
         *ends,
         spec.torque_rate,

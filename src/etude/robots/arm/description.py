@@ -76,6 +76,7 @@ def describe(
         from etude.robots.arm.loading.lengths import check_lengths
         from etude.robots.arm.loading.load import load_arm
         from etude.robots.arm.loading.pack import packed
+        from etude.robots.arm.loading.placeholders import made_up
         from etude.robots.arm.weight import sentences as weight_sentences
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
@@ -93,7 +94,14 @@ def describe(
             finer += hemmed_in(crowds(final, spec.lower, spec.upper), around.collision.ignore)
         spec = replace(spec, around=around)
         home = np.array(around.search.home) if around.search else 0.5 * (spec.lower + spec.upper)
-        confirm = (*confirm, *loaded.notes, *finer, *of_around, *weight_sentences(whole, home))
+        confirm = (
+            *confirm,
+            *loaded.notes,
+            *made_up(loaded),
+            *finer,
+            *of_around,
+            *weight_sentences(whole, home),
+        )
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)
 

@@ -170,10 +170,11 @@ class ArmKind:
 
     def inputs(self, spec: ArmSpec, config: Any) -> ArmInputs:
         from etude.robots.arm.inputs import ArmInputs
+        from etude.robots.arm.physics.geometry import has_masses
 
         data = config.data
         presliding = data.presliding if config.model.remembers else 0.0
-        physics = spec.model_file is not None and data.presliding > 0.0
+        physics = spec.model_file is not None and data.presliding > 0.0 and has_masses(spec)
         return ArmInputs.of(
             spec, data.friction_fraction, data.desired, presliding, data.stick_fraction, physics
         )
@@ -198,10 +199,12 @@ class ArmKind:
         return samples_of(spec, config.data, logs, groups)
 
     def robot(self, spec: ArmSpec, config: Any) -> Following | None:  # noqa: ARG002
-        """The stand-in that the robot file names, else one made from its model file; None without both."""
-        if spec.plant is None and spec.model_file is None:
-            return None
+        """The stand-in that the robot file names, else one made from its model file's masses; or None."""
         if spec.plant is None:
+            from etude.robots.arm.physics.geometry import has_masses
+
+            if not has_masses(spec):
+                return None
             from etude.robots.arm.rehearsal.robot import rehearsed
 
             return rehearsed(spec)

@@ -26,6 +26,8 @@ TURNING = "friction_turning"
 WAYS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
 """rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip; the
 first stands for friction that turns round at once."""
+FORCES = ("N m", "N")
+"""Command units that inertial parameters predict by themselves."""
 ORDERS = 3
 """Position, velocity and acceleration: what an inverse dynamics model looks at."""
 
@@ -76,7 +78,7 @@ class ArmSpec:
     Attributes:
         name: short name.
         axes: the actuated joints, in the order of every array's columns.
-        command_unit: unit of the learned output: "N m", "N", "A", "V" or "pwm".
+        command_unit: unit of the learned output: "N m", "N", "A", "V" or "pwm"; see `command_units`.
         rate: logging and control rate, Hz.
         model_file: URDF or MJCF with the rigid-body model, or None.
         plant: name of the simulated plant that stands in for the robot, or None.
@@ -151,6 +153,12 @@ class ArmSpec:
         """(J,) per s, infinite where there is no limit."""
         return np.array([math.inf if axis.torque_rate is None else axis.torque_rate for axis in self.axes])
 
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """(J,) of the commands: forces of slides are in N, torques of hinges in N m."""
+        forces = {"rad": "N m", "m": "N"}
+        return tuple(forces[a.unit] if self.command_unit in FORCES else self.command_unit for a in self.axes)
+
     def presliding(self, hinge: float) -> Array:
         """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
         return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
@@ -189,7 +197,7 @@ class ArmSpec:
         )
 
     def _commands(self) -> tuple[Channel, ...]:
-        units = (self.command_unit,) * self.dof
+        units = self.command_units
         reach = tuple(self.command.tolist())
         return (
             Channel(COMMAND, self.names, units, "command", required=True, acts_on=PATH[0], reach=reach),

@@ -94,13 +94,11 @@ def _read(
 ) -> tuple[Choice, dict[str, Moving], Limits]:
     """The choice of joints, all that move, and the limits that the file states."""
     if root.tag == "robot":
-        from etude.robots.arm.loading.inertia import masses_of
         from etude.robots.arm.loading.urdf import chosen_of
         from etude.robots.arm.loading.urdf_tree import read_tree
 
         tree = read_tree(root, str(path))
         found, limits, choice = tree.moving(), urdf_limits(tree), chosen_of(tree, joints, held)
-        masses_of(tree, choice.joints)  # nobody looks limits up for a file that is refused without masses
     else:
         from etude.robots.arm.loading.mjcf import chosen_in
         from etude.robots.arm.loading.mjcf_compiled import compiled

@@ -13,10 +13,10 @@ import numpy as np
 
 from etude.contracts import Array, Mask
 from etude.robots.arm.commands import NO_MOTION
-from etude.robots.arm.physics.geometry import Geometry, read_geometry
-from etude.robots.arm.physics.mean import FORCES
+from etude.robots.arm.physics.geometry import has_masses, read_geometry
 from etude.robots.arm.physics.newton_euler import nominal_commands
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.physics.transmission import Geometry
+from etude.robots.arm.spec import FORCES, ArmSpec
 
 POSES, SEED = 2048, 0
 """Random poses from which the heaviest is looked for: a robot is always the same."""
@@ -51,8 +51,8 @@ class Weight:
 
 
 def weight_of(spec: ArmSpec, home: Array) -> Weight | None:
-    """At home (J,) and elsewhere; None where there is no model file, or commands are no forces."""
-    if spec.model_file is None or spec.command_unit not in FORCES:
+    """At home (J,) and elsewhere; None where no model file says masses, or commands are no forces."""
+    if not has_masses(spec) or spec.command_unit not in FORCES:
         return None
     geometry = read_geometry(spec)
     assert geometry is not None
@@ -99,9 +99,8 @@ def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
 def _joints(spec: ArmSpec, asked: Array, limit: Array, of_first: str = "") -> str:
     """Those that are asked for more than their limit, the worst of them first, and more of that one."""
     order = np.argsort(-asked / limit, kind="stable")
-    units = ["N m" if axis.unit == "rad" else "N" for axis in spec.axes]
     words = [
-        f"{spec.names[j]} takes {asked[j]:.4g} {units[j]} of {limit[j]:.4g}"
+        f"{spec.names[j]} takes {asked[j]:.4g} {spec.command_units[j]} of {limit[j]:.4g}"
         for j in order
         if asked[j] > limit[j]
     ]

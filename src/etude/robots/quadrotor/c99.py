@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Code
-from etude.models.c99 import mean_function
+from etude.models.c99 import mean_function, posteriors_code
 from etude.models.gp.c99 import real
 from etude.robots.quadrotor.vehicle import GRAVITY
 
@@ -51,6 +51,24 @@ def vehicle_code(name: str, model: Any, heights: tuple[float, float]) -> Code:
     return Code(
         mean_function(name, reads, lines, _hovering(name, reads, call)), {}, reads=reads, operations=(200, 0)
     )
+
+
+def drag_code(name: str, model: Any) -> Code:
+    """A `DragModel`: lines, and the processes of what they leave."""
+    parts, lines = [], []
+    for j, (slope, posterior) in enumerate(zip(model.linear, model.residual, strict=True)):
+        lines.append(f"    force[{j}] = {real(-float(slope))} * velocity[{j}];")
+        if posterior is not None:
+            parts.append(posteriors_code(f"{name}_{j}", [posterior]))
+            lines += [f"    {name}_{j}(velocity, &more, 0);", f"    force[{j}] += more;"]
+    data: dict[str, Any] = {}
+    for part in parts:
+        data |= part.data
+    spare = ["    real more;"] if parts else []
+    head = f"static void {name}(const real *velocity, real *force)\n{{"
+    body = "\n".join([*(part.body for part in parts), head, *spare, *lines, "}", ""])
+    work = max((part.work for part in parts), default=0)
+    return Code(body, data, work=work, operations=(sum(part.operations[0] for part in parts) + 4, 0))
 
 
 def _loads(model: Any, reads: Sequence[str], heights: tuple[float, float]) -> list[str]:

@@ -212,6 +212,10 @@ class QuadrotorInputs:
             lateral=DragModel.restored(lateral) if lateral else None,
         )
 
+    def drag_c(self, name: str) -> Code | None:
+        """C99 of the lateral force per mass (`contracts.Dragging`); None where no flight told it."""
+        return None if self.lateral is None else self.lateral.c(name)
+
     def c(self, name: str) -> Code:
         """C99 of it."""
         from etude.robots.quadrotor.c99 import inputs_code

@@ -39,6 +39,7 @@ from etude.robots.toml import decoded, read_text
 KIND = "quadrotor"
 KINDS = (KIND, "vehicle")
 """What a file may call it; "vehicle" is the older word."""
+MOTORS = 4
 UNITS = ("V", "1")
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
@@ -84,6 +85,13 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
     if data.get("kind") not in KINDS:
         raise UsageError(
             f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
+        )
+    motors = data.get("commands")
+    if isinstance(motors, list) and len(motors) != MOTORS:
+        raise UsageError(
+            f"a {KIND} has {MOTORS} motors, this vehicle has {len(motors)} commands",
+            where=where,
+            next_step="Other airframes (hexarotors, octorotors, VTOLs) are not supported.",
         )
     try:
         table = msgspec.convert(data, QuadrotorTable)

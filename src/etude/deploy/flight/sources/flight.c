@@ -13,8 +13,8 @@ typedef @NAME@_real real;
 #define SIN sin@F@
 
 #define GRAVITY R(9.81)
-#define LEAST_LIFT R(0.3)  /* part of the weight below which thrust has no sure direction */
-#define SMOOTH_S R(0.02)   /* time constant of the angular acceleration, which is a difference of rates */
+#define SMOOTH_S R(0.02) /* time constant of the angular acceleration, which is a difference of rates */
+#define ROUNDS 3         /* of finding the motion's own acceleration: each leaves a tenth of the error */
 
 /* By bits, so that it holds under -ffast-math. */
 static int is_number(real value)
@@ -42,7 +42,7 @@ static int complete(const @NAME@_setpoint *asked)
     int i, known = is_number(asked->altitude) && is_number(asked->yaw) && is_number(asked->battery);
     for (i = 0; i < 3; ++i)
         known = known && is_number(asked->velocity[i]) && is_number(asked->acceleration[i]);
-    return known;
+    return known && asked->followed && is_number(asked->age) && asked->age <= R(@UPPER@_OLD_S);
 }
 
 void @NAME@_flight_init(@NAME@_flight *own)
@@ -52,40 +52,40 @@ void @NAME@_flight_init(@NAME@_flight *own)
     @NAME@_init(&own->still);
 }
 
-/* What the model reads of a perfect flight without drag: thrust along z of the body, which looks along `yaw`.
-   0 where thrust is too small. */
+/* The motion's own acceleration, and that which holds against the drag besides; the former is the latter less
+   the lean, which depends on it but little. */
+static int accelerations(const real *velocity, const real *given, int leans, real *own, real *told)
+{
+    real lean[3];
+    int i, round, sure = 1;
+    memcpy(own, given, 3 * sizeof *own);
+    for (round = 0; sure && round < (leans ? ROUNDS : 1); ++round) {
+        sure = @NAME@_lean(velocity, own, R(0.0), lean);
+        for (i = 0; i < 3; ++i) {
+            own[i] = leans ? given[i] - lean[i] : given[i];
+            told[i] = leans ? given[i] : given[i] + lean[i];
+        }
+    }
+    return sure;
+}
+
+/* What the model reads of a perfect flight, which leans against the drag. 0 where thrust is too small. */
 static int states_of(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt)
 {
     const real cosine = COS(asked->yaw), sine = SIN(asked->yaw);
-    real push[3], jerk[3], velocity[3], acceleration[3], x[3], y[3], z[3], drift[3], rates[3];
-    real lift, level, slope, norm, share;
+    real given[3], jerk[3], velocity[3], acceleration[3], push[3], rates[3], share;
+    const real *const x = own->axes, *const y = own->axes + 3, *const z = own->axes + 6;
     int i;
-    turned(asked->acceleration, cosine, sine, acceleration);
+    turned(asked->acceleration, cosine, sine, given);
     turned(asked->velocity, cosine, sine, velocity);
     turned(asked->jerk, cosine, sine, jerk);
-    for (i = 0; i < 3; ++i) {
-        push[i] = acceleration[i] + (i == 2 ? GRAVITY : R(0.0));
+    for (i = 0; i < 3; ++i)
         jerk[i] = is_number(jerk[i]) ? jerk[i] : R(0.0);
-    }
-    lift = SQRT(dot(push, push));
-    level = SQRT(push[0] * push[0] + push[2] * push[2]);
-    if (!(push[2] > LEAST_LIFT * GRAVITY))
+    if (!accelerations(velocity, given, asked->leans, acceleration, own->told) ||
+        !@NAME@_axes(velocity, acceleration, jerk, own->axes, rates))
         return 0;
     for (i = 0; i < 3; ++i)
-        z[i] = push[i] / lift;
-    x[0] = push[2] / level;
-    x[1] = R(0.0);
-    x[2] = -push[0] / level;
-    y[0] = z[1] * x[2] - z[2] * x[1];
-    y[1] = z[2] * x[0] - z[0] * x[2];
-    y[2] = z[0] * x[1] - z[1] * x[0];
-    norm = dot(z, jerk);
-    for (i = 0; i < 3; ++i)
-        drift[i] = (jerk[i] - norm * z[i]) / lift;
-    slope = (jerk[0] * push[2] - push[0] * jerk[2]) / (level * level);
-    rates[0] = -dot(y, drift);
-    rates[1] = dot(x, drift);
-    rates[2] = slope * (y[0] * x[2] - y[2] * x[0]);
+        push[i] = acceleration[i] + (i == 2 ? GRAVITY : R(0.0));
     share = own->begun && dt > R(0.0) ? dt / (dt + SMOOTH_S) : R(0.0);
     for (i = 0; i < 3; ++i) {
         if (share > R(0.0))
@@ -93,6 +93,7 @@ static int states_of(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt)
         own->rates[i] = rates[i];
     }
     own->begun = 1;
+    (void)push; /* a model may read the motion's own acceleration alone */
 @FILL@
     return 1;
 }
@@ -106,8 +107,11 @@ unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, rea
     if (complete(asked) && states_of(own, asked, dt)) {
 @HOVER@
         flags = @NAME@_mean(&own->model, own->input, moving) | @NAME@_mean(&own->still, hover, still);
-        for (j = 0; j < @UPPER@_COMMANDS; ++j)
+        own->hover = R(0.0);
+        for (j = 0; j < @UPPER@_COMMANDS; ++j) {
             own->extra[j] = moving[j] - still[j];
+            own->hover += still[j] / R(@UPPER@_COMMANDS);
+        }
     } else {
         own->begun = 0;
     }
@@ -115,5 +119,7 @@ unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, rea
     own->trust = own->trust < R(0.0) ? R(0.0) : own->trust > R(1.0) ? R(1.0) : own->trust;
     for (j = 0; j < @UPPER@_COMMANDS; ++j)
         extra[j] = own->trust * own->extra[j];
+    own->asked = 1;
+    own->flags = flags;
     return flags;
 }

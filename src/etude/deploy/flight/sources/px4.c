@@ -1,11 +1,16 @@
 /* Written by a program; @NAME@_px4.h says how to use it. */
 #include "@NAME@_px4.h"
 
+#include <math.h>
+
 #define QUARTER 1.5707963f /* yaw 0 looks north in PX4, and along x, east, in the model's world */
+#define GRAVITY 9.81f
+#define RATE @RATE@.0f /* Hz at which the model is asked; between, its last answer holds */
+#define OFFBOARD 14 /* vehicle_status: NAVIGATION_STATE_OFFBOARD */
 
 static const int motor_of[@UPPER@_COMMANDS] = {@MOTORS@};
 
-/* (east, north, up) from (north, east, down). */
+/* (east, north, up) from (north, east, down), and back. */
 static void up(const float *ned, @NAME@_real *enu)
 {
     enu[0] = ned[1];
@@ -13,27 +18,58 @@ static void up(const float *ned, @NAME@_real *enu)
     enu[2] = -ned[2];
 }
 
-unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *asked, float battery, float dt,
-                        struct actuator_motors_s *motors)
+/* What PX4 makes of the acceleration beyond hover thrust: PositionControl::_accelerationControl. */
+static float collective(const @NAME@_real *told, float hover, int decoupled)
+{
+    const float level = (float)(told[0] * told[0] + told[1] * told[1]), lift = (float)told[2] + GRAVITY;
+    const float upright = decoupled ? GRAVITY : lift; /* the tilt is found as if there were no vertical part */
+    return hover * (lift / GRAVITY * sqrtf(1.0f + level / (upright * upright)) - 1.0f);
+}
+
+unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *asked, const @NAME@_px4 *beside,
+                        float dt, struct actuator_motors_s *motors)
 {
     @NAME@_setpoint point;
     @NAME@_real extra[@UPPER@_COMMANDS];
-    unsigned flags;
+    float hover, known;
+    unsigned flags = own->flags;
     int j;
     point.altitude = -asked->position[2];
     up(asked->velocity, point.velocity);
     up(asked->acceleration, point.acceleration);
     up(asked->jerk, point.jerk);
     point.yaw = QUARTER - asked->yaw;
-    point.battery = battery;
-    flags = @NAME@_flight_ask(own, &point, dt, extra);
+    point.battery = beside->battery;
+    point.age = beside->now < asked->timestamp ? 0.0f : (float)(beside->now - asked->timestamp) * 1e-6f;
+    point.followed = beside->nav_state == OFFBOARD;
+    point.leans = beside->leans;
+    own->since += dt > 0.0f ? dt : 0.0f;
+    if (!own->asked || own->since >= 0.999f / RATE) {
+        flags = @NAME@_flight_ask(own, &point, own->since, extra);
+        own->since = 0;
+    }
+    hover = beside->hover_thrust > 0.0f ? beside->hover_thrust : (float)own->hover;
+    known = own->trust > 0 ? (float)own->trust * collective(own->told, hover, beside->decoupled) : 0.0f;
     for (j = 0; j < @UPPER@_COMMANDS; ++j) {
         float *const control = &motors->control[motor_of[j]];
-        *control += (float)extra[j];
+        *control += (float)(own->trust * own->extra[j]) - known;
         if (*control > 1.0f)
             *control = 1.0f;
         if (*control < 0.0f)
             *control = 0.0f;
     }
     return flags;
+}
+
+int @NAME@_px4_lean(struct trajectory_setpoint_s *asked)
+{
+    @NAME@_real velocity[3], acceleration[3], lean[3];
+    up(asked->velocity, velocity);
+    up(asked->acceleration, acceleration);
+    if (!@NAME@_lean(velocity, acceleration, QUARTER - asked->yaw, lean))
+        return 0;
+    asked->acceleration[0] += (float)lean[1];
+    asked->acceleration[1] += (float)lean[0];
+    asked->acceleration[2] -= (float)lean[2];
+    return 1;
 }

@@ -1,4 +1,4 @@
-/* PX4: adds what was learned to the motors' set-points. Written by a program. */
+/* PX4: adds what was learned to the motors' set-points, and to accelerations. Written by a program. */
 #ifndef @UPPER@_PX4_H
 #define @UPPER@_PX4_H
 
@@ -11,10 +11,25 @@
 extern "C" {
 #endif
 
-/* Of a trajectory_setpoint (north, east, down), dt s after the last call; battery in V, or 0 where the model does
-   not read it. Motors that PX4 stopped (NaN) stay stopped. Returns flags as @NAME@_flight_ask. */
-unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *asked, float battery, float dt,
-                        struct actuator_motors_s *motors);
+/* What PX4 knows beside the set-point. */
+typedef struct {
+    uint64_t now;       /* us, hrt_absolute_time() */
+    uint8_t nav_state;  /* of vehicle_status: only offboard mode (14) follows set-points from outside */
+    float hover_thrust; /* of hover_thrust_estimate, else MPC_THR_HOVER; NaN: the model's own */
+    float battery;      /* V, or 0 where the model does not read it */
+    int leans;          /* 1: set-points that Etude wrote, which hold against the drag; 0: others */
+    int decoupled;      /* MPC_ACC_DECOUPLE, 1 by default */
+} @NAME@_px4;
+
+/* Of a trajectory_setpoint (north, east, down), dt s after the last call. PX4 turns its acceleration into collective
+   thrust itself, hover thrust for g: that is taken off, so that no force is commanded twice. Motors that PX4
+   stopped (NaN) stay stopped. Returns flags as @NAME@_flight_ask. */
+unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *asked, const @NAME@_px4 *beside,
+                        float dt, struct actuator_motors_s *motors);
+
+/* Lets a set-point that Etude did not write hold against the learned drag: call it before PositionControl takes it,
+   and say leans = 0 above. Returns 0 where nothing was added. */
+int @NAME@_px4_lean(struct trajectory_setpoint_s *asked);
 
 #ifdef __cplusplus
 }

@@ -15,8 +15,9 @@ from etude.options import taken
 from etude.robots.arm.identified.files import written
 from etude.robots.arm.identified.fit import Identified, identified
 from etude.robots.arm.identified.pseudo_inertia import is_possible
-from etude.robots.arm.physics.mean import FORCES, ArmPhysics
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.physics.geometry import has_masses
+from etude.robots.arm.physics.mean import ArmPhysics
+from etude.robots.arm.spec import FORCES, ArmSpec
 
 NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
@@ -62,7 +63,7 @@ URDF = Urdf()
 
 
 def _require_forces(spec: Any) -> None:
-    if not isinstance(spec, ArmSpec) or spec.model_file is None:
+    if not isinstance(spec, ArmSpec) or not has_masses(spec):
         raise UsageError(
             f"robot '{spec.name}' has no model file with inertias to write back",
             next_step="Export the model itself: --to c.",
@@ -115,9 +116,11 @@ def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[
         f"{_count(rows, 'from the file')} are the file's.",
     ]
     if errors.segments:
-        pairs = zip(spec.names, errors.file, errors.found, strict=True)
-        parts = ", ".join(f"{name} {_digits(before)} -> {_digits(after)}" for name, before, after in pairs)
-        said.append(f"Error on segments left out, {spec.command_unit}: {parts}.")
+        pairs = zip(spec.names, spec.command_units, errors.file, errors.found, strict=True)
+        parts = ", ".join(
+            f"{name} {_digits(before)} -> {_digits(after)} {unit}" for name, unit, before, after in pairs
+        )
+        said.append(f"Error on segments left out: {parts}.")
         ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
         worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
         if worse:

@@ -50,6 +50,11 @@ def check_agreement(
     found = list(_joints(model, expected))
     if not found:
         found = _at_pose(model, expected, shapes, whole)
+    refuse(found, where)
+
+
+def refuse(found: list[str], where: str) -> None:
+    """UnsafeModelError that names the first differences; nothing if there are none."""
     if found:
         more = f"; and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
         raise UnsafeModelError(
@@ -94,8 +99,8 @@ def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[s
     """Where the base is by the joint next to it, and how gravity pulls at it."""
     first = int(np.flatnonzero(expected.moves.sum(axis=1) == 1)[0])
     base = frame[first] @ np.linalg.inv(expected.frame[first]) @ expected.base
-    if not _same(base, expected.base):
-        yield f"the base is {_apart(base, expected.base)} where it should be"
+    if not alike(base, expected.base):
+        yield f"the base is {apart(base, expected.base)} where it should be"
     pull, wanted = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
     if np.abs(pull - wanted).max() > TURN * max(float(np.linalg.norm(wanted)), 1.0):
         yield f"gravity in the frame of the base is {_text(pull)} m/s^2, to be {_text(wanted)}"
@@ -110,8 +115,8 @@ def _gravity(model: mujoco.MjModel) -> Array:
 
 def _frames(frame: Array, anchor: Array, axis: Array, expected: Expected) -> Iterator[str]:
     for j, name in enumerate(expected.joints):
-        if not _same(frame[j], expected.frame[j]):
-            yield f"what joint '{name}' moves is {_apart(frame[j], expected.frame[j])} where it should be"
+        if not alike(frame[j], expected.frame[j]):
+            yield f"what joint '{name}' moves is {apart(frame[j], expected.frame[j])} where it should be"
         elif np.abs(axis[j] - expected.axis[j]).max() > TURN:
             yield f"the axis of joint '{name}' is {_text(axis[j])}, to be {_text(expected.axis[j])}"
         elif not expected.slides[j] and _off_axis(anchor[j] - expected.anchor[j], axis[j]) > LENGTH:
@@ -181,7 +186,12 @@ def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected
 
     held = np.zeros(model.nv)
     mujoco.mj_rne(model, data, 0, held)
-    wanted, own = expected.weight, held[model.jnt_dofadr[joints]]
+    yield from weight_differences(held[model.jnt_dofadr[joints]], expected)
+
+
+def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
+    """A sentence for each torque of gravity (J,) that is not the expected one."""
+    wanted = expected.weight
     scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
     for j, name in enumerate(expected.joints):
         if abs(own[j] - wanted[j]) > LEAST + SHARE * scale:
@@ -239,14 +249,14 @@ def _alike(place: Place, own: Place) -> bool:
     )
 
 
-def _same(one: Array, other: Array) -> bool:
+def alike(one: Array, other: Array) -> bool:
     """Whether two poses (4, 4) are one."""
     far = max(1.0, float(np.abs(other[:3, 3]).max()))
     turned = float(np.abs(one[:3, :3] - other[:3, :3]).max())
     return turned < TURN and float(np.abs(one[:3, 3] - other[:3, 3]).max()) < LENGTH * far
 
 
-def _apart(one: Array, other: Array) -> str:
+def apart(one: Array, other: Array) -> str:
     away = float(np.linalg.norm(one[:3, 3] - other[:3, 3]))
     turn = float(np.clip(0.5 * (np.trace(one[:3, :3].T @ other[:3, :3]) - 1.0), -1.0, 1.0))
     return f"{away:.4g} m and {np.degrees(np.arccos(turn)):.4g} deg away from"

@@ -20,6 +20,10 @@ from etude.robots.arm.loading.urdf_tree import UrdfTree
 SMALLEST = 1e-9
 """kg m^2: a principal moment below is lifted to it."""
 NO_MASS = 1e-6  # kg
+NO_MASSES = (
+    "The model file gives no masses (<inertial>): joints and shapes count, forces are learned from logs "
+    "alone. Motions are not held within command limits before that, and nothing is rehearsed."
+)
 ENTRIES = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 
 
@@ -48,10 +52,10 @@ def possible(inertia: Array) -> Array:
 
 
 def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
-    """The masses of everything that moves; those of the base do not matter.
+    """The masses of everything that moves, which may be none; those of the base do not matter.
 
     Raises:
-        UsageError: nothing that moves has a mass, or one is negative.
+        UsageError: a mass is negative, or no number.
     """
     elements: dict[str, ET.Element] = {}
     repaired, empty = [], []
@@ -69,12 +73,7 @@ def masses_of(tree: UrdfTree, joints: Sequence[str]) -> Masses:
                 repaired += [f"'{name}' ({mass:.4g} kg, {old})"] if old else []
         empty += [] if carried > 0 else [cluster[0]]
     if len(empty) == len(clusters):
-        raise UsageError(
-            "no moving link has a mass",
-            where=tree.where,
-            next_step="Without <inertial> there is no inverse dynamics in the file: take the maker's "
-            "description, or write a robot file (TOML) of its joints and limits without model_file.",
-        )
+        return Masses({}, (NO_MASSES,))
     notes = []
     if empty:
         notes.append(f"No mass is given for what hangs on {', '.join(empty)}: is that so?")

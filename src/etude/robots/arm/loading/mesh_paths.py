@@ -9,13 +9,15 @@ the model file; where it is not there, the same holds of files of that path on t
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from etude.errors import UsageError
 from etude.robots.arm.loading.mesh_readers import READERS
-from etude.robots.arm.loading.packages import declared, folders_of
+from etude.robots.arm.loading.packages import declared, folders_below, folders_of
 
 FEW = 5
 """Names that are written out."""
@@ -69,8 +71,21 @@ class MeshPaths:
         if not scheme:
             starts = (*self.roots, self.model.resolve().parent)
             return next((start / name for start in starts if (start / name).is_file()), None)
+        for root in self.roots if package else ():
+            self._require_one(package, inside, root)
         folders = folders_of(package, self.model, self.roots) if package else ()
         return next((one / inside for one in folders if (one / inside).is_file()), None)
+
+    @staticmethod
+    def _require_one(package: str, inside: str, root: Path) -> None:
+        """UsageError if several packages of one name below a root have the mesh: either may be meant."""
+        found = [one for one in folders_below(package, root) if (one / inside).is_file()]
+        if len(found) > 1:
+            raise UsageError(
+                f"several packages below {root} are called {package}: {', '.join(map(str, found))}",
+                where=f"{package}/{inside}",
+                next_step=f"Name the folder that is meant: --mesh-root {shlex.quote(str(found[0]))}",
+            )
 
     def _guess(self, name: str) -> Path | None:
         """The one file of that path, with its package or without, below a root or on the way up."""

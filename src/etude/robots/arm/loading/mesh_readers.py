@@ -14,12 +14,16 @@ from etude.robots.arm.loading.glb import glb_triangles
 from etude.robots.arm.loading.ply import ply_triangles
 
 ANEW = "Export it anew, or take its shape out of the model file."
+POINTER = b"version https://git-lfs"
+OBJ_WORDS = frozenset(b"v vt vn vp f l p g o s mg usemtl mtllib usemap maplib".split())
 STL_HEAD, STL_FACET = 84, 50  # bytes
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def read_triangles(path: Path) -> Array:
     """(n, 3, 3) corners of a mesh file's triangles, in m; an OBJ without faces gives its vertices thrice.
+
+    A file without any is a mesh all the same, an empty one: makers leave them where a link shows nothing.
 
     Raises:
         UsageError: the format is not known, or the file is not of it.
@@ -32,13 +36,30 @@ def read_triangles(path: Path) -> Array:
             next_step=f"Convert it to one of {', '.join(READERS)}, beside it and under the same name.",
         )
     try:
-        triangles = read(path.read_bytes())
+        data = path.read_bytes()
+        triangles = read(data)
     except (OSError, ValueError, LookupError, SyntaxError) as problem:
         raise UsageError(f"the mesh cannot be read: {problem}", where=str(path), next_step=ANEW) from None
-    if not len(triangles) or not np.all(np.isfinite(triangles)):
-        fact = "the mesh has no triangles, or corners that are no numbers"
-        raise UsageError(fact, where=str(path), next_step=ANEW)
+    if not len(triangles) and not _is_mesh(path.suffix.lower(), data):
+        pointer = data.startswith(POINTER)
+        raise UsageError(
+            "the file holds no mesh" + (", but a pointer of Git LFS to one" if pointer else ""),
+            where=str(path),
+            next_step="Fetch it: git lfs pull, where it was cloned." if pointer else ANEW,
+        )
+    if not np.all(np.isfinite(triangles)):
+        raise UsageError("the mesh has corners that are no numbers", where=str(path), next_step=ANEW)
     return triangles
+
+
+def _is_mesh(suffix: str, data: bytes) -> bool:
+    """Whether a file without triangles is of its form: other readers than these two refuse what is not."""
+    if suffix == ".stl":
+        return (len(data) == STL_HEAD and not any(data[80:84])) or data.lstrip().startswith(b"solid")
+    if suffix == ".obj":
+        words = {line.split(None, 1)[0] for line in data.splitlines() if line.strip()}
+        return bool(words) and all(word in OBJ_WORDS or word.startswith(b"#") for word in words)
+    return True
 
 
 def stl_triangles(data: bytes) -> Array:

@@ -21,6 +21,7 @@ DRAWN = (
     "Hulls that often overlap others stand for the shapes of {} in the model file: slabs of what is drawn of "
     "them, which fills these hulls, are taken instead."
 )
+EMPTY = b"# empty\n"
 DEEPEST = 20
 """Levels of includes; more is a circle."""
 
@@ -83,7 +84,7 @@ def _pack_shape(
     meshes: dict[str, bytes],
     cut: bool,
 ) -> bool:
-    """Gives a shape the hull of its mesh, or several shapes of a bent one; False if the mesh is missing."""
+    """Gives a shape the hull of its mesh, or several of a bent one; False if it is missing or empty."""
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return True
@@ -93,6 +94,11 @@ def _pack_shape(
     scale = scale_of(mesh, str(paths.model))
     mesh.attrib.pop("scale", None)
     triangles = read_triangles(found) * scale
+    if not len(triangles):  # stays an empty one, so that it is not said to be missing
+        name = f"{MESHES}/{len(meshes)}_{found.stem}.obj"
+        meshes[name] = EMPTY
+        mesh.set("filename", name)
+        return False
     names = []
     for part in slabs(triangles) if cut else [triangles.reshape(-1, 3)]:
         names.append(f"{MESHES}/{len(meshes)}_{found.stem}.obj")

@@ -41,24 +41,29 @@ NO_SHAPES = Shapes({}, {})
 
 @dataclass
 class _Meshes:
-    """The meshes of one model file, each read once; `missing` are those that were not found."""
+    """The meshes of one model file, each read once; `missing` were not found, `empty` show nothing."""
 
     model: Path
     paths: MeshPaths
     assets: dict[str, bytes] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
+    empty: list[str] = field(default_factory=list)
     _read: dict[Path, Array] = field(default_factory=dict)
 
     def add(self, mesh: ET.Element, link: str) -> str:
-        """The name of an asset with the hull of a <mesh>; "" if there is no such file."""
+        """The name of an asset with the hull of a <mesh>; "" if there is no such file, or nothing in it."""
         name = mesh.get("filename", "")
         path = self.paths.find(name)
         if path is None:
             self.missing.append(name)
             return ""
         scale = scale_of(mesh, f"{self.model}, link '{link}'")
+        made = self._hull(path, scale)
+        if not made:
+            self.empty.append(name)
+            return ""
         asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
-        self.assets[asset] = self._hull(path, scale)
+        self.assets[asset] = made
         return asset
 
     def _hull(self, path: Path, scale: Array) -> bytes:
@@ -67,7 +72,7 @@ class _Meshes:
             return data
         if path not in self._read:
             self._read[path] = read_triangles(path).reshape(-1, 3)
-        return obj_text(*hull(self._read[path] * scale))
+        return obj_text(*hull(self._read[path] * scale)) if len(self._read[path]) else b""
 
 
 def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Sequence[Path]) -> Shapes:
@@ -99,6 +104,9 @@ def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Seq
             f"Meshes are missing: {names}. Name the folder that holds them, or their package, with "
             "--mesh-root."
         )
+    if meshes.empty:
+        names = ", ".join(dict.fromkeys(meshes.empty))
+        notes.append(f"Meshes are empty: {names}. Has the link no shape? Else export them anew.")
     return Shapes(elements, meshes.assets, tuple(notes), tuple(unseen))
 
 
@@ -113,7 +121,7 @@ def _of_link(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list
 
 
 def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]:
-    """The new element of a shape; none if its mesh is missing."""
+    """The new element of a shape; none if its mesh is missing or empty."""
     mesh, geometry = shape.find("geometry/mesh"), shape.find("geometry")
     new, place = ET.Element("collision"), f"{meshes.model}, link '{link}'"
     for origin in shape.findall("origin"):
@@ -133,21 +141,30 @@ def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]
 
 
 def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
-    """What is drawn of a link whose collision mesh is missing; else a capsule to the next joint, a guess."""
+    """What is drawn of a link whose collision mesh is missing or empty; else a capsule to the next joint, a
+    guess.
+    """
+    lack = _lack(tree.links[link], kind, meshes)
     if kind == "collision":
         drawn = [
             new for shape in tree.links[link].findall("visual") for new in _of_shape(shape, link, meshes)
         ]
         if drawn:
-            unseen.append(f"the shape of link '{link}': its mesh is missing, what is drawn was taken")
+            unseen.append(f"the shape of link '{link}': {lack}, what is drawn was taken")
             return drawn
     ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
     end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
     if not end.any():  # the last link: nothing says how far it reaches
-        unseen.append(f"the shape of link '{link}': its mesh is missing, and nothing was taken in its place")
+        unseen.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
         return []
-    unseen.append(f"the shape of link '{link}': its mesh is missing, a capsule was guessed")
+    unseen.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
     return [_capsule(end)]
+
+
+def _lack(link: ET.Element, kind: str, meshes: _Meshes) -> str:
+    """Why a link lacks a shape."""
+    names = [mesh.get("filename", "") for shape in link.findall(kind) for mesh in shape.iter("mesh")]
+    return f"its mesh is {'missing' if any(name in meshes.missing for name in names) else 'empty'}"
 
 
 def _offset(joint: ET.Element) -> Array:

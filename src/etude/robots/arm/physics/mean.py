@@ -16,7 +16,7 @@ from etude.operators import Piece
 from etude.robots.arm.inputs import FRICTION_SCALES, friction_speeds
 from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude.robots.arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
-from etude.robots.arm.physics.geometry import Geometry, read_geometry
+from etude.robots.arm.physics.geometry import has_masses, read_geometry
 from etude.robots.arm.physics.kinematics import KinematicTree
 from etude.robots.arm.physics.rigid_body import (
     EXTRA_TERMS,
@@ -26,11 +26,9 @@ from etude.robots.arm.physics.rigid_body import (
     command_regressors,
     nominal_model,
 )
-from etude.robots.arm.physics.transmission import Drive
-from etude.robots.arm.spec import PATH, PLAN, TURNING, WAYS, ArmSpec
+from etude.robots.arm.physics.transmission import Drive, Geometry
+from etude.robots.arm.spec import FORCES, PATH, PLAN, TURNING, WAYS, ArmSpec
 
-FORCES = ("N m", "N")
-"""Command units that a model file's inertial parameters predict by themselves."""
 FRICTION_FRACTION = 0.02
 """v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
 TREE = tuple(KinematicTree.__dataclass_fields__)
@@ -184,8 +182,8 @@ def remembered_of(log: Log) -> Array | None:
 
 
 def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
-    """The rungs that the robot allows: none without a model file, "nominal" only for forces."""
-    if spec.model_file is None:
+    """The rungs that the robot allows: none without a model file with masses, "nominal" only for forces."""
+    if not has_masses(spec):
         return {}
     fraction = friction_fraction or FRICTION_FRACTION
     found = {"identified": ArmPhysics(spec, fraction, desired)}

@@ -10,9 +10,8 @@ import numpy as np
 
 from etude.contracts import Array
 from etude.operators import cross
-from etude.robots.arm.physics.geometry import Geometry
 from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
-from etude.robots.arm.physics.transmission import drive_motion, joint_drives
+from etude.robots.arm.physics.transmission import Geometry, drive_motion, joint_drives
 
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """Of xx yy zz xy xz yz in the inertia."""

@@ -75,6 +75,19 @@ class DriveMotion:
         return np.asarray(force if torque.ndim == 3 else force[..., 0])
 
 
+@dataclass(frozen=True)
+class Geometry:
+    """What a model file says of a robot without any data.
+
+    Attributes:
+        tree: bodies and joints, with the file's inertial parameters as the nominal ones.
+        drives: one per axis; the joint itself where the file has no actuator.
+    """
+
+    tree: KinematicTree
+    drives: tuple[Drive, ...]
+
+
 def joint_drives(joints: int) -> tuple[Drive, ...]:
     """The transmission of a robot whose commands act on its joints directly."""
     none = np.zeros((0, 3))

@@ -39,14 +39,21 @@ class Made:
     @cached_property
     def rigid(self) -> mujoco.MjModel:
         """Bodies, rotors and payload, without friction."""
-        return self._bodies().compile()
+        return self._compiled(self._bodies())
 
     @cached_property
     def driven(self) -> mujoco.MjModel:
         """What a run steps; see `_drive`."""
         body = self._bodies()
         _drive(body, self)
-        return body.compile()
+        return self._compiled(body)
+
+    def _compiled(self, body: Any) -> mujoco.MjModel:
+        """UnsafeModelError if it is not the robot of the file; with a payload of its own it is another."""
+        model = body.compile()
+        if not self.payload:
+            self.loaded.check(model)
+        return model
 
     def _bodies(self) -> Any:
         body = bare_body(self.loaded, self.spec)

@@ -28,7 +28,7 @@ from etude.contracts import Array
 from etude.robots.arm.memory import bristles_along
 from etude.robots.arm.rehearsal.overlay import MotorTable, Simulate
 from etude.robots.arm.rehearsal.scales import Scales
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.spec import FORCES, ArmSpec
 
 WANTED = math.radians(1.5)
 """rad that the load may pull a joint off."""
@@ -38,7 +38,6 @@ STRIBECK = 0.02
 """rad/s"""
 SPARE = 2.0
 """Speed without load of a motor that is given volts or pwm, in parts of the velocity limit."""
-FORCES = ("N m", "N")
 VOLTAGES = ("V", "pwm")
 
 

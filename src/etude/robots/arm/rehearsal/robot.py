@@ -13,11 +13,11 @@ from etude.robots.arm.plant.following import Following
 from etude.robots.arm.plant.trace import LoopInputs, Running, Trace
 from etude.robots.arm.rehearsal.body import bare_body, from_file, said_of_drives
 from etude.robots.arm.rehearsal.model import Made
-from etude.robots.arm.rehearsal.motors import FORCES, armature_of, motors_of, torque_limit
+from etude.robots.arm.rehearsal.motors import armature_of, motors_of, torque_limit
 from etude.robots.arm.rehearsal.overlay import Simulate
 from etude.robots.arm.rehearsal.scales import effort, scales_of
 from etude.robots.arm.rehearsal.words import sentences, too_heavy
-from etude.robots.arm.spec import ArmSpec
+from etude.robots.arm.spec import FORCES, ArmSpec
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,9 @@ from etude.contracts import Array
 from etude.errors import UsageError
 from etude.robots.arm.loading.load import load_arm
 from etude.robots.arm.of_file import of_file
-from etude.robots.arm.physics.geometry import Geometry, read_geometry
+from etude.robots.arm.physics.geometry import read_geometry
 from etude.robots.arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
+from etude.robots.arm.physics.transmission import Geometry
 from etude.robots.arm.rehearsal.body import tips
 from etude.robots.arm.space.limit import Points, SpaceLimit
 from etude.robots.arm.space.reach import reaches

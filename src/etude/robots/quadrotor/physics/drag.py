@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Samples
+from etude.contracts import Array, Code, Index, Samples
 from etude.errors import DataError
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import SquaredExponential
@@ -56,6 +56,12 @@ class DragModel:
                 mean[:, j] += more
                 variance[:, j] = latent + posterior.noise_variance
         return mean, variance
+
+    def c(self, name: str) -> Code:
+        """C99 of `predict`'s mean: void name(const real *body_velocity, real *force)."""
+        from etude.robots.quadrotor.c99 import drag_code
+
+        return drag_code(name, self)
 
     def arrays(self) -> Mapping[str, Array]:
         """All that `restored` takes to make it again, bit for bit."""
