@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,9 +63,15 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         verdict = found["verdict"]
         go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
+    lines += faults(found["known_faults"])
     lines += [f"Look: {sentence}." for sentence in found["proved_otherwise"]]
     lines += [f"Problem: {problem}." for problem in found["problems"]]
     return lines
+
+
+def faults(found: Sequence[Mapping[str, str]]) -> list[str]:
+    """What earlier versions left that is known to be unsafe, with what makes it again."""
+    return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in found]
 
 
 def _news(found: Mapping[str, Any]) -> list[str]:

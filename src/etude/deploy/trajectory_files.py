@@ -16,6 +16,7 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Inputs, Kind, Limit, Log, Motion, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.generation import GENERATION
 from etude.limits.certificate import Certificate, require_certified
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
@@ -109,7 +110,12 @@ def render(
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
     names = (f"{stem}.json", f"{stem}.csv", CERTIFICATE if stem == STEM else f"{stem}.{CERTIFICATE}")
-    proof = {"trajectory": names[0], "robot": spec.name, **json.loads(certificate.to_json())}
+    proof = {
+        "generation": GENERATION,
+        "trajectory": names[0],
+        "robot": spec.name,
+        **json.loads(certificate.to_json()),
+    }
     proof |= {"swept": list(swept)} if swept else {}
     assumed = list(getattr(spec, "confirm", ()))
     proof |= {"to_confirm": assumed} if assumed else {}
