@@ -722,6 +722,14 @@ class Drawn(Protocol):
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
 
 
+class Mended(Protocol):
+    """Capability of a `Kind`: codes of docs/known_faults.md that what earlier generations wrote of this robot
+    has.
+    """
+
+    def mended(self, spec: Any) -> Sequence[str]: ...
+
+
 class Posed(Protocol):
     """Capability of a `Kind` whose robots stand elsewhere than motions may be: poses (k,) by name, beside
     home, from which its ways lead.

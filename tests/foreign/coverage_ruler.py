@@ -1,6 +1,6 @@
 """How much of where an arm can be its motions sweep, by a ruler that shares nothing with the search.
 
-Distances are coal's, of the convex hulls of the description's own collision meshes, placed by pinocchio. The
+Distances are coal's, of the triangles of the description's own collision meshes, placed by pinocchio. The
 clear range of a joint lies between the extremes of all clear poses that see home in a straight line: 10 mm
 between parts, 2 mm between parts at most two joints apart, no margin for tracking, a hinge one turn about
 home at most. Of 20 bins of that range those count as swept in which segments spend at least half a percent of
@@ -102,11 +102,6 @@ def ruler_of(
     folders = [str(folder) for folder in packages]
     model = pin.buildModelFromUrdf(str(urdf))
     shapes = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
-    for shape in shapes.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            shape.geometry.buildConvexHull(True, "Qt")
-            shape.geometry = shape.geometry.convex
-            shape.meshScale = np.ones(3)
     links = {shape.name: model.frames[shape.parentFrame].name for shape in shapes.geometryObjects}
     floors = []
     if floor is not None:

@@ -6,6 +6,7 @@ that is left of motions without collisions, and what links take.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,20 @@ import pytest
 pytest.importorskip("pinocchio", reason="pinocchio has no wheel for this Python or system: pip install pin")
 pytest.importorskip("coal", reason="coal comes with pinocchio: pip install pin")
 
-from coverage_ruler import Swept, ruler_of_campaign, swept
+from coverage_ruler import Ruler, ruler_of_campaign, swept
 from measure_coverage import file_of, measured, packages_of, robots
 
 from etude.campaign.ask import ask
 from etude.campaign.create import Part, create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.proposals import stored_trajectory
+from etude.contracts import Trajectory
 
 QUICK = 'kind = "arm"\n[design]\nrefine = 1\nsteps = 2\npoints = 15\nreference_points = 20\n'
 FIRST, THIRD = (0.35, 0.6), (0.6, 0.8)
 """Least share of the clear range on any joint, and median over joints, after one and after three."""
+APART = 0.02
+"""s between poses that are looked at."""
 SIX = ("ur5", "panda", "xarm7", "z1", "kinova", "so100")
 
 
@@ -36,22 +40,36 @@ def _installed() -> None:
         pytest.skip("example-robot-data is not installed: pip install example-robot-data")
 
 
-def first_of(arm: str, folder: Path) -> Swept:
+@cache
+def first_of(arm: str, folder: Path) -> tuple[Trajectory, Ruler]:
+    """A first proposal, and the ruler of its arm."""
     path = create_campaign(folder / "lab", str(file_of(arm)), seed=5, part=Part((), {}, ()))[0].path
     (path / "campaign.toml").write_text(QUICK)
     campaign = open_campaign(path)
     ask(campaign)
-    lower, upper = ruler_of_campaign(path, file_of(arm), packages_of(arm)).clear_range(
-        np.random.default_rng(1)
-    )
-    return swept([stored_trajectory(campaign, 1)], lower, upper)
+    return stored_trajectory(campaign, 1), ruler_of_campaign(path, file_of(arm), packages_of(arm))
 
 
-def test_a_first_motion_sweeps_most_of_the_clear_range(tmp_path: Path) -> None:
-    found = first_of("ur5", tmp_path)
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("arms")
+
+
+def test_a_first_motion_sweeps_most_of_the_clear_range(folder: Path) -> None:
+    motion, ruler = first_of("ur5", folder)
+    found = swept([motion], *ruler.clear_range(np.random.default_rng(1)))
     assert found.share.min() >= FIRST[0]
     assert np.median(found.share) >= FIRST[1]
     assert found.links <= 0.25
+
+
+def test_it_keeps_clear_by_distances_of_others_links_and_all(folder: Path) -> None:
+    motion, ruler = first_of("ur5", folder)
+    poses = motion.motion(np.arange(0.0, motion.duration, APART), 1).orders[0]
+    assert [t for t, pose in enumerate(poses) if not ruler.clear(pose)] == []
+    inside = ruler.home.copy()
+    inside[1] = 0.5 * np.pi  # the upper arm points into the floor
+    assert not ruler.clear(inside)
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 
 HURRIED = (0.55, 0.65, 0.75, 0.85, 1.0)
 """Parts of its own time in which a link is tried: ways are unhurried, as they may begin anywhere."""
-TRIES = 3
+TRIES = 2
 """Times that a segment elsewhere than about home is designed, if no straight way from home leads there."""
 
 
