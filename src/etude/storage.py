@@ -18,6 +18,8 @@ from typing import Any
 
 from etude.errors import EtudeError, UsageError
 
+LARGEST_ARRAYS = 2**30
+"""Bytes in memory, of all arrays of one file."""
 TEMPORARY_PREFIX = ".partial-"
 
 
@@ -96,6 +98,25 @@ def packed(arrays: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # NumPy below 2.1 would store allow_pickle=False as an array of that name
     return buffer.getvalue()
+
+
+def arrays_of(data: bytes) -> dict[str, Any]:
+    """The arrays of NumPy's npz: none of objects, and at most `LARGEST_ARRAYS` bytes in all.
+
+    Raises:
+        ValueError: arrays of objects, or larger ones; a few bytes may unpack to any size. Other errors of zip
+            archives where the bytes are damaged.
+    """
+    import zipfile
+
+    import numpy as np
+
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        if sum(part.file_size for part in archive.infolist()) > LARGEST_ARRAYS:
+            raise ValueError("its arrays unpack to more than 1 GB")
+    # from memory: NumPy leaves a damaged file open
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return dict(file)
 
 
 def append_line(path: Path, line: str) -> None:

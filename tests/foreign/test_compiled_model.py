@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from etude.errors import UnsafeModelError
 from etude.robots.arm.clearance.gaps import CUTOFF
 from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.surroundings import Box, Surroundings
+from etude.robots.arm.clearance.surroundings import Box, Collision, Floor, Surroundings
 from etude.robots.arm.loading import mjcf_writer, urdf, urdf_additions
 from etude.robots.arm.loading.attached import Attached, Mounting
 from etude.robots.arm.loading.load import load_arm
@@ -22,6 +22,7 @@ from etude.robots.arm.physics import rigid_tree
 from etude.robots.arm.physics.geometry import read_geometry
 from etude.robots.arm.physics.kinematics import body_motion
 from etude.robots.arm.physics.newton_euler import nominal_commands
+from etude.robots.arm.rehearsal.robot import rehearsed
 from etude.robots.arm.spec import ArmSpec
 from etude.robots.arm.urdf import spec_from_model
 
@@ -216,6 +217,28 @@ def test_the_distance_of_a_mounted_arm_from_a_box(root: str, tmp_path: Path) -> 
     np.testing.assert_allclose(found[clear], outside[clear] - 0.05, atol=2e-4)
 
 
+@pytest.mark.parametrize("name", ["table", "base", "floor", "box: table"])
+def test_a_link_called_like_what_stands_around_hides_none_of_it(name: str, tmp_path: Path) -> None:
+    """Who ignores the distance of two links has not said that the table of that name may be hit."""
+    box = Box("table" if name == "box: table" else name, (0.5, 0.3, 1.0), (0.4, 0.3, 0.2))
+    around = Surroundings(floor=Floor(0.8)) if name == "floor" else Surroundings(box=(box,))
+    more = (
+        f'<link name="{name}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
+        f'<joint name="more" type="fixed"><parent link="foot"/><child link="{name}"/></joint></robot>'
+    )
+    texts = two("world"), two("world").replace("</robot>", more)
+    ignoring = replace(around, collision=Collision(ignore=(("l2", name),)))
+    poses, found = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 2)), []
+    for text, own in zip(texts, (around, ignoring), strict=True):
+        spec = written(tmp_path, text, mounting=WALL)
+        gaps = gaps_of(load_arm(spec), spec.lower, spec.upper, own)
+        shapes = gaps.skeleton.shapes
+        things = [gap.other < 0 or shapes[gap.other].box for gap in gaps.list]
+        assert sum(things) == 2, "l1 and l2"
+        found.append(gaps.of_poses(poses)[:, things])
+    np.testing.assert_array_equal(*found)
+
+
 def test_the_distance_of_a_ur5_on_a_wall_from_a_table() -> None:
     """Against coal's distances of the hulls of its meshes; the UR's root is called world."""
     coal = pytest.importorskip("coal", reason="coal is not installed: pip install coal")
@@ -389,3 +412,15 @@ def test_the_tree_that_learning_and_exports_use_is_held_against_it_too(
     monkeypatch.setattr(rigid_tree, "tree_from_mujoco", lambda *given: replace(whole(*given), **change))
     with pytest.raises(UnsafeModelError, match=said):
         read_geometry(spec)
+
+
+@pytest.mark.parametrize("name", ["ur5", "z1"])
+def test_what_is_rehearsed_hangs_where_it_is_mounted(name: str) -> None:
+    """At rest its drives carry what pinocchio says; limits far above, since the wall is no place for them."""
+    spec = example(name, mounting=WALL, payload=LOAD)
+    spec = replace(spec, axes=tuple(replace(axis, command=500.0) for axis in spec.axes))
+    robot, judge = rehearsed(spec), Judge(spec)
+    poses = np.random.default_rng(6).uniform(spec.lower, spec.upper, (4, spec.dof))
+    still = np.zeros_like(poses)
+    wanted = [judge.gravity(pose) for pose in poses]
+    np.testing.assert_allclose(robot.inverse(poses, still, still), wanted, atol=1e-6)

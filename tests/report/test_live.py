@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from etude.campaign.abandon import abandon
 from etude.campaign.folder import open_campaign
 from etude.errors import UsageError
 from etude.report.build import live_report
-from etude.report.live import HOST, PORT, Pages, digest_of, server
+from etude.report.live import HOST, MOST, PORT, Pages, digest_of, server
 
 
 @contextmanager
@@ -102,6 +102,62 @@ def test_only_this_machine_is_answered() -> None:
             if not address.startswith("127."):
                 with pytest.raises(OSError):  # noqa: PT011 - refused, or no way there
                     socket.create_connection((address, port), timeout=5)
+
+
+MALFORMED = {
+    "no Host": b"GET / HTTP/1.1\r\n\r\n",
+    "two Hosts": b"GET / HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+    "no path": b"GET http://[ HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+    "a path of a host": b"GET evil HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+    "no version": b"GET / HTTP/x\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+    "noise": bytes(range(128, 255)) + b"\r\n\r\n",
+    "zeros": b"\0 \0 \0\r\n\r\n",
+}
+
+
+def sent(port: int, data: bytes) -> bytes:
+    with socket.create_connection((HOST, port), timeout=30) as one:
+        one.sendall(data.replace(b"PORT", str(port).encode()))
+        return b"".join(iter(lambda: one.recv(4096), b""))
+
+
+@pytest.mark.parametrize("what", MALFORMED)
+def test_a_malformed_request_is_answered_with_400(what: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with running(plain({"now": "one"})) as port:
+        found = sent(port, MALFORMED[what])
+        assert b" 400 " in found.splitlines()[0] or b"Error code: 400" in found
+        assert asked(port, "/")[0] == 200
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_who_says_nothing_holds_no_place_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etude.report.live._Handler.timeout", 0.2)
+    with running(plain({"now": "one"})) as port:
+        assert sent(port, b"GET / HTTP/1.1\r\n") == b""  # the server ends it
+
+
+def test_who_speaks_slowly_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etude.report.live.LONGEST_S", 0.3)
+    with running(plain({"now": "one"})) as port, socket.create_connection((HOST, port), timeout=30) as one:
+        one.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        assert one.recv(10) == b""
+
+
+def test_so_many_are_answered_at_once_and_then_again() -> None:
+    with running(plain({"now": "one"})) as port:
+        held = [socket.create_connection((HOST, port), timeout=30) for _ in range(MOST)]
+        try:
+            for one in held:
+                one.sendall(b"GET / HTTP/1.1\r\n")
+            assert b" 503 " in sent(port, b"")
+        finally:
+            for one in held:
+                one.close()
+        for _ in range(200):
+            with suppress(OSError, http.client.HTTPException):
+                if asked(port, "/")[0] == 200:
+                    return
+    raise AssertionError("no place was given back")
 
 
 def test_a_port_in_use_is_said_with_one_that_is_free(

@@ -120,7 +120,8 @@ def ask(
         else:
             require_learned(under, state)
             number, kept = state.next_number, kept_now(campaign, state, under)
-            made = _propose(campaign, state, number, kept, motions, tasks, go_on, say)
+            check = _way_check(campaign, start, speed)
+            made = _propose(campaign, state, number, kept, motions, tasks, go_on, say, check)
         found = present(campaign, number, kept, made, speed)
         motion = stored_trajectory(campaign, number, speed)
         way = _way(campaign, number, motion, found, start, kept) if start else None
@@ -161,6 +162,28 @@ def _way(
     return approached(campaign, number, motion, found.folder, start, kept)
 
 
+def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Kept], None]:
+    """Refuses a motion that no way leads to from there, before it is a proposal; the pose is read now."""
+    if not start:
+        return lambda _, __: None
+    from etude.campaign.ways import pose_inside, prepared
+
+    pose_inside(campaign, start)
+
+    def check(motion: Trajectory, kept: Kept) -> None:
+        try:
+            prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, kept)
+        except UnsafeTrajectoryError as problem:
+            raise UnsafeTrajectoryError(
+                f"no way from there to the motion that would be asked is proved: {problem.fact}",
+                where=problem.where,
+                next_step="Nothing was asked. Name another pose, or ask without --from and bring the robot "
+                "to the start by its own controller.",
+            ) from None
+
+    return check
+
+
 def _exported(
     campaign: Campaign, number: int, whole: tuple[Trajectory, Path], formats: Sequence[str], effort: bool
 ) -> tuple[Exported, ...]:
@@ -189,8 +212,9 @@ def _propose(
     tasks: Path | None,
     go_on: bool,
     say: Say,
+    check: Callable[[Trajectory, Kept], None] = lambda _, __: None,
 ) -> tuple[TrajectoryFiles, str]:
-    """Files of the next trajectory, committed, and how it was found."""
+    """Files of the next trajectory, committed, and how it was found; not one that `check` refuses."""
     if not go_on:
         _check_stop(campaign, state, None)
     seed = [state.seed, number, ASK_STREAM]
@@ -205,6 +229,7 @@ def _propose(
         _check_stop(campaign, state, facts["gain"])
     kept = kept.of(trajectory)
     files = _files(campaign, trajectory, limits, kept)
+    check(files.trajectory, kept)
     written = files.write(campaign.proposal(number))
     if tasks is not None:
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"

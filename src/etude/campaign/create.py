@@ -13,8 +13,10 @@ from etude.campaign.config import preset_config
 from etude.campaign.config_file import CONFIG, config_text, load_config
 from etude.campaign.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.journal import JOURNAL, commit, read_events
+from etude.campaign.names import names_of, require_plain
 from etude.contracts import Described, Kind
 from etude.errors import UsageError
+from etude.robots.toml import decoded
 from etude.storage import write_atomic, writer_lock
 from etude.trust import folder_id, trust_own
 
@@ -59,6 +61,8 @@ def create_campaign(
         _require_empty(path)
     kind, description = find_robot(robot)
     described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
+    if ROBOT in described.files:
+        require_plain(names_of(decoded(described.files[ROBOT].decode(), robot)), robot)
     config = replace(preset_config(kind, preset_name), seed=seed)
     _make_folder(path)
     with writer_lock(path):

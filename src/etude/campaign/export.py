@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from etude.campaign.tracking import kept_under
 from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.played import certify_played
+from etude.generation import GENERATION
 from etude.limits.certificate import Certificate
 
 GROUP = "etude.exporters"
@@ -81,11 +83,16 @@ def export(
     limits = kept.limits_as_played(campaign, trajectory)
     certificate = certify_played(exporter, files, limits, trajectory, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
-    contents = {**files, CERTIFICATE: certificate.to_json().encode()}
+    contents = {**files, CERTIFICATE: _proof(certificate)}
     facts = {} if kept.controls == own else kept.as_facts()
     written = {place / file: data for file, data in contents.items()}
     renewed = settle(campaign, number, written, format=name, effort=effort, **facts)
     return Exported(name, tuple(written), certificate, renewed)
+
+
+def _proof(certificate: Certificate) -> bytes:
+    words = {"generation": GENERATION, **json.loads(certificate.to_json())}
+    return (json.dumps(words, indent=1) + "\n").encode()
 
 
 def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:

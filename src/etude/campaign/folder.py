@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config, trusting
 from etude.campaign.journal import JOURNAL, Event, commit, read_events
+from etude.campaign.names import require_plain
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
@@ -164,6 +165,8 @@ def open_campaign(path: Path) -> Campaign:
             next_step="Run etude init again.",
         )
     spec = _spec(path, found.kind)
+    parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
+    require_plain((part for part in parts if part), str(path / ROBOT))
     return Campaign(path, found.config, found.sha256, found.kind, spec, found.notes, sha256_of(path / ROBOT))
 
 

@@ -14,7 +14,8 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.in_use import model_in_use
 from etude.campaign.supplied import supplied
 from etude.contracts import Delivered, Target
-from etude.errors import UsageError
+from etude.errors import EtudeError, UsageError
+from etude.generation import GENERATION
 from etude.options import MODEL_HASH
 from etude.progress import part
 from etude.storage import write_folder
@@ -70,13 +71,30 @@ def export(
         delivered = target(used.model, campaign.kind, campaign.spec, options)
     folder = campaign.path / EXPORTS / to if output is None else Path(output)
     write_folder(folder, {**delivered.files, MARK: _mark(to, used.sha256, delivered)}, MARK)
-    said = (used.sentence, *delivered.said)
+    said = (used.sentence, *delivered.said, *_recorded(campaign, to, folder, used.sha256))
     return ModelFiles(to, folder, tuple(delivered.files), said, delivered.facts)
+
+
+def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[str, ...]:
+    """Has the journal know where a model went, for faults that are found later; a sentence if it cannot."""
+    place = str(folder.resolve())
+    try:
+        with campaign.writing():
+            campaign.commit("exported", None, [], target=to, place=place, model_sha256=digest)
+    except EtudeError as error:
+        return (f"The journal does not know of this export: {error.fact}.",)
+    return ()
 
 
 def _mark(to: str, digest: str, delivered: Delivered) -> bytes:
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in delivered.files.items()}
-    words = {"etude": __version__, "target": to, "model_sha256": digest, "files": hashes}
+    words = {
+        "etude": __version__,
+        "generation": GENERATION,
+        "target": to,
+        "model_sha256": digest,
+        "files": hashes,
+    }
     return (json.dumps(words, indent=1) + "\n").encode()
 
 

@@ -9,6 +9,7 @@ from etude.campaign.confirmed import confirmed
 from etude.campaign.folder import Campaign
 from etude.campaign.history import calibration_factor, seen_by_the_rule
 from etude.campaign.journal import damaged_files
+from etude.campaign.known_faults import affected
 from etude.campaign.news import bad_news
 from etude.campaign.state import Round, State
 from etude.campaign.stopping import judge
@@ -23,7 +24,8 @@ def status(campaign: Campaign) -> dict[str, Any]:
     learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
     choice (by which part the design of the newest proposal left less variance than the median random motion),
     held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
-    confirmed (tracking errors of the motions that confirm), proved_otherwise (open proposals that were proved
+    confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
+    not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
     before robot.toml or campaign.toml changed), verdict, problems.
     """
     events = campaign.events()
@@ -62,6 +64,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
             "reason": verdict.reason,
             "usable": verdict.usable,
         },
+        "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
         "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
         "problems": damaged_files(campaign.path, events),
     }

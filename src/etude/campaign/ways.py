@@ -15,9 +15,9 @@ from etude.campaign.kept import Kept
 from etude.campaign.motions import ways_of
 from etude.campaign.stored_files import settle
 from etude.contracts import Array, Trajectory
-from etude.deploy.trajectory_files import column_names, render
-from etude.design.ways import require_inside, there_and_back
-from etude.errors import UsageError
+from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
+from etude.design.ways import There, require_inside, there_and_back
+from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate
 
 HOME = "home"
@@ -62,10 +62,37 @@ def approached(
         UsageError: no such pose, one outside the limits, a kind that knows no ways, or a changed file.
         UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
     """
-    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
+    try:
+        pose, found, made = prepared(campaign, motion, start, kept)
+    except UnsafeTrajectoryError as problem:
+        raise UnsafeTrajectoryError(
+            f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
+            where=problem.where,
+            next_step="Bring the robot to its start by its own controller, or ask for another: "
+            f"etude abandon {campaign.path} {number}, then etude ask {campaign.path} --from {start}",
+        ) from None
+    place = folder / f"from_{_label(campaign, start, pose)}"
+    certificates = {stem: files.certificate for stem, files in made.items()}
+    contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
+    renewed = settle(campaign, number, contents, start=pose.tolist())
+    return Approached(place, tuple(contents), certificates, found.whole, renewed)
+
+
+def pose_inside(campaign: Campaign, start: str) -> Array:
+    """(k,) the pose that `start` names. UsageError if there is none, or it is outside the limits."""
     pose = pose_of(campaign, start)
     if start not in poses_of(campaign):
-        require_inside(pose, *kind.expected(spec).limits[kind.path], campaign.axes)
+        limits = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+        require_inside(pose, *limits, campaign.axes)
+    return pose
+
+
+def prepared(
+    campaign: Campaign, motion: Trajectory, start: str, kept: Kept
+) -> tuple[Array, There, dict[str, TrajectoryFiles]]:
+    """The pose, the way from it and back, its files by stem; writes nothing. Errors as `approached`."""
+    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
+    pose = pose_inside(campaign, start)
     found = there_and_back(motion, pose, ways_of(campaign), limits, kind.home(spec))
     if found is None:
         raise UsageError(
@@ -79,11 +106,7 @@ def approached(
         stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem, kept.control)
         for stem, part in parts.items()
     }
-    place = folder / f"from_{_label(campaign, start, pose)}"
-    certificates = {stem: files.certificate for stem, files in made.items()}
-    contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
-    renewed = settle(campaign, number, contents, start=pose.tolist())
-    return Approached(place, tuple(contents), certificates, found.whole, renewed)
+    return pose, found, made
 
 
 def poses_of(campaign: Campaign) -> dict[str, Array]:

@@ -29,12 +29,17 @@ class Promote(Common):
     """Why; needed with --force."""
 
     def run(self, say: Say) -> Outcome:
+        from etude.campaign.known_faults import affected
         from etude.campaign.promote import promote
+        from etude.commands.status import faults
 
         campaign = opened(self.folder, say)
         found = promote(campaign, force=self.force, reason=self.reason, say=say)
         data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
         lines = _lines(found, campaign.command.parts)
+        left = affected(campaign, campaign.state())
+        data |= {"known_faults": [asdict(one) for one in left]}
+        lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
         if found.promoted:
             lines.append(f"Next: etude export {self.folder} --to c, and etude watch {self.folder} LOG.")
         text = "\n".join(lines)

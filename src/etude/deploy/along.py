@@ -77,7 +77,9 @@ class Along:
             found, sentences = _played(name, what, asked.motion, kind, spec)
             files |= found
             said = (*said, *sentences)
-        told = f"{TABLE}: set-points, commands and deviations ({unit or '1'}), {rate:g} times a second."
+        units = next((c.units for c in kind.channels(spec) if c.role == "command"), ())
+        words = ", ".join(dict.fromkeys(units)) or "1"
+        told = f"{TABLE}: set-points, commands and deviations ({words}), {rate:g} times a second."
         return Delivered(files, (told, *said), {"rate": rate, "formats": list(formats)})
 
 

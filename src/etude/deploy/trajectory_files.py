@@ -16,7 +16,9 @@ import numpy as np
 
 from etude.contracts import Array, Channel, Inputs, Kind, Limit, Log, Motion, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.generation import GENERATION
 from etude.limits.certificate import Certificate, require_certified
+from etude.logs.table_text import header_row, restored
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
 
@@ -109,7 +111,12 @@ def render(
     table = csv_bytes(written, inputs, table_rate(spec))
     _check_table(table, written, kind, inputs, limits, spec.name)
     names = (f"{stem}.json", f"{stem}.csv", CERTIFICATE if stem == STEM else f"{stem}.{CERTIFICATE}")
-    proof = {"trajectory": names[0], "robot": spec.name, **json.loads(certificate.to_json())}
+    proof = {
+        "generation": GENERATION,
+        "trajectory": names[0],
+        "robot": spec.name,
+        **json.loads(certificate.to_json()),
+    }
     proof |= {"swept": list(swept)} if swept else {}
     assumed = list(getattr(spec, "confirm", ()))
     proof |= {"to_confirm": assumed} if assumed else {}
@@ -137,7 +144,7 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
         columns |= dict(zip(column_names(channel), log[channel.name].T, strict=True))
     columns |= {} if beside is None else beside(log)
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(columns)
+    text.write(header_row(columns))
     text.write(lines(np.column_stack([*columns.values()])))
     return text.getvalue().encode()
 
@@ -172,7 +179,7 @@ def column_names(channel: Channel) -> list[str]:
 
 def read_table(data: bytes) -> tuple[list[str], Array]:
     """Header and numbers of a table that `csv_bytes` made."""
-    names = next(csv.reader(io.StringIO(data.decode())))
+    names = list(map(restored, next(csv.reader(io.StringIO(data.decode())))))
     return names, np.loadtxt(io.BytesIO(data), delimiter=",", skiprows=1, ndmin=2, comments=None)
 
 

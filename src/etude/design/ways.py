@@ -10,10 +10,11 @@ import numpy as np
 from etude.contracts import Array, Limit, Trajectory
 from etude.design.chain import Ways
 from etude.errors import UsageError
+from etude.limits.at_rest import leads, with_leads
 from etude.limits.certificate import certify, require_certified
 from etude.trajectories.chain import JOINED, Chain, Part
 
-SLOWER = (1.0, 2.0, 4.0)
+SLOWER = (1.0, 2.0, 4.0, 8.0)
 """Times of its own in which a way is tried: margins may leave little of a velocity limit."""
 
 
@@ -36,6 +37,8 @@ def there_and_back(
 ) -> There | None:
     """Straight ways, or by home where these are not proved; None from kinds that know none.
 
+    A motion that is in motion at its ends is led in and out along its own path, if that goes on.
+
     Args:
         motion: what is run. pose: (k,) where the robot stands, and shall stand again.
         ways: the kind's. limits: what may not be exceeded. home: (k,) a pose clear of everything.
@@ -43,7 +46,9 @@ def there_and_back(
     Raises:
         UnsafeTrajectoryError: neither way is proved; says what the straight one would leave or touch.
     """
-    straight, by_home = ways(motion, pose), ways(motion, home)
+    before, after = leads(motion, limits) or (None, None)
+    led = with_leads(motion, before, after)
+    straight, by_home = ways(led, pose), ways(led, home)
     if straight is None or by_home is None:
         return None
     out, back = ways(by_home[0], pose), ways(by_home[1], pose)
@@ -52,8 +57,11 @@ def there_and_back(
     approach = _proved([(straight[0],), (out[0], by_home[0])], limits)
     returned = _proved([(straight[1],), (by_home[1], back[1])], limits)
     there, again = _labelled("approach", approach), _labelled("return", returned)
+    meet = _meet(approach[-1], led, returned[0])
+    there = there if before is None else (*there, ("lead-in", before))
+    again = again if after is None else (("lead-out", after), *again)
     own = [(label, piece) for _, label, piece in motion.pieces()]
-    whole = Chain((*there, *own, *again)) if _meet(approach[-1], motion, returned[0]) else None
+    whole = Chain((*there, *own, *again)) if meet else None
     return There(_joined(there), _joined(again), whole)
 
 

@@ -11,12 +11,14 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from etude.errors import DataError
 from etude.logs.extras import needed
-from etude.logs.mcap_mend import is_cut, mend
+from etude.logs.mcap_mend import check_chunks, is_cut, mend
+from etude.logs.unpacking import LARGEST, unpacked
 
 STORAGES = (".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -46,12 +48,14 @@ def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
             mended = [_mended(_unpacked(one, folder), folder) for one in bare]
             files = [one for one, _ in mended]
             repairs = (CUT,) if any(cut for _, cut in mended) else ()
+        for one in files:
+            _check_room(one)
         yield [stack.enter_context(rosbag2.Reader(one)) for one in files], repairs
 
 
 def decompressed(data: bytes, path: Path) -> bytes:
     """A message as it was before it was compressed, if it was."""
-    return bytes(_zstd(path).decompress(data)) if data[:4] == ZSTD else data
+    return unpacked(_zstd(path).ZstdDecompressor(), data, path) if data[:4] == ZSTD else data
 
 
 def _storages(folder: Path) -> list[Path]:
@@ -82,6 +86,20 @@ def _unpacked(path: Path, folder: Path) -> Path:
     return target
 
 
+def _check_room(path: Path) -> None:
+    """DataError: a chunk of an MCAP unpacks to more than a file may. The library unpacks each as a whole."""
+    for one in _storages(path) if path.is_dir() else [path]:
+        if one.suffix == ".mcap":
+            check_chunks(one, partial(_count, one))
+
+
+def _count(path: Path, packing: bytes, data: bytes) -> None:
+    if packing == b"zstd":
+        unpacked(_zstd(path).ZstdDecompressor(), data, path)
+    elif packing == b"lz4":
+        unpacked(needed("lz4.frame", "ros", path).LZ4FrameDecompressor(), data, path)
+
+
 def _is_cut(path: Path) -> bool:
     return path.suffix == ".mcap" and is_cut(path)
 
@@ -98,7 +116,8 @@ def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
 def _started(torn: bytes, path: Path) -> bytes:
     """What the beginning of compressed data holds; nothing if that cannot be told."""
     try:
-        return bytes(_zstd(path).ZstdDecompressor().decompress(torn, LARGEST_RATIO * len(torn)))
+        most = min(LARGEST_RATIO * len(torn), LARGEST)
+        return bytes(_zstd(path).ZstdDecompressor().decompress(torn, most))
     except Exception:
         return b""
 

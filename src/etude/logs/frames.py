@@ -21,6 +21,7 @@ from etude.logs.cells import numbers_of
 from etude.logs.named_arrays import named_columns
 from etude.logs.parquet_shape import check_shape
 from etude.logs.pointers import check_whole
+from etude.logs.unpacking import Room
 
 if TYPE_CHECKING:
     import polars as pl
@@ -78,7 +79,7 @@ def _from_parquet(path: Path, read: Callable[[io.BytesIO], T]) -> T:
     def checked() -> T:
         data = path.read_bytes()
         check_whole(data, path)
-        check_shape(data)
+        check_shape(data, Room(path))
         with without_panics_on_screen():
             return read(io.BytesIO(data))
 

@@ -15,6 +15,7 @@ from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import Variable, variables
+from etude.logs.unpacking import Room
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
 SIGNALS = ".signals.values"
@@ -78,7 +79,7 @@ def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
 def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
         data = path.read_bytes()
-        return variables4(data) if is_mat4(data) else variables(data)
+        return variables4(data, Room(path)) if is_mat4(data) else variables(data, Room(path))
     except (ValueError, struct.error, zlib.error) as problem:
         raise DataError(
             f"the file cannot be read as MAT ({problem})",

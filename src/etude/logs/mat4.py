@@ -11,6 +11,7 @@ import struct
 import numpy as np
 
 from etude.contracts import Array
+from etude.logs.unpacking import Room
 
 NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
 HEADER = 20
@@ -24,11 +25,11 @@ def is_mat4(data: bytes) -> bool:
     return _order(data) is not None
 
 
-def variables4(data: bytes) -> dict[str, Array]:
+def variables4(data: bytes, room: Room) -> dict[str, Array]:
     """Name -> (rows, columns); complex numbers, text and sparse matrices are left out.
 
     Raises:
-        ValueError, struct.error: damaged, or another format.
+        ValueError, struct.error: damaged, or another format. DataError: there is no room for them.
     """
     found, place = {}, 0
     while place < len(data):
@@ -43,6 +44,7 @@ def variables4(data: bytes) -> dict[str, Array]:
             raise ValueError("a variable is longer than what is left")
         name = data[place + HEADER : start].split(b"\0")[0].decode(errors="replace")
         if kind % 10 == FULL and not parts and rows and columns:
+            room.take(rows * columns * np.dtype(np.float64).itemsize)
             values = np.frombuffer(data, number, rows * columns, start).astype(np.float64)
             found[name] = values.reshape((rows, columns), order="F")
         place = end

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Array
+from etude.logs.unpacking import Room
 
 HEADER = 128
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -22,36 +23,35 @@ STRUCT, NUMERIC = 2, range(6, 16)
 """Classes of arrays."""
 DEEPEST = 8
 """Structs within structs."""
-LARGEST = 2**28
-"""Bytes of one variable when unpacked."""
 
 Variable = Array | Mapping[str, Any]
 
 
-def variables(data: bytes) -> dict[str, Variable]:
+def variables(data: bytes, room: Room) -> dict[str, Variable]:
     """Name -> (rows, columns) numbers, or a mapping of such for a struct; all else is left out.
 
     Raises:
-        ValueError, struct.error, zlib.error: damaged, or another format.
+        ValueError, struct.error, zlib.error: damaged, or another format. DataError: they have no room.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("it does not begin as one")
     found = {}
     for kind, content in _elements(data[HEADER:], order):
-        for name, value in _variable(kind, content, order):
+        for name, value in _variable(kind, content, order, room):
             found[name] = value
     return found
 
 
-def _variable(kind: int, content: bytes, order: str) -> Iterator[tuple[str, Variable]]:
+def _variable(kind: int, content: bytes, order: str, room: Room) -> Iterator[tuple[str, Variable]]:
     if kind == COMPRESSED:
-        unpacked = zlib.decompressobj().decompress(content, LARGEST)
+        unpacked = zlib.decompressobj().decompress(content, room.left + 1)
+        room.take(len(unpacked))
         for inner, own in _elements(unpacked, order):
             if inner != COMPRESSED:
-                yield from _variable(inner, own, order)
+                yield from _variable(inner, own, order, room)
     elif kind == MATRIX:
-        name, value = _matrix(content, order, 0)
+        name, value = _matrix(content, order, 0, room)
         if value is not None:
             yield name, value
 
@@ -71,7 +71,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         yield kind, data[start : start + size]
 
 
-def _matrix(content: bytes, order: str, depth: int) -> tuple[str, Variable | None]:
+def _matrix(content: bytes, order: str, depth: int, room: Room) -> tuple[str, Variable | None]:
     """Name and value of an array; None for what is neither numbers nor a single struct of them."""
     parts = _elements(content, order)
     flags = _numbers(*_next(parts), order)
@@ -79,16 +79,18 @@ def _matrix(content: bytes, order: str, depth: int) -> tuple[str, Variable | Non
     name = _next(parts)[1].decode(errors="replace")
     kind, count = int(flags[0]) & 0xFF, int(np.prod(dimensions, dtype=object))
     if kind == STRUCT and count == 1 and depth < DEEPEST:
-        return name, _struct(parts, order, depth)
+        return name, _struct(parts, order, depth, room)
     if kind not in NUMERIC or len(dimensions) != 2 or not count:
         return name, None
-    values = _numbers(*_next(parts), order)
+    kind, content = _next(parts)
+    room.take(count * np.dtype(np.float64).itemsize)
+    values = _numbers(kind, content, order)
     if len(values) != count:
         raise ValueError("an array is not as long as its dimensions say")
     return name, values.reshape(dimensions, order="F")
 
 
-def _struct(parts: Iterator[tuple[int, bytes]], order: str, depth: int) -> dict[str, Any]:
+def _struct(parts: Iterator[tuple[int, bytes]], order: str, depth: int, room: Room) -> dict[str, Any]:
     length = int(_numbers(*_next(parts), order)[0])
     text = _next(parts)[1]
     if length < 1:
@@ -97,7 +99,7 @@ def _struct(parts: Iterator[tuple[int, bytes]], order: str, depth: int) -> dict[
     found = {}
     for field in (name.decode(errors="replace") for name in names):
         kind, content = _next(parts)
-        value = _matrix(content, order, depth + 1)[1] if kind == MATRIX and content else None
+        value = _matrix(content, order, depth + 1, room)[1] if kind == MATRIX and content else None
         if value is not None:
             found[field] = value
     return found

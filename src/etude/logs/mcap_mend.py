@@ -16,6 +16,8 @@ HEAD = 9
 """Bytes of opcode and length."""
 CHUNK, CHUNK_FIXED = 6, 28
 BLOCK = 2**20
+LEAST_BOMB = 2**15
+"""Bytes of a packed chunk from which it can hold a gigabyte: zstd's repeated bytes are 4 of 128 KiB."""
 
 
 def is_cut(path: Path) -> bool:
@@ -49,6 +51,26 @@ def mend(path: Path, target: Path, unzstd: Callable[[bytes], bytes]) -> None:
             left -= len(block)
         out.write(_whole(_torn_chunk(file.read(), unzstd)))
         out.write(FOOTER)
+
+
+def check_chunks(path: Path, count: Callable[[bytes, bytes], None]) -> None:
+    """Asks of each chunk that could unpack to much whether it does.
+
+    Args:
+        count: packing and packed records -> DataError, if these are too many.
+    """
+    size, place = path.stat().st_size, len(MAGIC)
+    with path.open("rb") as file:
+        while place + HEAD <= size:
+            file.seek(place)
+            head = file.read(HEAD)
+            length = int.from_bytes(head[1:], "little")
+            if head[0] == CHUNK and length >= LEAST_BOMB:
+                chunk = file.read(min(length, size - place))
+                words = int.from_bytes(chunk[CHUNK_FIXED : CHUNK_FIXED + 4], "little")
+                start = CHUNK_FIXED + 4 + words
+                count(chunk[CHUNK_FIXED + 4 : start], chunk[start + 8 :])
+            place += HEAD + length
 
 
 def _torn_chunk(torn: bytes, unzstd: Callable[[bytes], bytes]) -> bytes:

@@ -9,18 +9,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from etude.logs.unpacking import Room
+
 MAGIC = b"PAR1"
 DEEPEST = 32  # structs within structs
 DATA, DICTIONARY, DATA_V2 = 0, 2, 3  # types of pages
 LARGEST_RATIO = 2**17  # of a page's size to its compressed size: run lengths of zeros
+NUMBER = 8  # bytes of a value in memory, of run lengths too
 LEAST = 2**20  # bytes of a page that are always believed
 
 
-def check_shape(data: bytes) -> None:
+def check_shape(data: bytes, room: Room) -> None:
     """Checks the counts and sizes in a Parquet file.
 
     Raises:
-        ValueError: with what does not fit.
+        ValueError: with what does not fit. DataError: there is no room for its values.
     """
     if len(data) < 12 or data[:4] != MAGIC or data[-4:] != MAGIC:
         raise ValueError("it does not begin and end as a Parquet file")
@@ -34,6 +37,7 @@ def check_shape(data: bytes) -> None:
         raise ValueError("its row groups do not add up to its rows")
     for group in groups:
         for chunk in group[1]:
+            room.take(NUMBER * max(int(chunk[3][5]), 0))
             _check_chunk(data, end, chunk[3], group[3])
 
 

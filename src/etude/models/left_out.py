@@ -16,6 +16,7 @@ from etude.contracts import Array, Index
 from etude.errors import DataError
 from etude.models.ladder import Ladder
 from etude.models.store import DAMAGE
+from etude.storage import arrays_of
 
 PHYSICS = ("identified", "nominal", "linear")
 """Rungs that stand for physics alone, the first that a robot has."""
@@ -63,8 +64,7 @@ def read_left_out(path: Path) -> LeftOut:
         DataError: no such file, or a damaged one.
     """
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
+        found = arrays_of(path.read_bytes())
         return LeftOut(**{**found, "rung": str(found["rung"])})
     except DAMAGE as error:
         raise DataError(

@@ -5,7 +5,6 @@ Predictions of a model that was read are the same bits on the same machine.
 
 from __future__ import annotations
 
-import io
 import json
 import zlib
 from collections.abc import Callable, Mapping
@@ -27,7 +26,7 @@ from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.models.recipes import CANDIDATES
 from etude.models.student_t import StudentT
-from etude.storage import packed, write_atomic
+from etude.storage import arrays_of, packed, write_atomic
 
 VERSION = 2
 """Of the contents; 1 were the files of 0.1, an .npz beside a .json."""
@@ -97,9 +96,7 @@ def model_of(
     data: bytes, inputs_of: Callable[[Mapping[str, Array]], Inputs], physics: Mapping[str, Physics]
 ) -> LearnedModel:
     """The model of a file's bytes; errors of all kinds where they are not whole."""
-    # from memory: NumPy leaves a damaged file open
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        stored = dict(file)
+    stored = arrays_of(data)
     words = json.loads(bytes(stored[WORDS]))
     if words["version"] != VERSION:
         raise ValueError(f"version {words['version']}")

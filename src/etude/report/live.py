@@ -8,20 +8,26 @@ from __future__ import annotations
 
 import errno
 import socket
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Lock
+from threading import BoundedSemaphore, Lock, Timer
+from typing import Any
 from urllib.parse import urlsplit
 
 from etude.errors import EtudeError, UsageError
 from etude.report.markup import text
 
+LONGEST_S, SILENT_S, MOST = 60.0, 10.0, 16
+"""A request lasts at most so many s, waits for so many s for its next byte, and so many are answered at once:
+a browser opens six."""
 HOST, PORT, PORTS = "127.0.0.1", 8716, 20
 """Where a page is served if nobody says otherwise, and how many ports are tried from there."""
+FULL = b"HTTP/1.0 503 Service Unavailable\r\nRetry-After: 1\r\nContent-Length: 0\r\n\r\n"
 DIGEST = "/digest"
 INDEX = "index.html"
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "json": "application/json"}
@@ -112,6 +118,41 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = False
 
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self.places = BoundedSemaphore(MOST)
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """In a thread of its own, while there is a place; else the client is told to come again."""
+        if self.places.acquire(blocking=False):
+            super().process_request(request, client_address)
+            return
+        with suppress(OSError):
+            request.settimeout(1.0)
+            request.sendall(FULL)
+        self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Ends with the request, however slowly it comes."""
+        ended = Timer(LONGEST_S, _end, (request,))
+        ended.daemon = True
+        ended.start()
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            ended.cancel()
+            self.places.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing for a client that went away; else as the library does."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+
+def _end(request: socket.socket) -> None:
+    with suppress(OSError):
+        request.shutdown(socket.SHUT_RDWR)
+
 
 def _refused(port: int, problem: Exception | None) -> UsageError:
     used = isinstance(problem, OSError) and problem.errno == errno.EADDRINUSE
@@ -125,6 +166,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers GET and HEAD; of anything else the library says that it is not supported."""
 
     served: Pages
+    timeout = SILENT_S
     server_version, sys_version = "etude", ""
 
     def do_GET(self) -> None:
@@ -150,10 +192,16 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _found(self) -> tuple[HTTPStatus, str, bytes]:
         port = self.connection.getsockname()[1]
-        if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
+        host = self.headers.get_all("Host", [])
+        try:
+            path = urlsplit(self.path).path
+        except ValueError:  # brackets that are no address
+            path = ""
+        if len(host) != 1 or not path.startswith("/") or not path.isprintable():
+            return HTTPStatus.BAD_REQUEST, "html", b"<title>Bad request</title>This is no request for a page."
+        if host[0] not in (f"{HOST}:{port}", f"localhost:{port}"):
             # a page of somebody else's that had its name point here
             return HTTPStatus.FORBIDDEN, "html", b"This is served to its own machine only."
-        path = urlsplit(self.path).path
         if path == DIGEST:
             return HTTPStatus.OK, "txt", self.served.digest().encode()
         try:

@@ -46,11 +46,8 @@ def scale_findings(seen: Seen, torque: Array, static: Array, limit: Array) -> tu
     if not judged.any():
         return (Finding(CHECK, "cannot tell", "No command follows the model file closely enough."),)
     values = ", ".join(f"{value:.2g}" for value in slope[judged])
-    return (
-        Finding(
-            CHECK, "green", f"Commands of {named(seen.parts, judged)} are {values} times the file's torque."
-        ),
-    )
+    said = f"Commands of {named(seen.parts, judged)} are {values} times the file's {_words(seen, judged)[0]}."
+    return (Finding(CHECK, "green", said),)
 
 
 def slopes(command: Array, torque: Array) -> tuple[Array, Array]:
@@ -79,15 +76,24 @@ def _gravity(seen: Seen, lacks: Mask) -> Finding:
 
 def _unit(seen: Seen, slope: Array, wrong: Mask, limit: Array) -> Finding:
     values = ", ".join(f"{value:.3g}" for value in slope[wrong])
+    word, unit = _words(seen, wrong)
     return Finding(
         CHECK,
         "yellow",
-        f"The commands of {named(seen.parts, wrong)} are {values} times the torque of the model file: "
-        f"{_guess(np.abs(slope[wrong]), limit[wrong])}",
+        f"The commands of {named(seen.parts, wrong)} are {values} times the {word} of the model file: "
+        f"{_guess(np.abs(slope[wrong]), limit[wrong]).replace('N m', unit)}",
         "State the unit in the header or in the robot file (command_unit), or convert them; "
         + accepted(CHECK)
         + ".",
         flag=CHECK,
+    )
+
+
+def _words(seen: Seen, joints: Mask) -> tuple[str, str]:
+    """What those joints are driven by, and its unit: forces where all of them slide."""
+    kinds = {unit for unit, own in zip(seen.units, joints.tolist(), strict=True) if own}
+    return {("m",): ("force", "N"), ("m", "rad"): ("torque or force", "N m (N)")}.get(
+        tuple(sorted(kinds)), ("torque", "N m")
     )
 
 

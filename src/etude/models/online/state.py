@@ -6,7 +6,6 @@ from what they began with; only their numbers are put back.
 
 from __future__ import annotations
 
-import io
 import json
 from collections import deque
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import DataError
-from etude.storage import packed
+from etude.storage import arrays_of, packed
 
 WORDS = "words"
 
@@ -52,8 +51,7 @@ def state_bytes(state: Any) -> bytes:
 def state_of(data: bytes) -> Any:
     """The state of a file's bytes. DataError if they are damaged."""
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            stored = dict(file)
+        stored = arrays_of(data)
         return _value(json.loads(bytes(stored[WORDS])), stored)
     except Exception as error:
         raise DataError(

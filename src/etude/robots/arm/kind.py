@@ -156,6 +156,12 @@ class ArmKind:
 
         return limits(spec, margins, model)
 
+    def mended(self, spec: ArmSpec) -> tuple[str, ...]:
+        """Robots whose mounting was lost: see `mended.lost_mounting`."""
+        from etude.robots.arm.mended import lost_mounting
+
+        return ("mounting",) if lost_mounting(spec) else ()
+
     def largest_error(self, spec: ArmSpec) -> Array:
         """(J,) rad (m) that the largest command holds against its own proportional gain."""
         from etude.robots.arm.motions import largest_error

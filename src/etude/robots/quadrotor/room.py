@@ -25,6 +25,10 @@ UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
 ATTITUDE_LAG = 1.0 / 6.5
 """s; PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's attitude gains 6."""
+PLACE_GAIN = 0.95
+"""1/s, PX4's MPC_XY_P: what a late acceleration has cost in speed is made up for by an error of the place."""
+CUT = 0.9
+"""Part of the vertical speeds that plans use: an autopilot cuts what is asked with its feedback."""
 TEST_DURATION = 30.0
 """s, whatever flights a campaign trains on, so that these can be compared."""
 
@@ -36,7 +40,10 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     and tilt are those of a + g z, without drag, which has to fit into their own reserve. The vertical part of
     a + g z ("lift") is held within what flatness needs, limits or not.
     """
+    late = _late(spec, config, margins)
     lower, upper, kept = np.array(spec.lower), np.array(spec.upper), np.array(spec.margins)
+    half = 0.25 * (upper - lower)[:2]  # at most half of what there is from the middle
+    kept[:2] = np.maximum(kept[:2], np.minimum(late / PLACE_GAIN, half))
     up, room = (2,), lift_room(spec)
     lift = np.array([GRAVITY - room]), np.array([GRAVITY + room])
     found: list[Limit] = [
@@ -46,14 +53,18 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
             1,
             PLACES,
             spec.speed,
-            margin=_lag(spec, config, margins),
+            margin=late,
             margins=margins,
             rest=config.rest,
             looks_at=(SPEED,),
         ),
     ]
     if spec.radius is not None:
-        found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=spec.margin, margins=margins))
+        margin = max(spec.margin, min(late / PLACE_GAIN, 0.5 * spec.radius))
+        found.append(NormLimit("radius", 0, (0, 1), spec.radius, margin=margin, margins=margins))
+    if spec.plant is None:
+        rates = np.array([-CUT * spec.descent]), np.array([CUT * spec.climb])
+        found.append(AxisLimit("vertical speed", 1, ("vehicle",), *rates, axes=up))
     found.append(AxisLimit("lift", 2, ("vehicle",), *lift, axes=up, shift=GRAVITY))
     if spec.thrust is not None:
         least, most = spec.thrust
@@ -64,13 +75,16 @@ def limits(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> tuple
     return tuple(found)
 
 
-def _lag(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
+def _late(spec: QuadrotorSpec, config: FlightConfig, margins: Margins) -> float:
     """m/s by which a real vehicle's speed may exceed the plan's, until a log has told: its acceleration comes
-    late by the attitude's lag. That of a series is at most its speed times its highest frequency.
+    late by the attitude's lag. That of a series is at most its speed, or half the room, times its highest
+    frequency, or that squared.
     """
     if spec.plant is not None or any(np.any(np.asarray(sure) > 0.0) for _, sure in margins.values()):
         return 0.0
-    fastest = spec.speed * config.harmonics * config.series.omega0_range[1]
+    highest = config.harmonics * config.series.omega0_range[1]
+    half = 0.5 * float(np.hypot(*(np.array(spec.upper) - np.array(spec.lower))[:2]))
+    fastest = min(spec.speed * highest, half * highest**2)
     tilts = [GRAVITY * math.tan(tilt) for tilt in (spec.tilt, config.tilt) if tilt is not None]
     return ATTITUDE_LAG * min([fastest, *tilts])
 

@@ -28,6 +28,9 @@ class QuadrotorSpec:
         margin: room kept for the tracking error, off the side walls of box and cylinder, m.
         vertical_margin: the same off floor and ceiling, m; None: as much.
         ground: height of its centre where it stands, m; None: the bottom of the box.
+        climb, descent: fastest that its autopilot flies up and down, m/s: it cuts what is asked beyond, and
+            is left behind. The values are PX4's own, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN. Without meaning
+            for the simulated vehicles.
         vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
         plant: name of the simulated vehicle that stands in for the real one, or None.
     """
@@ -47,6 +50,8 @@ class QuadrotorSpec:
     margin: float = 0.5
     vertical_margin: float | None = None
     ground: float | None = None
+    climb: float = 3.0
+    descent: float = 1.5
     vehicle: Vehicle | None = None
     plant: str | None = None
 

@@ -13,6 +13,8 @@ speed = 6.0                      # largest |v|, m/s
 margin = 0.5                     # m kept from every wall for the tracking error
 vertical_margin = 0.3            # optional: the same from floor and ceiling, m
 ground = 0.05                    # optional: height of its centre where it stands, m
+climb = 3.0                      # optional: fastest that the autopilot flies up, m/s (MPC_Z_VEL_MAX_UP)
+descent = 1.5                    # optional: and down (MPC_Z_VEL_MAX_DN)
 radius = 1.5                     # optional: of a cylinder about the z axis, m
 tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
 thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
@@ -59,6 +61,8 @@ class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=T
     margin: float
     vertical_margin: float | None = None
     ground: float | None = None
+    climb: float = 3.0
+    descent: float = 1.5
     radius: float | None = None
     tilt: float | None = None
     thrust: tuple[float, float] | None = None
@@ -115,6 +119,8 @@ def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
         margin=table.margin,
         vertical_margin=table.vertical_margin,
         ground=table.ground,
+        climb=table.climb,
+        descent=table.descent,
         vehicle=vehicle,
         plant=table.plant,
     )
@@ -143,6 +149,8 @@ def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
     numbers = {
         "rate": spec.rate,
         "speed": spec.speed,
+        "climb": spec.climb,
+        "descent": spec.descent,
         "radius": spec.radius,
         "tilt": spec.tilt,
         **({} if spec.vehicle is None else _vehicle_numbers(spec.vehicle)),
@@ -246,6 +254,8 @@ def spec_to_toml(spec: QuadrotorSpec) -> str:
         margin=spec.margin,
         vertical_margin=spec.vertical_margin,
         ground=spec.ground,
+        climb=spec.climb,
+        descent=spec.descent,
         radius=spec.radius,
         tilt=spec.tilt,
         thrust=spec.thrust,

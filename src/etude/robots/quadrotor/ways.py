@@ -1,8 +1,7 @@
 """Take-off, approach, return and landing: from where a vehicle stands or hovers to a plan's start, and back.
 
 All are septics: their jerk begins and ends as it must, so that attitudes do too. A plan may be in motion at
-its ends; the way then leads from rest into that motion, and out of it: along the plan's own path where that
-goes on (`limits.at_rest`), else in one septic.
+its ends, and have no lead-in (`limits.at_rest`); the way then leads from rest into that motion and out of it.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.contracts import Array, Limit, Proof, Trajectory
-from etude.limits.at_rest import leads
 from etude.limits.certificate import certify, use
 from etude.limits.library import AxisLimit
 from etude.robots.quadrotor.spec import QuadrotorSpec
@@ -92,15 +90,11 @@ def ways(
 def _between(
     spec: QuadrotorSpec, motion: Trajectory, hover: Array, limits: Sequence[Limit]
 ) -> tuple[list[Part], list[Part]]:
-    """From hover to the plan and back, with the lead-in and lead-out that it may need."""
+    """From hover to the plan and back."""
     first, last = np.moveaxis(motion.motion(np.array([0.0, motion.duration]), ORDERS).orders, 1, 0)
-    before, after = leads(motion, limits) or (None, None)
-    begin = first if before is None else before.points[:, 0]
-    end = last if after is None else after.points[:, -1]
-    there: list[Part] = [("approach", _way(spec, at_rest(hover), begin, limits))]
-    back: list[Part] = [("return", _way(spec, end, at_rest(hover), limits))]
-    there += [] if before is None else [("lead-in", before)]
-    return there, ([] if after is None else [("lead-out", after)]) + back
+    there = _way(spec, at_rest(hover), first, limits)
+    back = _way(spec, last, at_rest(hover), limits)
+    return [("approach", there)], [("return", back)]
 
 
 def _one(parts: list[Part]) -> Trajectory:

@@ -14,6 +14,7 @@ from etude.robots.arm.clearance.floor import BELOW, level
 from etude.robots.arm.clearance.gaps import Gaps
 from etude.robots.arm.clearance.pairs import gaps_of
 from etude.robots.arm.clearance.settled import ALWAYS, FEW, SEED, STILL
+from etude.robots.arm.clearance.skeleton import STANDING
 from etude.robots.arm.clearance.surroundings import MARGIN, Box, Surroundings, Wall
 from etude.robots.arm.loading.loaded import Loaded
 
@@ -100,7 +101,7 @@ def _held(gaps: Gaps) -> set[str]:
         boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].box
         sunk = (own < -BELOW).mean() > ALWAYS and np.ptp(own) > STILL
         if ((own < MARGIN).mean() > ALWAYS) if boxed else (gap.other < 0 and sunk):
-            found.add(gap.names[1])
+            found.add(gap.names[1].removesuffix(STANDING))
     return found
 
 

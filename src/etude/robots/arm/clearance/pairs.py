@@ -153,7 +153,7 @@ def _moving(skeleton: Skeleton) -> list[int]:
 
 
 def _with_thing(skeleton: Skeleton, i: int, other: int, name: str) -> Gap:
-    shape = skeleton.shapes[i]
+    shape, name = skeleton.shapes[i], skeleton.called(name)
     return Gap(i, other, (shape.link, name), (skeleton.parts[shape.part], name))
 
 
@@ -172,10 +172,10 @@ def _is_ignored(gap: Gap, ignored: set[frozenset[str]]) -> bool:
 
 
 def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
-    known = {shape.link for shape in skeleton.shapes} | set(skeleton.parts)
-    known |= (
-        {box.name for box in around.box} | {wall.name for wall in around.walls} | {"floor", "room", "column"}
-    )
+    things = [box.name for box in around.box] + [wall.name for wall in around.walls]
+    things += ["floor", "room", "column"]
+    links = {shape.link for shape in skeleton.shapes if not shape.box}
+    known = links | set(skeleton.parts) | set(map(skeleton.called, things))
     unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
     if unknown:
         raise UsageError(

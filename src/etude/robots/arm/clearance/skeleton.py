@@ -13,15 +13,18 @@ import numpy as np
 
 from etude.contracts import Array, Index, Mask
 from etude.errors import UsageError
+from etude.robots.arm.loading.names import free_name
 from etude.robots.arm.space.reach import reaches
 
 if TYPE_CHECKING:
     import mujoco
 
 BASE = "base"
-"""Name of all that no joint moves."""
+"""Name of all that no joint moves, unless a link that moves is called so."""
 BOX = "box: "
 """Starts the names of geoms that are boxes around the robot."""
+STANDING = " of robot.toml"
+"""Ends the name of what stands around, where a link has that name too: who ignores one means that one."""
 NOTHING: Mapping[str, float] = MappingProxyType({})
 SIDES = 128
 """Of the prism around a cylinder, which is thicker by 0.3 thousandths."""
@@ -77,6 +80,14 @@ class Skeleton:
     parent: Index
     moves: Mask
     shapes: tuple[Shape, ...]
+
+    def called(self, thing: str) -> str:
+        """What stands around, by a name that no link has."""
+        return f"{thing}{STANDING}" if thing in self._links else thing
+
+    @cached_property
+    def _links(self) -> frozenset[str]:
+        return frozenset((*self.parts, *(shape.link for shape in self.shapes if not shape.box)))
 
     @property
     def addresses(self) -> Index:
@@ -158,7 +169,8 @@ def skeleton_of(
         if weld:
             moves[part] = moves[parent[part]]  # parents come first
             moves[part] |= np.array([int(model.jnt_bodyid[number]) == weld for number in numbers])
-    parts = tuple(BASE if weld == 0 else model.body(weld).name or f"body {weld}" for weld in welds)
+    moving = [model.body(weld).name or f"body {weld}" for weld in welds if weld]
+    parts = (free_name(BASE, moving), *moving)
     shapes = tuple(_shapes(model, place, grown))
     joints, parents = np.array(numbers, dtype=np.int64), np.array(parent, dtype=np.int64)
     return Skeleton(model, joints, np.asarray(lower), np.asarray(upper), parts, parents, moves, shapes)

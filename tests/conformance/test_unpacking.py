@@ -1,0 +1,121 @@
+"""A file of a megabyte that would fill the machine's memory: refused, in each format that packs."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from etude.errors import DataError
+from etude.logs import unpacking
+from etude.logs.readers import read_raw
+from etude.logs.unpacking import unpacked
+from etude.storage import arrays_of, packed
+
+SMALL = 2**22
+"""Bytes that stand for the gigabyte, so that the tests cost no memory."""
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unpacking, "LARGEST", SMALL)
+
+
+def matrix(name: str, rows: int, kind: int, size: int) -> bytes:
+    """An element of a MAT file: a vector of zeros of a type of numbers."""
+
+    def element(type_: int, data: bytes) -> bytes:
+        return struct.pack("<II", type_, len(data)) + data + bytes(-len(data) % 8)
+
+    flags, dimensions = struct.pack("<II", 6, 0), struct.pack("<ii", rows, 1)
+    parts = element(6, flags) + element(5, dimensions) + element(1, name.encode())
+    return (
+        struct.pack("<II", 14, 0)[:4]
+        + struct.pack("<I", len(parts) + 8 + rows * size)
+        + parts
+        + element(kind, bytes(rows * size))
+    )
+
+
+def mat(path: Path, *variables: bytes) -> Path:
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    data = b"".join(struct.pack("<II", 15, len(p := zlib.compress(own))) + p for own in variables)
+    path.write_bytes(head + data)
+    return path
+
+
+ROWS = SMALL // 8 // 4
+
+
+def test_a_mat_whose_variables_are_small_each_and_too_many_together(tmp_path: Path) -> None:
+    one = [matrix(f"v{i}", ROWS, 9, 8) for i in range(5)]
+    assert len(read_raw(mat(tmp_path / "fits.mat", one[0]))) == ROWS
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(mat(tmp_path / "bomb.mat", *one))
+
+
+def test_a_mat_of_bytes_counts_as_the_numbers_that_they_become(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(mat(tmp_path / "bytes.mat", *(matrix(f"v{i}", 2 * ROWS, 2, 1) for i in range(3))))
+
+
+def test_a_table_of_run_lengths(tmp_path: Path) -> None:
+    path = tmp_path / "zeros.parquet"
+    pl.DataFrame({name: np.zeros(ROWS) for name in "abcde"}).write_parquet(path)
+    assert path.stat().st_size < SMALL // 100
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(path)
+    pl.DataFrame({"a": np.zeros(ROWS)}).write_parquet(path)
+    assert len(read_raw(path)) == ROWS
+
+
+def test_what_unpacks_without_end_is_counted_on_the_way(tmp_path: Path) -> None:
+    zstd = pytest.importorskip("backports.zstd", reason="zstd comes with the extra ros")
+    lz4 = pytest.importorskip("lz4.frame", reason="lz4 comes with the extra ros")
+    data = bytes(2 * SMALL)
+    for own, unpacker in (
+        (zstd.compress(data), zstd.ZstdDecompressor()),
+        (lz4.compress(data), lz4.LZ4FrameDecompressor()),
+    ):
+        with pytest.raises(DataError, match="unpacks to more than"):
+            unpacked(unpacker, own, tmp_path, SMALL)
+    few = zstd.compress(data[:1000])
+    assert unpacked(zstd.ZstdDecompressor(), few, tmp_path, SMALL) == data[:1000]
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_chunk_of_a_bag(tmp_path: Path, packing: str) -> None:
+    zstd = pytest.importorskip("backports.zstd", reason="zstd comes with the extra ros")
+    lz4 = pytest.importorskip("lz4.frame", reason="lz4 comes with the extra ros")
+    # half of it is noise, so that the chunk is long enough to be looked at
+    noise = np.random.default_rng(0).bytes(2**17)
+    records = (zstd if packing == "zstd" else lz4).compress(noise + bytes(2 * SMALL))
+    name = packing.encode()
+    chunk = struct.pack("<QQQI", 0, 1, 100, 0) + struct.pack("<I", len(name)) + name
+    chunk += struct.pack("<Q", len(records)) + records
+    magic = b"\x89MCAP0\r\n"
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(magic + b"\x06" + struct.pack("<Q", len(chunk)) + chunk + bytes(0) + magic)
+    with pytest.raises(DataError, match="unpacks to more than"):
+        read_raw(path)
+
+
+def test_arrays_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = {"a": np.zeros(1000)}
+    np.testing.assert_equal(arrays_of(packed(arrays)), arrays)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        own = io.BytesIO()
+        np.save(own, arrays["a"])
+        archive.writestr("a.npy", own.getvalue())
+    assert len(buffer.getvalue()) < 1000
+    np.testing.assert_equal(arrays_of(buffer.getvalue()), arrays)
+    monkeypatch.setattr("etude.storage.LARGEST_ARRAYS", 8000)
+    with pytest.raises(ValueError, match="more than 1 GB"):
+        arrays_of(buffer.getvalue())
