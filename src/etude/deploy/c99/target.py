@@ -198,7 +198,7 @@ def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[s
     """The worst case against the rate, and what would take less."""
     if not rate:
         return []
-    seconds = made.plan.operations(made.form.deviations) / CLOCK
+    seconds = made.plan.operations(made.form.deviations, made.form.fade) / CLOCK
     line = f"About {1e6 * seconds:.0f} us on a core of 1 GHz that does one operation in a cycle"
     if seconds <= 1.0 / rate:
         return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
@@ -241,7 +241,7 @@ def _facts(made: Files, found: Built | None) -> dict[str, Any]:
         "code_bytes": 0 if found is None else found.code,
         "state_bytes": size * (len(plan.low) + plan.memory),
         "stack_bytes": size * work,
-        "operations": plan.operations(made.form.deviations),
+        "operations": plan.operations(made.form.deviations, made.form.fade),
         "deviation": None if found is None else found.deviation,
     }
 
