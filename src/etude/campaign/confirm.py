@@ -5,7 +5,6 @@ Its logs are not told as others are: nothing learns from them.
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -31,6 +30,7 @@ from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
+from etude.logs.table_text import header_row
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
 
@@ -164,7 +164,7 @@ def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: Learned
     motion = files.trajectory.motion(rows[:, 0], model.inputs.orders)
     command, _ = model.predict(model.inputs.states(motion))
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([*names, *column_names(campaign.command)])
+    text.write(header_row([*names, *column_names(campaign.command)]))
     text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())
     return text.getvalue().encode()
 

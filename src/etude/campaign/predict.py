@@ -16,6 +16,7 @@ from etude.contracts import Array, Channel, Log, Mask, Trajectory
 from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
+from etude.logs.table_text import header_row
 from etude.models.given import followed
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
@@ -209,7 +210,7 @@ def write_table(path: Path, found: Log) -> None:
         return
     columns = _columns(found)
     rows = np.column_stack([*columns.values()]).tolist()
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    lines = [header_row(columns).rstrip(), *(",".join(map(repr, row)) for row in rows)]
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 

@@ -12,6 +12,12 @@ from etude.commands.outcome import Outcome, Say, table
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
 LARGEST = 1000.0
+BASES = {
+    "identified": "physics identified from this log",
+    "nominal": "physics of the description",
+    "linear": "linear regression on this log",
+}
+"""What a rung's mean is, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +40,7 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         *_trajectories(found),
         *_held_out(found),
         *_prequential(found),
+        *_in_words(found),
     ]
     lines += [*_model_in_use(found), *_confirmed(found)]
     if found["calibration_factor"] is not None:
@@ -100,6 +107,28 @@ def _held_out(found: Mapping[str, Any]) -> list[str]:
         _by_output(found, held_out["nmse"]),
         *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
     ]
+
+
+def _in_words(found: Mapping[str, Any]) -> list[str]:
+    """After the first log: what each output's model is made of, where."""
+    rungs = found["rungs"]
+    if not rungs or found["prequential"]:
+        return []
+    own = {
+        rung: [o for o, r in zip(found["outputs"], rungs, strict=True) if r == rung]
+        for rung in dict.fromkeys(rungs)
+    }
+    return [f"{', '.join(outputs)}: {_made_of(rung)}." for rung, outputs in own.items()]
+
+
+def _made_of(rung: str) -> str:
+    base, plus, _ = rung.partition("+")
+    physics = BASES.get(base, f"{base} physics")
+    if base == "gp":
+        return "the process alone, where the log went; outside what was visited it knows nothing"
+    if plus:
+        return f"{physics}, with the process where the log went; outside what was visited physics alone"
+    return f"{physics}, everywhere"
 
 
 def _prequential(found: Mapping[str, Any]) -> list[str]:

@@ -18,6 +18,7 @@ from etude.contracts import Array, Channel, Inputs, Kind, Limit, Log, Motion, Tr
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.generation import GENERATION
 from etude.limits.certificate import Certificate, require_certified
+from etude.logs.table_text import header_row, restored
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
 
@@ -143,7 +144,7 @@ def csv_bytes(trajectory: Trajectory, inputs: Inputs, rate: float, beside: Besid
         columns |= dict(zip(column_names(channel), log[channel.name].T, strict=True))
     columns |= {} if beside is None else beside(log)
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(columns)
+    text.write(header_row(columns))
     text.write(lines(np.column_stack([*columns.values()])))
     return text.getvalue().encode()
 
@@ -178,7 +179,7 @@ def column_names(channel: Channel) -> list[str]:
 
 def read_table(data: bytes) -> tuple[list[str], Array]:
     """Header and numbers of a table that `csv_bytes` made."""
-    names = next(csv.reader(io.StringIO(data.decode())))
+    names = list(map(restored, next(csv.reader(io.StringIO(data.decode())))))
     return names, np.loadtxt(io.BytesIO(data), delimiter=",", skiprows=1, ndmin=2, comments=None)
 
 

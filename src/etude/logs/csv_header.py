@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from etude.errors import DataError
 from etude.logs.echo import echo_names, is_number
+from etude.logs.table_text import restored
 from etude.logs.words import MINUTES, NAMELESS, NUMBERED, TIME_UNITS, UNITS
 
 AGAIN = "Export the log again."
@@ -17,6 +18,7 @@ SEPARATORS, RARER = ",;\t", "| "
 """One of the rarer is the separator where a line has none of the others."""
 LOOKED_AT = 40
 """Lines among which the header is looked for."""
+QUOTED = re.compile(r'"(?:[^"]|"")*"')
 EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)
 """A first line by which Excel is told the separator; the tab is lost when blanks are."""
 
@@ -82,15 +84,22 @@ def _lines(block: bytes) -> Iterator[_Line]:
 
 
 def _separator(line: str) -> str:
-    usual = max(SEPARATORS, key=line.count)
-    return usual if usual in line else max(RARER, key=line.count)
+    bare = QUOTED.sub("", line)
+    usual = max(SEPARATORS, key=bare.count)
+    return usual if usual in bare else max(RARER, key=bare.count)
 
 
 def _cells(line: str, separator: str, where: str) -> list[str]:
     try:
-        return [name.strip().strip('"') for name in next(csv.reader([line], delimiter=separator), [])]
+        cells = next(csv.reader([line], delimiter=separator), [])
+        return [restored(_unquoted(cell.strip())) for cell in cells]
     except csv.Error as problem:
         raise DataError(f"the header cannot be read ({problem})", where=where, next_step=AGAIN) from None
+
+
+def _unquoted(cell: str) -> str:
+    """Without the quotes of a cell that a blank stands before."""
+    return cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
 
 
 def _commented(lines: Sequence[_Line], first: _Line, separator: str, where: str) -> Header:

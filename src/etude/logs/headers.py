@@ -118,7 +118,11 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     """
     known = _Known(_named(channels), _words(channels), _bare(channels))
     again, found, left = doubles(headers), Found(), []
+    own = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
+        if header in own and header not in again:  # as Étude itself writes it, whatever is in the part's name
+            found.note(Claim("named", *own[header], 0), header, "")
+            continue
         text, unit = split_unit(header)
         claims = () if header in again else known.claims(text)
         if claims and unit not in UNITS:
@@ -150,6 +154,11 @@ def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels:
             elsewhere = any(name in getattr(found, p) for p in ("named", "numbered", "bare") if p != place)
             if len({*own, *columns}) == len(described[name].parts) and not elsewhere:
                 getattr(found, place)[name] = {**columns, **own}
+
+
+def column_names(channel: Channel) -> list[str]:
+    """The headers of a channel as Étude writes them; a part without a name is the channel itself."""
+    return [f"{channel.name}_{part}" if part else channel.name for part in channel.parts]
 
 
 def _rests(text: str) -> list[str]:

@@ -17,6 +17,7 @@ import numpy as np
 from etude.contracts import Array, Channel, Log, Role
 from etude.errors import DataError
 from etude.logs.frames import parquet_frame, parquet_metadata
+from etude.logs.headers import column_names as column_names
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:
@@ -49,11 +50,6 @@ OLD_FLIGHT: Mapping[str, tuple[str, str, Role]] = {
     "position": ("position", "m", "aside"),
     "position_des": ("position_des", "m", "plan"),
 }
-
-
-def column_names(channel: Channel) -> list[str]:
-    """The columns of a channel in files; a part without a name is the channel itself."""
-    return [f"{channel.name}_{part}" if part else channel.name for part in channel.parts]
 
 
 def log_bytes(log: Log) -> bytes:

@@ -11,6 +11,7 @@ import numpy as np
 
 from etude.contracts import Delivered, Kind, Samples
 from etude.errors import UsageError
+from etude.logs.table_text import text_cell
 from etude.options import taken
 from etude.robots.arm.identified.files import written
 from etude.robots.arm.identified.fit import Identified, identified
@@ -100,7 +101,7 @@ def _rows(found: Identified) -> list[dict[str, Any]]:
 
 def _table(rows: list[dict[str, Any]]) -> str:
     lines = [",".join(rows[0])]
-    lines += [",".join(f'"{v}"' if isinstance(v, str) else repr(v) for v in row.values()) for row in rows]
+    lines += [",".join(text_cell(v) if isinstance(v, str) else repr(v) for v in row.values()) for row in rows]
     return "\n".join(lines) + "\n"
 
 
