@@ -12,6 +12,7 @@ from etude.contracts import Delivered, Kind
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
+from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.names import renamed
 from etude.deploy.c99.plan import Plan, parts_in_c, planned
 from etude.deploy.c99.self_test import EXACT, allowed, self_test
@@ -102,7 +103,13 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     form = Form(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
-    return Delivered(made.files, said, facts)
+    lean, drag = lean_files(model.inputs, made.plan.name, form)
+    if drag is None:
+        return Delivered(made.files, said, facts)
+    own = made.plan.name
+    cmake = made.files["CMakeLists.txt"].replace(f" {own}.c)".encode(), f" {own}.c {own}_lean.c)".encode())
+    told = f"{own}_lean.h: what to add to accelerations, so that they hold against the learned drag."
+    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, told), facts)
 
 
 def held(
