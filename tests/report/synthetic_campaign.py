@@ -169,6 +169,9 @@ class BumpModel:
         self.robot = robot
         self.inputs = ArmInputs.of(robot, 0.02)
 
+    def posterior(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
+        return self.predict(log)
+
     def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
         far = (log["q"] / self.robot.upper) ** 2 + (log["qd"] / self.robot.velocity) ** 2
         return np.zeros_like(log["q"]), 4.0 + 900.0 * (1.0 - np.exp(-far))
