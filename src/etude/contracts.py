@@ -326,7 +326,8 @@ class Code:
     Mean: void name(const real *channel, ..., real *memory, real *command), without memory where it needs
     none, and name_static(const real *channel, ..., real *command), what remains at rest.
     Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
-    may be 0 then too.
+    may be 0 then too. It holds what is enough: an upper bound that is no larger may be said in place of the
+    variance, and 0 asks for that itself.
     data: static tables by name, of real or int; variance: those that variances alone need. reads: the
     channels, in order; memory: words of it; rate: Hz at which it must be called, as it remembers; work: reals
     on the stack; operations: of real numbers in one call at worst, and those more for variances.

@@ -14,9 +14,11 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from etude.contracts import Array
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.target import Files, c_files
 from etude.deploy.onnx.model_graph import parts_of, written
@@ -31,6 +33,7 @@ MAIN = """
 #include "NAME.h"
 #include <stdio.h>
 #include <time.h>
+static const NAME_real rows[COUNT][UPPER_INPUTS] = {ROWS};
 int main(void)
 {
     NAME_state state;
@@ -45,7 +48,7 @@ int main(void)
         clock_gettime(CLOCK_MONOTONIC, &begin);
         for (call = 0; call < CALLS; ++call) {
             for (i = 0; i < UPPER_INPUTS; ++i)
-                input[i] = (NAME_real)(((call * 7 + batch + i * 13) % 101) * 0.01 - 0.5);
+                input[i] = rows[(call * 7 + batch) % COUNT][i];
             ASKED;
             sum += command[0];
         }
@@ -62,7 +65,11 @@ BATCHES, CALLS = 200, 20
 
 @dataclass(frozen=True)
 class Case:
-    """One line: a model, and what may be asked of it in µs, double and float (None: no bar)."""
+    """One line: a model, and what may be asked of it in µs, double and float (None: no bar).
+
+    fade: its commands fade. apart: how far between its points it is asked, in their half ranges; 0 is among
+    them, where variances are soon known to be small, and from 3 on they are summed to their end.
+    """
 
     name: str
     member: str
@@ -70,11 +77,15 @@ class Case:
     points: int
     variance: bool
     bars: tuple[float | None, float | None]
+    fade: bool = False
+    apart: float = 0.5
 
 
 CASES = (
     Case("mean", "ard_se", 4, 500, False, (12.0, 4.0)),
     Case("mean_variance", "ard_se", 4, 500, True, (200.0, 100.0)),
+    Case("faded_trained", "ard_se", 4, 500, False, (None, None), fade=True, apart=0.0),
+    Case("faded_outside", "ard_se", 4, 500, False, (None, None), fade=True, apart=4.0),
     Case("ssgp_mean", "ssgp", 4, 500, False, (5.0, 2.2)),
     Case("default_mean", "structured", 7, 600, False, (200.0, None)),
 )
@@ -84,7 +95,7 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
     """Measures all cases and prints the rows; `quick` leaves out the variances."""
     rows = []
     for case in CASES:
-        if quick and case.variance:
+        if quick and (case.variance or case.fade):
             continue
         own = sized(case.member, case.joints, case.points, seed)
         for single, bar in zip((False, True), case.bars, strict=True):
@@ -98,8 +109,8 @@ def run(*, json: bool = False, seed: int = 0, quick: bool = False) -> list[Row]:
 
 
 def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[Row]:
-    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance, fade=False), "bench")
-    us = microseconds(made, case.variance)
+    made = c_files(own.model, own.kind, own.spec, Form(single, case.variance, fade=case.fade), "bench")
+    us = microseconds(made, case.variance, _rows(own, case.apart))
     kind = "float" if single else "double"
     name = f"{case.name}_{kind}"
     gigabytes = made.tables / us * 1e-3
@@ -110,6 +121,20 @@ def _measured(case: Case, own: Sized, single: bool, bar: float | None) -> list[R
     ]
 
 
+COUNT = 97
+"""Rows that are asked in turn."""
+
+
+def _rows(own: Sized, apart: float) -> Array:
+    """(COUNT, N) inputs of the C: points of the first process, which are its states, or others among them."""
+    process: Any = own.model.candidates[0].process
+    width = 3 * len(own.model.commands)
+    if not apart:
+        return np.asarray(process.own[0].X[:COUNT, :width])
+    k, i = np.arange(COUNT)[:, None], np.arange(width)
+    return np.asarray(2.0 * apart * ((k + 13 * i) % 101 * 0.01 - 0.5))
+
+
 def compiler() -> str:
     """The compiler to measure with. UsageError if there is none."""
     for name in ("gcc", "clang", "cc"):
@@ -118,8 +143,8 @@ def compiler() -> str:
     raise UsageError("there is no C compiler to measure with", next_step="apt-get install -y gcc")
 
 
-def microseconds(made: Files, variance: bool) -> float:
-    """Of one call."""
+def microseconds(made: Files, variance: bool, rows: Array) -> float:
+    """Of one call, asked at rows (COUNT, N) of inputs."""
     name = made.plan.name
     asked = (
         f"{name}_predict(&state, input, command, variance)"
@@ -132,6 +157,8 @@ def microseconds(made: Files, variance: bool) -> float:
         "ASKED": asked,
         "BATCHES": str(BATCHES),
         "CALLS": str(CALLS),
+        "COUNT": str(COUNT),
+        "ROWS": ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in rows.tolist()),
     }
     main = MAIN
     for word, value in words.items():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rotorpy_vehicle import NED, Airframe, Cascade, Flight, G, Geometric, fly
 
 from etude.cli import main
+from etude.trajectories.fourier import FourierTrajectory
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,26 @@ def exported(lab: Path, motion: Path, output: Path) -> tuple[Array, Array]:
     given = ("--set", f"motion={motion}", "format=px4")
     run("export", lab, "--to", "trajectory", *given, "--output", output)
     return table_of(output / "px4" / "setpoints.csv")
+
+
+def from_rest(velocity: Array, most: float = 3.3, centre: float = 2.0) -> FourierTrajectory:
+    """A flight of 15 s about `centre` m of height, at rest at both ends, with `most` m/s^2 of acceleration.
+
+    Args:
+        velocity: (2 N, 3) parts of cosines, then of sines; what moves at the ends is taken out.
+    """
+    count = len(velocity) // 2
+    cosines, sines = velocity[:count].copy(), velocity[count:].copy()
+    order = np.arange(1, count + 1)[:, None]
+    cosines -= cosines.mean(axis=0)  # speed at the ends
+    sines -= order * (order * sines).sum(axis=0) / (order**2).sum()  # acceleration there
+    pace, table = 2.0 * np.pi / 15.0, np.concatenate([np.zeros((1, 3)), cosines, sines])
+    found = FourierTrajectory(table, pace, 15.0).motion(np.linspace(0.0, 15.0, 600), 3).orders[2]
+    table *= most / np.linalg.norm(found, axis=1).max()
+    # positions begin at minus the integrals of the sines: the middle of the path comes to lie at the centre
+    path = FourierTrajectory(table, pace, 15.0).motion(np.linspace(0.0, 15.0, 600), 1).orders[0]
+    table[0] = np.array([0.0, 0.0, centre]) - 0.5 * (path.min(axis=0) + path.max(axis=0))
+    return FourierTrajectory(table, pace, 15.0)
 
 
 def without_acceleration(table: Array) -> Array:

@@ -22,6 +22,7 @@ from etude.robots.arm.physics import rigid_tree
 from etude.robots.arm.physics.geometry import read_geometry
 from etude.robots.arm.physics.kinematics import body_motion
 from etude.robots.arm.physics.newton_euler import nominal_commands
+from etude.robots.arm.rehearsal.robot import rehearsed
 from etude.robots.arm.spec import ArmSpec
 from etude.robots.arm.urdf import spec_from_model
 
@@ -411,3 +412,15 @@ def test_the_tree_that_learning_and_exports_use_is_held_against_it_too(
     monkeypatch.setattr(rigid_tree, "tree_from_mujoco", lambda *given: replace(whole(*given), **change))
     with pytest.raises(UnsafeModelError, match=said):
         read_geometry(spec)
+
+
+@pytest.mark.parametrize("name", ["ur5", "z1"])
+def test_what_is_rehearsed_hangs_where_it_is_mounted(name: str) -> None:
+    """At rest its drives carry what pinocchio says; limits far above, since the wall is no place for them."""
+    spec = example(name, mounting=WALL, payload=LOAD)
+    spec = replace(spec, axes=tuple(replace(axis, command=500.0) for axis in spec.axes))
+    robot, judge = rehearsed(spec), Judge(spec)
+    poses = np.random.default_rng(6).uniform(spec.lower, spec.upper, (4, spec.dof))
+    still = np.zeros_like(poses)
+    wanted = [judge.gravity(pose) for pose in poses]
+    np.testing.assert_allclose(robot.inverse(poses, still, still), wanted, atol=1e-6)

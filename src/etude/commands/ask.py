@@ -248,4 +248,4 @@ def _exported(one: Exported) -> list[str]:
         else ""
     )
     head = f"For {one.format}, proved as its receiver plays it{but}:"
-    return [head, *(f"  {path}" for path in one.files)]
+    return [head, *(f"  {path}" for path in one.files), *one.certificate.notes]

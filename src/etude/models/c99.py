@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.contracts import Array, Code, Column, Posterior
 from etude.models.gp.basis_posterior import BasisPosterior
-from etude.models.gp.c99 import UnwritableError, expanded, fused, real, spectrum
+from etude.models.gp.c99 import UnwritableError, expanded, fused, real, spectrum, telling_first
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 
@@ -35,7 +35,8 @@ def _group(name: str, own: Sequence[Any]) -> Code:
     first = own[0]
     if isinstance(first, ExactPosterior):
         weights = np.stack([posterior.alpha for posterior in own])
-        return expanded(name, first.kernel, first.theta, first.X, weights, first.L_inverse)
+        order, factor = telling_first(first.L)
+        return expanded(name, first.kernel, first.theta, first.X, weights, factor, order)
     if isinstance(first, BasisPosterior):
         weights = first.weights[None]
         return expanded(name, first.kernel, first.theta, first.basis, weights, first.half)
@@ -51,7 +52,12 @@ def silent_code(name: str, silent: Any) -> Code:
     own: Code | None = silent.own.c(f"{name}_own") if grown else None
     lines = [f"    mean[{j}] = R(0.0);" for j in range(m)]
     lines += ["    if (variance) {"]
-    lines += [f"        {name}_own(x, own, variance);"] if grown else []
+    if grown:
+        pairs = enumerate(zip(silent.calibration, silent.own.noise_variance, strict=True))
+        lines += [
+            f"        variance[{j}] = variance[{j}] / {real(f)} - {real(s)};" for j, (f, s) in pairs if f
+        ]
+        lines += [f"        {name}_own(x, own, variance);"]
     for j, least in enumerate(silent.least):
         if grown:
             noise, factor = silent.own.noise_variance[j], silent.calibration[j]

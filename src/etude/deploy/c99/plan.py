@@ -78,9 +78,12 @@ class Plan:
     def codes(self) -> list[Code]:
         return [self.inputs, *self.means.values(), *self.processes.values()]
 
-    def operations(self, variance: bool) -> int:
-        """Of real numbers in one call at worst."""
-        return sum(sum(c.operations) if variance else c.operations[0] for c in self.codes)
+    def operations(self, variance: bool, fade: bool = False) -> int:
+        """Of real numbers in one call at worst; where commands fade it may ask twice, exactly the second
+        time.
+        """
+        once = [sum(own) if variance else own[0] for own in (code.operations for code in self.codes)]
+        return sum(once) * (2 if fade else 1)
 
 
 def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:

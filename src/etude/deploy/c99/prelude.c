@@ -136,8 +136,8 @@ static inline real total(const real *values)
 }
 
 /* |A k|^2 of a lower triangular A (n, n), its rows one after the other, each filled up to a multiple of 16
-   with zeros; k is as long as the last row. */
-static inline real squared(const real *A, const real *k, int n)
+   with zeros; k is as long as the last row. Ends where the sum is `enough`: it only grows. */
+static inline real squared(const real *A, const real *k, int n, real enough)
 {
     real sum = R(0.0), lanes[16];
     int i, j, l;
@@ -152,6 +152,8 @@ static inline real squared(const real *A, const real *k, int n)
         for (l = 0; l < 16; ++l)
             row += lanes[l];
         sum += row * row;
+        if (sum >= enough)
+            return sum;
         A += width;
     }
     return sum;

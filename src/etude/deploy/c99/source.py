@@ -93,7 +93,11 @@ def _name_of(function: str) -> str:
 
 
 def _answer(plan: Plan, form: Form) -> str:
-    """NAME_answer: commands of states that are numbers, nothing blended."""
+    """NAME_answer: commands of states that are numbers, nothing blended.
+
+    Where they fade it says whether it has to be asked again, exactly: variances are upper bounds until then,
+    of which the first rows of their factors are enough inside of what was learned.
+    """
     name, D, J = plan.name, len(plan.model.inputs.columns), len(plan.model.commands)
     places = {}
     at = 0
@@ -101,12 +105,17 @@ def _answer(plan: Plan, form: Form) -> str:
         places[channel.name] = at
         at += len(channel.parts)
     arguments = "const real *in, real *memory, int kind, real *command"
-    arguments += ", real *variance" * form.deviations + ", real *safe, real *noise" * form.fade
-    lines = [f"static void {name}_answer({arguments})", "{", f"    real x[{D}];"]
+    arguments += ", real *variance" * form.deviations + ", real *safe, real *noise, int exact" * form.fade
+    kind = "int" if form.fade else "void"
+    lines = [f"static {kind} {name}_answer({arguments})", "{", f"    real x[{D}];"]
+    if form.fade:
+        lines += ["    int again = 0;", f"    int loose[{J}] = {{0}};"]
     lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
     for k, candidate in enumerate(plan.candidates):
         m = len(candidate.commands)
         lines.append(f"    real own{k}[{m}]{f', spread{k}[{m}] = {{R(0.0)}}' if form.deviations else ''};")
+        if form.fade:
+            lines.append(f"    real enough{k}[{m}] = {{R(0.0)}};")
     lines.append(f"    {_call(f'{name}_inputs', plan.inputs.reads, places, 'memory', 'x')};")
     held = [i for i, column in enumerate(plan.model.inputs.columns) if column[3] == "memory"]
     if held:
@@ -125,6 +134,8 @@ def _answer(plan: Plan, form: Form) -> str:
     if not held and not plan.means:
         lines.append("    (void)kind;")
     lines += _sums(plan, form, list(plan.means))
+    if form.fade:
+        lines.append("    return again;")
     return "\n".join([*lines, "}", ""])
 
 
@@ -139,7 +150,9 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
     lines += [f"    safe[{j}] = noise[{j}] = R(0.0);" for j in range(J)] if form.fade else []
     for k, candidate in enumerate(plan.candidates):
         spread = f"variance ? spread{k} : 0" if form.deviations else "0"
+        lines += _enough(plan, k) if form.fade else []
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
+        lines += _loose(plan, k) if form.fade else []
         physical = is_physical(candidate)
         for i, j in enumerate(candidate.commands):
             weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
@@ -150,7 +163,38 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
                 lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
                 if form.fade and physical and source:
                     lines.append(f"    safe[{j}] += {real(weight)} * {source};")
-    return [*lines, *(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
+    lines += [*(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
+    for j, most in enumerate(limits(plan) if form.fade else []):
+        lines.append(f"    again |= loose[{j}] && !(variance[{j}] - noise[{j}] <= {real(float(most))});")
+    return lines
+
+
+def limits(plan: Plan) -> Any:
+    """(J,) what may be unknown of each command while it is as good as known: trusted in full, and not
+    outside.
+    """
+    prior = np.maximum(plan.model.signal_deviation, LEAST) ** 2
+    return np.minimum(TRUSTED * prior, np.minimum(plan.model.known * (1.0 + ROUNDING), NEVER))
+
+
+def _enough(plan: Plan, k: int) -> list[str]:
+    """C that asks candidate k's process for no more than its share of that, noise at rest beside it."""
+    candidate, most, found = plan.candidates[k], limits(plan), []
+    for i, (j, pairs) in enumerate(zip(candidate.commands, rests_of(candidate), strict=True)):
+        factor = float(candidate.calibration[i] * candidate.units[1, i] ** 2)
+        share = SHARE * float(most[j]) / factor if candidate.weights[i] and factor else NEVER
+        terms = [real(min(share, NEVER)), *(f"{real(s)} * x[{c}] * x[{c}]" for c, s in pairs)]
+        found.append(f"        spread{k}[{i}] = enough{k}[{i}] = {' + '.join(terms)};")
+    unused = [i for i, weight in enumerate(candidate.weights) if not weight]
+    never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # nobody asks for these
+    return [*never, "    if (!exact) {", *found, "    }"]
+
+
+def _loose(plan: Plan, k: int) -> list[str]:
+    """C that notes which commands have a variance that may be an upper bound: no more than what is enough."""
+    commands = plan.candidates[k].commands
+    found = [f"        loose[{j}] |= spread{k}[{i}] <= enough{k}[{i}];" for i, j in enumerate(commands)]
+    return ["    if (!exact) {", *found, "    }"]
 
 
 def _noise(plan: Plan) -> list[str]:
@@ -206,9 +250,11 @@ def _functions(plan: Plan, form: Form) -> str:
         "FORGET": "    memset(state->memory, 0, sizeof state->memory);\n" if plan.memory else "",
         "OWN": own if fade else "",
         "KEPT": own.replace(f"variance[{J}], ", "") if fade else "",
-        "SPARE": ", variance, safe, noise" if fade else ", 0" * form.deviations,
-        "BESIDE": ", safe, noise" * fade,
+        "SPARE": ", variance, safe, noise, 0" if fade else ", 0" * form.deviations,
+        "BESIDE": ", safe, noise, 1" * fade,
         "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
+        "ASKED": "if (@NAME_answer" if fade else "@NAME_answer",
+        "WHOLE": "(void)" * fade,
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
         "SIGNAL": ", ".join(real(1.0 / v**2) for v in np.maximum(plan.model.signal_deviation, LEAST)),
@@ -218,17 +264,19 @@ def _functions(plan: Plan, form: Form) -> str:
         "WIDENED": real(WIDENED),
     }
     found = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
-    order = [
-        "RANGED",
-        "BLENDED",
-        "BLEND",
-        *sorted(words, key=len, reverse=True),
-    ]  # these hold words themselves
+    for kind, memory in (("RUN", words["MEMORY"]), ("INSTANT", "memory"), ("STILL", "memory")):
+        again = f")\n        (void)@NAME_answer(in, {memory}, {kind}, {_EXACT})" if fade else ""
+        found = found.replace(f"@AGAIN{kind}@", again)
+    holding = ["RANGED", "BLENDED", "BLEND", "ASKED", "WHOLE"]  # words themselves
+    order = [*holding, *sorted(words, key=len, reverse=True)]
     for word in dict.fromkeys(order):
         found = found.replace(f"@{word}", words[word])
     return found
 
 
+_EXACT = "command, variance, safe, noise, 1"
+SHARE = 0.5
+"""Of what may be unknown, what variances may take of it; the rest is for candidates that differ."""
 NEVER = 1e30
 """Variance that none exceeds, in float too: of commands that nothing says to be outside."""
 _RANGED = """\

@@ -12,6 +12,7 @@ from etude.contracts import Delivered, Kind
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
+from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.names import renamed
 from etude.deploy.c99.plan import Plan, parts_in_c, planned
 from etude.deploy.c99.self_test import EXACT, allowed, self_test
@@ -102,7 +103,13 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     form = Form(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
     rate = float(asked.rate or 0.0)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
-    return Delivered(made.files, said, facts)
+    lean, drag = lean_files(model.inputs, made.plan.name, form)
+    if drag is None:
+        return Delivered(made.files, said, facts)
+    own = made.plan.name
+    cmake = made.files["CMakeLists.txt"].replace(f" {own}.c)".encode(), f" {own}.c {own}_lean.c)".encode())
+    told = f"{own}_lean.h: what to add to accelerations, so that they hold against the learned drag."
+    return Delivered({**made.files, **lean, "CMakeLists.txt": cmake}, (*said, told), facts)
 
 
 def held(
@@ -191,7 +198,7 @@ def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[s
     """The worst case against the rate, and what would take less."""
     if not rate:
         return []
-    seconds = made.plan.operations(made.form.deviations) / CLOCK
+    seconds = made.plan.operations(made.form.deviations, made.form.fade) / CLOCK
     line = f"About {1e6 * seconds:.0f} us on a core of 1 GHz that does one operation in a cycle"
     if seconds <= 1.0 / rate:
         return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
@@ -234,7 +241,7 @@ def _facts(made: Files, found: Built | None) -> dict[str, Any]:
         "code_bytes": 0 if found is None else found.code,
         "state_bytes": size * (len(plan.low) + plan.memory),
         "stack_bytes": size * work,
-        "operations": plan.operations(made.form.deviations),
+        "operations": plan.operations(made.form.deviations, made.form.fade),
         "deviation": None if found is None else found.deviation,
     }
 

@@ -109,7 +109,7 @@ def _words(made: Files, spec: Any, sources: list[int], asked: Options) -> dict[s
     plan, joints = made.plan, list(made.plan.model.commands)
     package = f"{plan.name.lower()}_feedforward"
     unit = " or ".join(dict.fromkeys(unit or "1" for unit in plan.units))
-    operations = plan.operations(made.form.deviations)
+    operations = plan.operations(made.form.deviations, made.form.fade)
     rate, remembered = float(asked.rate or spec.rate), plan.rate
     return {
         "PACKAGE": package,

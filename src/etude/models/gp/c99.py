@@ -12,7 +12,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from etude.contracts import Array, Code
+from etude.contracts import Array, Code, Index
+from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
@@ -69,11 +70,21 @@ def real(value: float) -> str:
     return f"R({text if any(c in text for c in '.en') else text + '.0'})"
 
 
-def expanded(name: str, kernel: Kernel, theta: Array, X: Array, weights: Array, factor: Array | None) -> Code:
+def expanded(
+    name: str,
+    kernel: Kernel,
+    theta: Array,
+    X: Array,
+    weights: Array,
+    factor: Array | None,
+    order: Index | None = None,
+) -> Code:
     """Means Σ_i w_i k(x, x_i) of outputs with one kernel, and their latent variance k(x, x) - |A k|².
 
     Args:
-        name: of the function. weights: (m, n). factor: (n, n) lower triangular A.
+        name: of the function. weights: (m, n). factor: (n, n) lower triangular A. order: (n,) of the points
+            that
+            its rows are of; None: their own.
 
     Raises:
         UnwritableError: a part of the kernel has no C.
@@ -101,13 +112,15 @@ def expanded(name: str, kernel: Kernel, theta: Array, X: Array, weights: Array, 
     if linear:
         line = " + ".join(expression(lines, k, t) for k, t in linear)
         text.append(_lines_function(lines, line, size))
-    variance = {f"{name}_factor": packed(factor)} if factor is not None else {}
+    variance: dict[str, Any] = {f"{name}_factor": packed(factor)} if factor is not None else {}
     variance |= lines.data
+    if order is not None:
+        variance[f"{name}_order"] = order
     sizes = (n, size, m, X.shape[1])
     text.append(_prior_function(name, diagonal(name, kernel, theta)))
-    text.append(_function(name, sizes, bool(rest), bool(linear), factor is not None))
+    text.append(_function(name, sizes, bool(rest), bool(linear), factor is not None, order is not None))
     more = (n * n + size * lines.operations) if factor is not None else 0
-    return Code("\n".join(text), data, variance, work=size + 3 * BLOCK, operations=(operations, more))
+    return Code("\n".join(text), data, variance, work=2 * size + 3 * BLOCK, operations=(operations, more))
 
 
 class UnwritableError(Exception):
@@ -221,7 +234,9 @@ static real {name}_prior(const real *x)
 """
 
 
-def _function(name: str, sizes: tuple[int, int, int, int], curved: bool, linear: bool, factored: bool) -> str:
+def _function(
+    name: str, sizes: tuple[int, int, int, int], curved: bool, linear: bool, factored: bool, ordered: bool
+) -> str:
     n, size, m, width = sizes
     text = [f"static void {name}(const real *x, real *mean, real *variance)", "{"]
     if curved:
@@ -257,8 +272,27 @@ def _function(name: str, sizes: tuple[int, int, int, int], curved: bool, linear:
         return "\n".join([*text, "    (void)variance;", "}", ""])
     text += ["#if VARIANCE", "    if (variance) {"]
     text += [f"        {name}_lines(x, k);"] if linear else []
+    points = "k"
+    if ordered:
+        points = "own"
+        text += [
+            f"        real own[{size}] = {{R(0.0)}};",
+            "        int i;",
+            f"        for (i = 0; i < {n}; ++i)",
+            f"            own[i] = k[{name}_order[i]];",
+        ]
     text += [
-        f"        variance[0] = {name}_prior(x) - squared({name}_factor, k, {n});",
+        f"        const real prior = {name}_prior(x);",
+        "        real enough = variance[0];",
+        *(
+            [
+                f"        for (o = 1; o < {m}; ++o)",
+                "            enough = variance[o] < enough ? variance[o] : enough;",
+            ]
+            if m > 1
+            else []
+        ),
+        f"        variance[0] = prior - squared({name}_factor, {points}, {n}, prior - enough);",
         "        if (variance[0] < R(0.0))",
         "            variance[0] = R(0.0);",
         f"        for (o = 1; o < {m}; ++o)",
@@ -314,6 +348,37 @@ def diagonal(name: str, kernel: Kernel, theta: Array) -> str:
     return of(kernel, theta)
 
 
+PIVOTS = 96
+"""Points that are put first because they tell most: most variances are then known to be small from fewer
+rows.
+"""
+
+
+def telling_first(L: Array) -> tuple[Index, Array]:
+    """Points (n,) in an order in which each of the first tells most beside those before, and (n, n) the
+    inverse of the lower Cholesky factor of their covariance in that order.
+
+    The greedy order of a pivoted Cholesky decomposition (Higham, Accuracy and Stability of Numerical
+    Algorithms, 2002, 10.3).
+
+    Args:
+        L: (n, n) lower Cholesky factor of the covariance, noise included.
+    """
+    K = L @ L.T
+    n, left, rows = len(K), K.diagonal().copy(), np.zeros((min(PIVOTS, len(K)), len(K)))
+    first: list[int] = []
+    for i in range(len(rows)):
+        best = int(np.argmax(left))
+        rows[i] = (K[best] - rows[:i, best] @ rows[:i]) / np.sqrt(left[best])
+        left -= rows[i] ** 2
+        first.append(best)
+        left[first] = -np.inf
+        if not left.max() > 0.0:
+            break
+    order = np.concatenate([first, np.setdiff1d(np.arange(n), first)]).astype(np.int64)
+    return order, triangular_inverse(factorise(np.asfortranarray(K[np.ix_(order, order)]), 0.0)[0])
+
+
 def packed(A: Array) -> Array:
     """A lower triangular (n, n) row by row, each filled up to whole lanes, as `squared` takes it."""
     n = len(A)
@@ -357,7 +422,7 @@ def spectrum(name: str, frequencies: Array, weights: Array, factor: Array | None
     mean[0] = total(sums);
 #if VARIANCE
     if (variance)
-        variance[0] = squared({name}_factor, phi, {2 * size});
+        variance[0] = squared({name}_factor, phi, {2 * size}, R(1.0e30));
 #else
     (void)variance;
 #endif
@@ -371,6 +436,9 @@ def fused(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code
     """One function of several, each with its own outputs: (code, its function, places of its outputs)."""
     calls = []
     for _, function, places in parts:
+        calls += ["#if VARIANCE"]
+        calls += [f"    if (variance) spread[{i}] = variance[{place}];" for i, place in enumerate(places)]
+        calls += ["#endif"]
         calls.append(f"    {function}(x, own, variance ? spread : 0);")
         for i, place in enumerate(places):
             calls.append(f"    mean[{place}] = own[{i}];")

@@ -169,6 +169,9 @@ static void @K(const real *x, real *mean, real *variance)
 @MEANS
 #if VARIANCE
     if (variance) {
+        real enough[@J];
+        for (k = 0; k < @J; ++k)
+            enough[k] = variance[k];
         for (j = 0; j < @J; ++j)
             for (r = 0; r < 4; ++r)
                 for (i = 0; i < @K_STRIP; ++i)
@@ -180,7 +183,7 @@ static void @K(const real *x, real *mean, real *variance)
         for (k = 0; k < @J; ++k) {
             for (i = 0; i < @USED; ++i)
                 own[i] = @K_used[i] < 0 ? R(0.0) : every[k][@K_used[i]];
-            variance[k] -= squared(@K_factor_table, own, @ENTRIES);
+            variance[k] -= squared(@K_factor_table, own, @ENTRIES, variance[k] - enough[k]);
             if (variance[k] < R(0.0))
                 variance[k] = R(0.0);
         }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Array, Code
-from etude.models.gp.c99 import BLOCK, expanded, packed
+from etude.models.gp.c99 import BLOCK, expanded, packed, telling_first
 from etude.models.lagrangian.joints import Joints
 
 LANE = 16
@@ -36,8 +36,9 @@ def joint_code(name: str, process: Any) -> Code:
     data[f"{name}_weights"] = np.concatenate([process.alpha, np.zeros((J, size - n))], axis=1)
     entries = len(process.used)
     used = np.full(-(-entries // LANE) * LANE, -1)
-    used[:entries] = process.used // n * size + process.used % n
-    variance: dict[str, Any] = {f"{name}_used": used, f"{name}_factor_table": packed(process.L_inverse)}
+    order, factor = telling_first(process.L)
+    used[:entries] = (process.used // n * size + process.used % n)[order]
+    variance: dict[str, Any] = {f"{name}_used": used, f"{name}_factor_table": packed(factor)}
     means, spreads, bodies, operations = [], [], [], 0
     for j, (kernel, own) in enumerate(zip(process.prior.additions, rest, strict=True)):
         more = f"{name}_more{j}"
