@@ -61,7 +61,7 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
 
 
 def _of_another(campaign: Campaign, number: int) -> str:
-    """A sentence, if robot.toml changed since the model was learned: its physics are those of the file now."""
+    """A sentence, if robot.toml changed since the model was learned: its physics are of the file as it is."""
     trained = [e for e in campaign.events() if (e.event, e.number) == ("trained", number)]
     before = trained[-1].facts.get(ROBOT_SHA256) if trained else None
     if before in (None, campaign.robot_sha256):
