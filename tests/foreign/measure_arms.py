@@ -44,6 +44,8 @@ CUTOFFS, RANKS = (2.0, 3.0, 5.0, 8.0, 12.0), (1e-2, 1e-3, 1e-4, 1e-5)
 RATE = 250.0
 MOVES, MOVES_S, SERIES_S = 12, 45.0, 30.0
 BLOCKS = 10
+SLOW = 0.03
+"""Part of its top speed below which a joint is told of apart: friction turns over there."""
 TESTS = ("moves inside", "Fourier inside", "moves, whole range")
 
 
@@ -361,6 +363,9 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
             "least squares": squares.predict(*motion),
         }
         torque = {k: rms((v - log.target)[use]).tolist() for k, v in said.items()}
+        slow = use[:, None] & (np.abs(motion[1]) < SLOW * arm.speed)
+        fast = {k: each_rms(v - log.target, use[:, None] & ~slow) for k, v in said.items()}
+        still = {k: each_rms(v - log.target, slow) for k, v in said.items()}
         step = round(plant.RATE / RATE)
         plan = [x[::step] for x in (reference.q, reference.qd, reference.qdd)]
         ahead = {
@@ -375,6 +380,8 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
         outside = ((reference.q < lower) | (reference.q > upper)).mean(axis=0)
         out[title] = {
             "torque": torque,
+            "fast": fast,
+            "slow": still,
             "tracking": tracking,
             "spread": np.std(log.target[use], axis=0).tolist(),
             "limit": arm.torque.tolist(),
@@ -385,6 +392,11 @@ def judged(folder: Path, name: str, arm: plant.Arm, seed: int, logs: Sequence[Lo
             name, seed, len(logs), title, {k: np.round(v, 3).tolist() for k, v in torque.items()}, flush=True
         )
     return out
+
+
+def each_rms(rows: Array, use: NDArray[np.bool_]) -> list[float]:
+    """(J,) of the samples that each joint uses."""
+    return [float(np.sqrt(np.mean(rows[use[:, j], j] ** 2))) for j in range(rows.shape[1])]
 
 
 def rms(rows: Array) -> Array:
@@ -402,7 +414,7 @@ def rows_of(results: Path) -> Iterator[dict[str, Any]]:
 
 def ratio(test: dict[str, Any], what: str) -> float:
     """Étude's error over that of least squares: joints in parts of their torque limits, or as they are."""
-    unit = np.array(test["limit"]) if what == "torque" else np.ones(len(test["limit"]))
+    unit = np.ones(len(test["limit"])) if what == "tracking" else np.array(test["limit"])
     size = {k: float(np.linalg.norm(np.array(v) / unit)) for k, v in test[what].items()}
     return size["etude"] / size["least squares"]
 
@@ -410,10 +422,18 @@ def ratio(test: dict[str, Any], what: str) -> float:
 def table(results: Path) -> str:
     """Markdown: each robot, test and number of logs; over seeds the geometric mean and its range."""
     rows = list(rows_of(results))
-    lines = [
-        "| arm | test | logs | seeds | torque, of least squares | tracking | torque, joint by joint |",
-        "|" + "---|" * 7,
+    head = [
+        "arm",
+        "test",
+        "logs",
+        "seeds",
+        "torque",
+        "joint moves",
+        "joint slow",
+        "tracking",
+        "torque by joint",
     ]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for name in dict.fromkeys(r["robot"] for r in rows):
         for title in TESTS:
             for count in sorted({r["logs"] for r in rows if r["robot"] == name}):
@@ -422,8 +442,9 @@ def table(results: Path) -> str:
                     [np.array(t["torque"]["etude"]) / t["torque"]["least squares"] for t in own]
                 )
                 each = " ".join(f"{x:.2f}" for x in np.exp(np.log(joints).mean(axis=0)))
-                both = [_spread([ratio(t, what) for t in own]) for what in ("torque", "tracking")]
-                lines.append(f"| {name} | {title} | {count} | {len(own)} | {both[0]} | {both[1]} | {each} |")
+                what = ("torque", "fast", "slow", "tracking")
+                cells = [_spread([ratio(t, key) for t in own]) for key in what]
+                lines.append(f"| {name} | {title} | {count} | {len(own)} | {' | '.join(cells)} | {each} |")
     return "\n".join(lines)
 
 

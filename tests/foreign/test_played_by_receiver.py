@@ -82,6 +82,9 @@ def test_from_rest_to_rest_inside_the_margins(name: str, start: str, asked: Aske
                 assert values[:, j].max() <= high + room, f"{quantity} of {axis}"
                 looked += 1
     assert looked >= len(asked.campaign.axes)
+    held = [r for r in rows if str(r["axis"]).startswith("held ")]
+    assert {r["axis"] for r in held} == {"held before the first row", "held after the last row"}
+    assert all(float(r["proved_upper"]) <= float(r["upper"]) for r in held)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("place", ["", "from_home", "speed_037"])

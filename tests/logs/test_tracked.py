@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.contracts import Channel, Log
-from etude.logs.tracked import largest_errors
+from etude.logs.tracked import largest_errors, tracked
 from etude.trajectories.chain import Chain
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
@@ -70,3 +70,55 @@ def test_without_the_path_nothing_is_said() -> None:
     log = log_of(FORTH, lambda t: 0.0 * t[:, None] * np.ones(2))
     assert largest_errors(replace(log, values={}, channels={}), FORTH, "q") == {}
     assert largest_errors(log.take(slice(0, 5)), FORTH, "q") == {}
+
+
+WAVES = FourierTrajectory(np.array([[0.0, 0.0], [0.3, -0.2], [0.1, 0.2], [0.2, 0.1], [-0.1, 0.3]]), 1.2, 20.0)
+
+
+def errs(*shapes):  # type: ignore[no-untyped-def]
+    return lambda t: sum(shape(t) for shape in shapes)[:, None] * np.array([1.0, 0.5])
+
+
+def steady(t):  # type: ignore[no-untyped-def]
+    return 0.02 * np.sin(2.1 * t)
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.5])
+def test_a_start_that_dies_away_is_told_by_itself(rate: float) -> None:
+    found = tracked(log_of(WAVES, errs(steady, lambda t: 0.5 * np.exp(-rate * t))), WAVES, "q")
+    assert found.start is not None
+    assert np.exp(-rate * found.start.until) < 0.15
+    assert found.start.until < 9.0
+    np.testing.assert_array_less(found.errors["fourier"][0], 2.0 * 1.01 * np.array([0.02, 0.01]))
+    np.testing.assert_array_less(0.99 * np.array([0.02, 0.01]), found.errors["fourier"][0])
+    np.testing.assert_allclose(found.start.errors[0], [0.5, 0.25], rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        lambda t: 0.0 * t,
+        lambda t: 0.5 * np.exp(-t / 8.0),
+        lambda t: np.where(t < 9.9, 0.5, 0.0),
+        lambda t: 0.5 * np.exp(-(((t - 5.0) / 0.5) ** 2)),
+        lambda t: 0.04 * np.exp(-t),
+        lambda t: 0.5 * np.exp(-(((t - 16.0) / 0.5) ** 2)),
+    ],
+    ids=["steady", "slow", "half of it", "a gust", "small", "late gust"],
+)
+def test_what_is_no_start_counts_whole(shape) -> None:  # type: ignore[no-untyped-def]
+    log = log_of(WAVES, errs(steady, shape))
+    found = tracked(log, WAVES, "q")
+    assert found.start is None
+    error = np.abs(log["q"] - WAVES.motion(log.t, 1).orders[0]).max(axis=0)
+    np.testing.assert_allclose(found.errors["fourier"][0], error)
+
+
+def test_a_joint_that_moves_at_first_and_then_stands_has_no_transient() -> None:
+    first = PointToPoint(np.array([[0.0, 0.0], [1.0, -1.0]]), 0.5, 0.0)
+    rest = PointToPoint(np.array([[1.0, -1.0], [1.0, 0.5], [1.0, -1.0], [1.0, 0.5]]), 0.5, 0.0)
+    chain = Chain((("segment", first), ("segment", rest)))
+    speed = lambda t: np.abs(chain.motion(t, 2).orders[1]) * 0.1  # noqa: E731
+    found = tracked(log_of(chain, speed), chain, "q")
+    assert found.start is None
+    assert found.errors["moves"][0].min() > 0.04

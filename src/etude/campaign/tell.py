@@ -25,7 +25,7 @@ from etude.campaign.repeats import repeated, warning
 from etude.campaign.state import State
 from etude.campaign.stored_files import is_committed, require_description
 from etude.campaign.told import How, Told, aligned_with, read
-from etude.campaign.tracking import errors_told
+from etude.campaign.tracking import errors_told, start_in_words
 from etude.contracts import Log
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
@@ -117,7 +117,8 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     facts = {"foreign": answered is None, "speed": speed, **aligned, **as_facts(findings)}
     facts |= {} if again is None else {"repeats": again[0]}
     _store(campaign, number, log, path, digest, asked.given, facts)
-    return Told(number, False, answered is None, log.repairs, (), findings=findings)
+    start = start_in_words(campaign, facts)
+    return Told(number, False, answered is None, log.repairs, (), findings=findings, start=start)
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ class Told:
         held: it is stored and waits for an answer before it is learned.
         aside: it is kept and nothing learns from it: the robot had changed.
         run: of a motion that confirms, "without" or "with" the feedforward; nothing learns from it.
+        start: a sentence about its start transient, which is in no margin; "" without one.
     """
 
     number: int
@@ -63,6 +64,7 @@ class Told:
     held: bool = False
     aside: bool = False
     run: str = ""
+    start: str = ""
 
 
 def aligned_with(campaign: Campaign, log: Log, trajectory: Trajectory) -> Log:

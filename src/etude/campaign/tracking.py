@@ -17,11 +17,11 @@ from etude.campaign.proposals import FULL
 from etude.campaign.state import State
 from etude.contracts import Array, Log, Margins, Trajectory
 from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
-from etude.logs.tracked import largest_errors
+from etude.logs.tracked import tracked
 from etude.trajectories.json_text import SINGLE
 
-TRACKED = "tracked"
-"""Fact of a `told` event: largest errors by form."""
+TRACKED, START = "tracked", "start"
+"""Facts of a `told` event: largest errors by form; s until tracking had settled, and the errors before."""
 SETTLED = 4
 """Logs under a feedforward that is learned anew after each of them, with which a margin counts as measured:
 what one model left of the error says little of the next. A vehicle then erred by five times as much.
@@ -56,6 +56,7 @@ def _under(
     wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
     young = {form for form, own in errors.items() if control == LEARNED and len(own) < SETTLED}
     margins, by_form = {}, {}
+    last_start = _last_start(campaign, state, control)
     for form, (table, confidence) in wanted.items():
         sure = np.full_like(table, ASSUMED) if form in young else np.asarray(confidence)
         kept = within_room(table, sure, ranges, campaign.config.tracking.most)
@@ -63,6 +64,7 @@ def _under(
         by_form[form] = (
             *_short(campaign, table, kept[0]),
             *_accelerations(campaign, form, errors.get(form, ())),
+            *(last_start if form in errors else ()),
         )
     return margins, by_form
 
@@ -104,8 +106,25 @@ def errors_told(
     """
     under = run_under(campaign, number, control)
     facts: dict[str, Any] = {} if under is None else {CONTROL: under}
-    found = largest_errors(log, trajectory, campaign.kind.path) if speed == FULL else {}
-    return facts | ({TRACKED: {form: as_lists(table) for form, table in found.items()}} if found else {})
+    if speed != FULL:
+        return facts
+    found = tracked(log, trajectory, campaign.kind.path)
+    facts |= (
+        {TRACKED: {form: as_lists(table) for form, table in found.errors.items()}} if found.errors else {}
+    )
+    start = found.start
+    return facts | ({START: [start.until, as_lists(start.errors)]} if start is not None else {})
+
+
+def start_in_words(campaign: Campaign, told: Mapping[str, Any] | None) -> str:
+    """A sentence about the start transient of a log, which is in no margin; "" without one."""
+    if START not in (told or {}):
+        return ""
+    until, errors = (told or {})[START]
+    units, table = campaign.channel(campaign.kind.path).units, as_table(errors)
+    rows = zip(campaign.axes, units, table[0], table[1], strict=True)
+    text = ", ".join(f"{axis} by {e:.3g} {unit} and {v:.3g} {unit}/s" for axis, unit, e, v in rows)
+    return f"Start: in the first {until:.3g} s tracking had not settled, which no margin holds: {text}."
 
 
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
@@ -116,6 +135,13 @@ def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
             for form, table in _tables(one.told).items():
                 found.setdefault(form, []).append(as_table(table))
     return found
+
+
+def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
+    """What the newest log of that control that began with a transient says of it."""
+    own = [r.told for r in state.told if speaks_of(r.told or {}, control) and START in (r.told or {})]
+    newest = max(own, key=lambda told: str((told or {}).get("time", "")), default=None)
+    return () if newest is None else (start_in_words(campaign, newest),)
 
 
 def _tables(told: Mapping[str, Any] | None) -> Mapping[str, Any]:

@@ -113,15 +113,14 @@ def roam_of(campaign: Campaign, family: Family, open_ones: Sequence[Trajectory])
         campaign: the folder. family: of its segments.
         open_ones: proposals that wait for their logs.
     """
-    from etude.design.roaming import ALONE, CENTRES, Roam
+    from etude.design.roaming import Roam
 
     reach = reachable(campaign)
     if reach is None or not len(reach.poses):
         return None
     visited = visited_by(campaign, reach).adding(open_ones)
     segment = family.trajectory(np.zeros(family.size)).duration
-    count = segments_of(campaign, family)
-    return Roam(reach, visited, visited.total + count * segment, CENTRES if count > 1 else ALONE)
+    return Roam(reach, visited, visited.total + segments_of(campaign, family) * segment)
 
 
 def visited_by(campaign: Campaign, reach: Reachable) -> Visited:

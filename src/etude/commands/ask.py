@@ -85,6 +85,7 @@ class Ask(Common):
             *(f"  {name}" for name in files),
             *([] if found.way is None else _way(found.way)),
             *(line for one in found.exported for line in _exported(one)),
+            *([] if self.start else _offered(campaign)),
             *([SLOWLY] if slowly else []),
             *_then(self.folder, self.confirm),
         ]
@@ -231,6 +232,14 @@ def _sampled(certificate: Certificate) -> str:
     """Of what was only looked at in samples: which, and how near these are."""
     rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
     return "".join(f", except {quantity}: {method.split(';')[0]}" for quantity, method in rows.items())
+
+
+def _offered(campaign: Campaign) -> list[str]:
+    """Where else robots of this kind stand, from which a way can be had too: the ground."""
+    from etude.campaign.ways import HOME, poses_of
+
+    names = [name for name in poses_of(campaign) if name != HOME]
+    return [f"With take-off and landing, proved alike: the same with --from {name}." for name in names]
 
 
 def _ends(certificate: Certificate) -> str:

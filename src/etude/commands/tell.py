@@ -97,6 +97,7 @@ def _lines(found: Told) -> list[str]:
     lines = [first or f"Log {found.number} stored, {what}."]
     if found.repairs:
         lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
+    lines += [found.start] if found.start else []
     lines += _held(found)
     lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.aside else []
     return [*lines, *_learned(found.learned), *(f"Warning: {sentence}" for sentence in found.warnings)]
@@ -139,6 +140,7 @@ def _data(found: Told) -> dict[str, Any]:
         "held": found.held,
         "aside": found.aside,
         "run": found.run,
+        "start": found.start,
         "findings": [asdict(finding) for finding in found.findings],
     }
 

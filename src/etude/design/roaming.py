@@ -23,8 +23,8 @@ from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
 from etude.limits.samplers import scaled, uniform
 
-CENTRES, ALONE = 6, 12
-"""Clear poses that are tried for a segment; for the only one of a recording."""
+CENTRES = 6
+"""Clear poses that are tried for a segment."""
 TRIES = 3
 """Times as many, where none of them gives a motion that is fast enough."""
 JUDGED = 2
@@ -54,13 +54,11 @@ class Roam:
     Attributes:
         reach: clear poses, and the ends of the ranges.
         visited: so far; total: s of segments when this recording is done.
-        centres: clear poses that are tried for a segment.
     """
 
     reach: Reachable
     visited: Visited
     total: float
-    centres: int = CENTRES
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +121,14 @@ class Roamed:
         return cls(family, tuple(_about(limit, *ends) for limit in limits), roam, sampler)
 
     def candidates(self, rng: np.random.Generator, count: int) -> list[Drawn]:  # noqa: ARG002
-        """The `JUDGED` that cover most of what was not visited, of `centres` or more.
+        """The `JUDGED` that cover most of what was not visited, of `CENTRES` or more.
 
         Raises:
             UnsafeTrajectoryError: the limits leave no room, or nothing is clear.
         """
         found: list[Curve] = []
         for _ in range(TRIES):
-            found += self._started(rng, self.roam.centres, widened=True)
+            found += self._started(rng, CENTRES, widened=True)
             if sum(one.speed >= SLOW for one in found) >= JUDGED:
                 break
         found.sort(key=lambda one: (one.speed < SLOW, -one.worth))

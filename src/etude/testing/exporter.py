@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.contracts import Exporter, Kind
-from etude.deploy.played import certify_played
+from etude.deploy.played import HELD_STILL, ORDERS_HELD, certify_played
 from etude.limits.at_rest import at_rest
 from etude.testing.differences import close
 from etude.testing.world import World, world
@@ -41,6 +41,20 @@ class ExporterSuite:
         files = type(self).exporter(trajectory, here.kind, here.spec)
         found = certify_played(type(self).exporter, files, here.limits, trajectory)
         assert found.seen, "nothing is proved of what the receiver plays"
+
+    def test_its_receiver_goes_from_rest_to_rest(self) -> None:
+        """It holds the first row before, and the last one for ever."""
+        here = self.world
+        trajectory = at_rest(here.trajectory(3), here.limits)
+        played = type(self).exporter.back(  # type: ignore[attr-defined]
+            type(self).exporter(trajectory, here.kind, here.spec)
+        )
+        ends = np.array([0.0, played.duration])
+        moves = np.abs(played.motion(ends, ORDERS_HELD).orders[1:]).max()
+        assert moves <= HELD_STILL, f"a row that is held moves: {moves:.3g} per s or s^2"
+        outside = played.motion(ends + np.array([-10.0, 10.0]), ORDERS_HELD).orders
+        close(outside[0], played.motion(ends, 1).orders[0], self.accuracy, "place held")
+        assert not outside[1:].any(), "it moves before the first row, or after the last"
 
     def test_the_same_motion_gives_the_same_bytes(self) -> None:
         here = self.world

@@ -45,7 +45,7 @@ unsigned @NAME_mean(@NAME_state *state, const @NAME_real *input, @NAME_real *com
     real in[@UPPER_INPUTS];
 @OWN    unsigned flags = @NAME_taken(state->last, input, in);
     memcpy(state->last, in, sizeof in);
-    @ASKED(in, @MEMORY, RUN, command@SPARE)@AGAINRUN@;
+    @NAME_answer(in, @MEMORY, RUN, command@SPARE);
 @BLEND    return flags | @NAME_limited(command);
 }
 
@@ -53,7 +53,7 @@ unsigned @NAME_instant(const @NAME_real *input, @NAME_real *command)
 {
     real in[@UPPER_INPUTS], memory[@MEMORIES] = {R(0.0)};
 @OWN    unsigned flags = @NAME_taken(0, input, in);
-    @ASKED(in, memory, INSTANT, command@SPARE)@AGAININSTANT@;
+    @NAME_answer(in, memory, INSTANT, command@SPARE);
 @BLEND    return flags | @NAME_limited(command);
 }
 
@@ -66,7 +66,7 @@ unsigned @NAME_gravity(const @NAME_real *input, @NAME_real *command)
     for (i = 0; i < @UPPER_INPUTS; ++i)
         still[i] = rates[i] ? R(0.0) : input[i];
     flags = @NAME_taken(0, still, in);
-    @ASKED(in, memory, STILL, command@SPARE)@AGAINSTILL@;
+    @NAME_answer(in, memory, STILL, command@SPARE);
 @BLEND    return flags | @NAME_limited(command);
 }
 
@@ -101,6 +101,6 @@ unsigned @NAME_predict(@NAME_state *state, const @NAME_real *input, @NAME_real *
     real in[@UPPER_INPUTS];
 @KEPT    unsigned flags = @NAME_taken(state->last, input, in);
     memcpy(state->last, in, sizeof in);
-    @WHOLE@NAME_answer(in, @MEMORY, RUN, command, variance@BESIDE);
+    @NAME_answer(in, @MEMORY, RUN, command, variance@BESIDE);
 @BLEND    return flags | @NAME_limited(command);
 }

@@ -95,8 +95,8 @@ def _name_of(function: str) -> str:
 def _answer(plan: Plan, form: Form) -> str:
     """NAME_answer: commands of states that are numbers, nothing blended.
 
-    Where they fade it says whether it has to be asked again, exactly: variances are upper bounds until then,
-    of which the first rows of their factors are enough inside of what was learned.
+    Where they fade, variances are upper bounds, of which the first rows of their factors are enough inside
+    of what was learned; only those that leave a command in doubt are summed to their end.
     """
     name, D, J = plan.name, len(plan.model.inputs.columns), len(plan.model.commands)
     places = {}
@@ -106,10 +106,9 @@ def _answer(plan: Plan, form: Form) -> str:
         at += len(channel.parts)
     arguments = "const real *in, real *memory, int kind, real *command"
     arguments += ", real *variance" * form.deviations + ", real *safe, real *noise, int exact" * form.fade
-    kind = "int" if form.fade else "void"
-    lines = [f"static {kind} {name}_answer({arguments})", "{", f"    real x[{D}];"]
+    lines = [f"static void {name}_answer({arguments})", "{", f"    real x[{D}];"]
     if form.fade:
-        lines += ["    int again = 0;", f"    int loose[{J}] = {{0}};"]
+        lines += [f"    int loose[{J}] = {{0}};"]
     lines += [f"    real from{m}[{J}];" for m in range(len(plan.means))]
     for k, candidate in enumerate(plan.candidates):
         m = len(candidate.commands)
@@ -134,8 +133,6 @@ def _answer(plan: Plan, form: Form) -> str:
     if not held and not plan.means:
         lines.append("    (void)kind;")
     lines += _sums(plan, form, list(plan.means))
-    if form.fade:
-        lines.append("    return again;")
     return "\n".join([*lines, "}", ""])
 
 
@@ -164,9 +161,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
                 if form.fade and physical and source:
                     lines.append(f"    safe[{j}] += {real(weight)} * {source};")
     lines += [*(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
-    for j, most in enumerate(limits(plan) if form.fade else []):
-        lines.append(f"    again |= loose[{j}] && !(variance[{j}] - noise[{j}] <= {real(float(most))});")
-    return lines
+    return [*lines, *_exactly(plan)] if form.fade else lines
 
 
 def limits(plan: Plan) -> Any:
@@ -188,6 +183,30 @@ def _enough(plan: Plan, k: int) -> list[str]:
     unused = [i for i, weight in enumerate(candidate.weights) if not weight]
     never = [f"    spread{k}[{i}] = {real(NEVER)};" for i in unused]  # nobody asks for these
     return [*never, "    if (!exact) {", *found, "    }"]
+
+
+def _exactly(plan: Plan) -> list[str]:
+    """C that sums a variance to its end where a command is in doubt by an upper bound of it."""
+    lines = ["    {", "        int again = 0;"]
+    for j, most in enumerate(limits(plan)):
+        lines.append(
+            f"        loose[{j}] = loose[{j}] && !(variance[{j}] - noise[{j}] <= {real(float(most))});"
+        )
+        lines.append(f"        again |= loose[{j}];")
+    lines += ["        if (!again)", "            return;", "    }"]
+    for k, candidate in enumerate(plan.candidates):
+        m, used = len(candidate.commands), [i for i, weight in enumerate(candidate.weights) if weight]
+        asked = {i: f"loose[{candidate.commands[i]}] && spread{k}[{i}] <= enough{k}[{i}]" for i in used}
+        lines += [f"    if ({' || '.join(f'({own})' for own in asked.values())}) {{"]
+        lines += [f"        real scratch[{m}], whole[{m}];"]
+        for i in range(m):
+            lines.append(
+                f"        whole[{i}] = {asked[i] + ' ? R(0.0) : ' if i in asked else ''}{real(NEVER)};"
+            )
+        lines.append(f"        {plan.process_of[k]}(x, scratch, whole);")
+        lines += [f"        if ({own})\n            spread{k}[{i}] = whole[{i}];" for i, own in asked.items()]
+        lines.append("    }")
+    return [*lines, *_spreads(plan)]
 
 
 def _loose(plan: Plan, k: int) -> list[str]:
@@ -253,8 +272,6 @@ def _functions(plan: Plan, form: Form) -> str:
         "SPARE": ", variance, safe, noise, 0" if fade else ", 0" * form.deviations,
         "BESIDE": ", safe, noise, 1" * fade,
         "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
-        "ASKED": "if (@NAME_answer" if fade else "@NAME_answer",
-        "WHOLE": "(void)" * fade,
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
         "SIGNAL": ", ".join(real(1.0 / v**2) for v in np.maximum(plan.model.signal_deviation, LEAST)),
@@ -264,17 +281,13 @@ def _functions(plan: Plan, form: Form) -> str:
         "WIDENED": real(WIDENED),
     }
     found = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
-    for kind, memory in (("RUN", words["MEMORY"]), ("INSTANT", "memory"), ("STILL", "memory")):
-        again = f")\n        (void)@NAME_answer(in, {memory}, {kind}, {_EXACT})" if fade else ""
-        found = found.replace(f"@AGAIN{kind}@", again)
-    holding = ["RANGED", "BLENDED", "BLEND", "ASKED", "WHOLE"]  # words themselves
+    holding = ["RANGED", "BLENDED", "BLEND"]  # words themselves
     order = [*holding, *sorted(words, key=len, reverse=True)]
     for word in dict.fromkeys(order):
         found = found.replace(f"@{word}", words[word])
     return found
 
 
-_EXACT = "command, variance, safe, noise, 1"
 SHARE = 0.5
 """Of what may be unknown, what variances may take of it; the rest is for candidates that differ."""
 NEVER = 1e30

@@ -23,8 +23,10 @@ from etude.robots.quadrotor.ways import ways as ways_of
 PLACES = (0, 1, 2)
 UP = (0.0, 0.0, GRAVITY)
 TEST_HARMONICS = 2
-ATTITUDE_LAG = 1.0 / 6.5
-"""s; PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's attitude gains 6."""
+ATTITUDE_LAG = 1.0 / 6.5 + 0.02
+"""s: PX4's MC_ROLL_P and MC_PITCH_P are 6.5 1/s by default, a Crazyflie's gains 6. A set-point is held
+for 20 ms, half of which it is late, and acted on a step of the controller later.
+"""
 PLACE_GAIN = 0.95
 """1/s, PX4's MPC_XY_P: what a late acceleration has cost in speed is made up for by an error of the place."""
 CUT = 0.9
