@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude import plugins
+from etude import cli, plugins
 from etude.campaign.ask import Proposal, ask
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign, open_campaign
@@ -31,7 +31,7 @@ from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.contracts import Trajectory
 from etude.deploy.played import certify_played
-from etude.errors import EtudeError, UnsafeTrajectoryError
+from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify
 from etude.report.build import render
 from etude.report.record import read_record
@@ -338,3 +338,59 @@ def test_after_a_thousand_random_edits(lab: Path, tmp_path: Path, lot: int) -> N
             raise AssertionError(f"edit {seed}: {error}") from error
         shutil.rmtree(tmp_path / "copy")
     assert found.count("shown") > LOT // 10
+
+
+@pytest.fixture
+def copy(lab: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(lab.parent, tmp_path / "copy")) / lab.name
+
+
+def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
+    robot, way = copy / "robot.toml", copy / "proposals/0002/from_home"
+    before = {path.name: path.read_bytes() for path in way.glob("*.*")}
+    text, home = robot.read_text(), "home = [0.5, -0.3]"
+    found = re.search(r"^home = .*$", text, re.MULTILINE)
+    robot.write_text(text.replace(found[0], home) if found else f"{text}\n[search]\n{home}\n")
+    assert any("proposals/0002/from_home was proved before" in one for one in _look(copy))
+    shown = _whole(open_campaign(copy))
+    assert shown.way is not None
+    assert "robot.toml changed" in shown.way.renewed[0]
+    assert all(path.read_bytes() != before[path.name] for path in way.glob("approach*"))
+    start = from_json((way / "approach.json").read_bytes()).motion(np.zeros(1), 1).orders[0][0]
+    np.testing.assert_allclose(start, [0.5, -0.3])
+    assert not any("from_home" in one for one in _look(copy))
+    assert _whole(open_campaign(copy)).way.renewed == ()  # type: ignore[union-attr]
+
+
+def _look(path: Path) -> list[str]:
+    return list(status(open_campaign(path))["proved_otherwise"])
+
+
+def test_a_changed_run_is_not_learned_and_the_advice_mends_it(copy: Path) -> None:
+    path = copy / "runs/0001.parquet"
+    facts = {k: v for k, v in pl.read_parquet_metadata(path).items() if k != "ARROW:schema"}
+    frame = pl.read_parquet(path)
+    commands = [pl.col(c) * 3.0 for c in frame.columns if c.startswith("command")]
+    frame.with_columns(commands).write_parquet(path, metadata=facts)
+    log = copy.parent / "log2.csv"
+    with pytest.raises(UsageError, match=r"runs/0001\.parquet was changed") as refused:
+        tell(open_campaign(copy), log, accept=ANSWERS)
+    assert f"etude untell {copy} 1" in refused.value.next_step
+    assert cli.main(["untell", str(copy), "1"]) == 0
+    assert cli.main(["tell", str(copy), str(copy.parent / "log1.csv"), "--accept", "sign"]) == 0
+    assert not damaged_files(copy, read_events(copy))
+
+
+def test_a_journal_without_any_hash_is_named(copy: Path) -> None:
+    path = copy / "journal.jsonl"
+    path.write_text(re.sub(r', "previous": "\w+", "seal": "\w+"', "", path.read_text()))
+    with pytest.raises(UsageError, match="hashes of this line of the journal were taken out"):
+        open_campaign(copy)
+
+
+def test_a_changed_model_file_of_the_robot_moves_nothing(copy: Path) -> None:
+    path = copy / "robot_model.urdf"
+    path.write_text(path.read_text().replace('mass value="1.5"', 'mass value="15"'))
+    for command in (_asked, _predicted, _told):
+        with pytest.raises(UsageError, match=r"robot_model\.urdf was changed"):
+            command(open_campaign(copy))

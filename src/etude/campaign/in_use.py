@@ -10,7 +10,7 @@ from typing import Any
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.campaign.stored import MODEL, newest_model, read_stored
-from etude.campaign.stored_files import require_description
+from etude.campaign.stored_files import ROBOT_SHA256, require_description
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic
@@ -52,11 +52,21 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
         said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
-        return InUse(model, number, path, digest, False, said)
+        return InUse(model, number, path, digest, False, said + _of_another(campaign, number))
     facts = state.promoted[-1]
     said = f"The promoted model is used, of log {facts['number']} ({facts['sha256'][:12]})."
     model, path = promoted_model(campaign, facts), pinned(campaign, facts["sha256"])
+    said += _of_another(campaign, facts["number"])
     return InUse(model, facts["number"], path, facts["sha256"], True, said)
+
+
+def _of_another(campaign: Campaign, number: int) -> str:
+    """A sentence, if robot.toml changed since the model was learned: its physics are of the file as it is."""
+    trained = [e for e in campaign.events() if (e.event, e.number) == ("trained", number)]
+    before = trained[-1].facts.get(ROBOT_SHA256) if trained else None
+    if before in (None, campaign.robot_sha256):
+        return ""
+    return " robot.toml changed since it was learned, so its physics are others: learn the logs again."
 
 
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
