@@ -50,7 +50,7 @@ def model(still: float) -> Any:
     ranges = np.array([[-1.5, -1.0, -1.0], [1.0, 0.5, 2.0]])
     columns = [("qd", part, "rad/s", "") for part in ("a", "b", "c")]
     return SimpleNamespace(
-        predict=predict,
+        posterior=predict,
         inputs=SimpleNamespace(states=states, orders=3, columns=columns),
         ranges=ranges,
     )

@@ -108,7 +108,7 @@ def learned(
 
 
 def mean_of(model: LearnedModel, X: np.ndarray) -> np.ndarray:
-    return model.predict(log_of(np.arange(len(X), dtype=float), X, np.zeros(len(X))))[0][:, 0]
+    return model.posterior(log_of(np.arange(len(X), dtype=float), X, np.zeros(len(X))))[0][:, 0]
 
 
 def error_of(model: LearnedModel, X: np.ndarray, y: np.ndarray) -> float:

@@ -20,7 +20,7 @@ class Known:
 
     freedom = 20.0
 
-    def predict(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
+    def posterior(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros_like(log["command"]), np.full_like(log["command"], 0.25)
 
     def mean(self, log: Log) -> np.ndarray:

@@ -62,7 +62,7 @@ def test_a_new_motion_is_predicted_with_honest_variances(config: ModelConfig, da
 @BOTH
 def test_every_rung_can_be_asked_for_by_name(rung: str, config: ModelConfig, data) -> None:
     model = train(data, replace(config, rung=rung))
-    mean, variance = model.predict(trajectory(9).log)
+    mean, variance = model.posterior(trajectory(9).log)
     assert model.chosen == (rung, rung)
     assert np.isfinite(mean).all()
     assert (variance > 0.0).all()

@@ -60,7 +60,7 @@ def test_it_predicts_a_new_motion_with_variances_that_are_not_bold(name, models)
 @NAMES
 def test_what_variances_are_at_most_they_are(name, models) -> None:
     new = trajectory(9)
-    (mean, variance), (same, bound) = models[name].predict(new.log), models[name].at_most(new.log)
+    (mean, variance), (same, bound) = models[name].posterior(new.log), models[name].at_most(new.log)
     np.testing.assert_allclose(same, mean, rtol=1e-9, atol=1e-9 * np.abs(mean).max())
     assert np.all(bound >= variance * (1.0 - 1e-9))
 

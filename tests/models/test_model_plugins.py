@@ -205,7 +205,7 @@ def test_a_users_member_learns_and_is_restored_by_its_name(config, tmp_path) -> 
         ("bad_shape", "mean of shape"),
         ("bad_held", "holds out in shapes"),
         ("bad_fails", "fails .ZeroDivisionError: no way"),
-        ("forgetful", "attribute `restore`"),
+        ("forgetful", "it has no restore"),
         ("nothing", "cannot be loaded"),
     ],
 )

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from etude.report.sections import paths
 from etude.report.sections.paths import Gone, shades
 from etude.report.sections.prediction import Z95
 from etude.report.sections.views import DRAWING, equal_limits
+from etude.storage import sha256_of
 
 QUICK = {"duration": 8.0, "candidates": 8, "steps": 4, "starts": 1, "points": 60, "refine": 1}
 ROUNDS = 2
@@ -84,7 +86,8 @@ def as_if_real(folder: Path) -> Path:
     lines: list[str] = []
     for event in read_events(folder):
         if event.event != "evaluated":
-            lines.append(chained(event.to_json(), lines))
+            files = {name: sha256_of(folder / name) for name in event.files if (folder / name).is_file()}
+            lines.append(chained(replace(event, files=event.files | files).to_json(), lines))
     journal.write_text("\n".join(lines) + "\n")
     shutil.rmtree(folder / "tests")
     return folder
@@ -305,11 +308,10 @@ def test_a_real_vehicle_has_held_out_scores_and_its_newest_flight(copy: Path) ->
 def test_a_log_without_positions_says_so(copy: Path) -> None:
     from etude.logs.log_file import read_log_file, write_log
 
-    as_if_real(copy)
     for number_ in (1, 2):
         path = copy / "runs" / f"{number_:04d}.parquet"
         write_log(path, read_log_file(path).without("position", "position_des"))
-    text = drawn(copy).text
+    text = drawn(as_if_real(copy)).text
     assert "No log with positions has come back yet" in text
     assert "no desired position" in text
 

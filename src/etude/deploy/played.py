@@ -73,7 +73,7 @@ def certify_played(
         played = _cut(replace(played, like=motion.form), motion)
     said = getattr(exporter, "notes", lambda _: ())(files)
     found = certify(played, [Looked(limit) for limit in limits], control=control)
-    found = replace(found, rows=(*found.rows, *_holds(played, limits)), notes=said)
+    found = replace(found, rows=(*found.rows, *_holds(played, limits, control)), notes=said)
     for row in found.failed:
         if row.quantity == REST:
             raise UnsafeTrajectoryError(
@@ -97,7 +97,7 @@ REST = "largest speed or acceleration"
 """Quantity of the rows that say how a receiver holds the first and the last row."""
 
 
-def _holds(played: Any, limits: Sequence[Limit]) -> list[Proof]:
+def _holds(played: Any, limits: Sequence[Limit], control: str) -> list[Proof]:
     """What a receiver holds before it plays and after it has: rest, at a place inside the limits and margins.
 
     It knows nothing after the last row but that row, and starts from where the first one is.
@@ -115,7 +115,9 @@ def _holds(played: Any, limits: Sequence[Limit]) -> list[Proof]:
         for limit in limits:
             if getattr(limit, "order", None) == 0:
                 own = Looked(limit).prove(hold)
-                rows += [replace(row, quantity=f"{row.quantity}, held {where}") for row in own]
+                for row in own:
+                    of = control if row.margin > 0.0 else ""
+                    rows.append(replace(row, quantity=f"{row.quantity}, held {where}", control=of))
     return rows
 
 

@@ -107,7 +107,7 @@ class Guess:
         units, every = np.stack([np.zeros(4), np.ones(4)]), (0, 1, 2, 3)
         return [Candidate("gp", every, np.ones(4), None, process, units, np.ones(4))]  # type: ignore[arg-type]
 
-    def predict(self, log: Log) -> tuple[Array, Array]:
+    def posterior(self, log: Log) -> tuple[Array, Array]:
         return NOMINAL.predict(log) + 3.0, np.full((len(log), 4), self.deviation**2)
 
 

@@ -73,7 +73,7 @@ def test_optional_limits_read_back():
         ({"thrust": [10.0, 20.0]}, "cannot hover"),
         ({"command_unit": "kV"}, "unknown command_unit"),
         ({"commands": ["a", "a", "b", "c"]}, "four different names"),
-        ({"commands": ["a", "b", "c"]}, "describes no vehicle"),
+        ({"commands": ["a", "b", "c"]}, "has 4 motors, this vehicle has 3"),
     ],
 )
 def test_what_cannot_be_is_refused(table, change, message):
