@@ -29,7 +29,7 @@ class Known:
     def worth(self) -> np.ndarray:
         return np.array([0.1, 3.0])
 
-    def static(self, log: Log) -> np.ndarray:
+    def static(self, log: Log, *, fade: bool = True) -> np.ndarray:
         return np.sin(log["q"])
 
 
