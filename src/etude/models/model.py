@@ -143,15 +143,12 @@ class LearnedModel:
     def predict(self, log: Any, *, fade: bool = True) -> Prediction:
         """What to command (n, J), and its variance (n, J), which includes noise and calibration.
 
-        The mean of `posterior` where the model knows more than before any data. Elsewhere it fades to
-        `safe`, by its
-        own deviation: to physics, where they are used, else to zero. Every export says the same.
+        The mean of `posterior` where the model knows more than before any data. Elsewhere it fades to `safe`
+        by its own deviation: to physics where they are used, else to zero. Every export says the same.
 
         Args:
             log: a Log, arrays (n, parts) by channel, or a data frame; see `given.as_run`. Its rows are a
-                run, in
-                order, of which friction remembers the way; arrays without times are rows that count by
-                themselves.
+                run, in order: friction remembers the way. Arrays without times count row by row.
             fade: False gives the mean of `posterior` everywhere.
 
         Returns:
