@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,14 @@ class HasKernel(Protocol):
     def theta(self) -> Array:
         """(P,) log hyperparameters of `kernel`."""
         ...
+
+
+@runtime_checkable
+class Stored(Protocol):
+    """A posterior or a kernel that a file can hold."""
+
+    form: ClassVar[str]
+    """Name of its row in the table of plug-ins, `etude.forms`: how it is stored."""
 
 
 @runtime_checkable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ class SparseSpectrumPosterior:
         theta: (D + 1,) log s0 and log ℓ_1 .. log ℓ_D: a training can go on from it.
     """
 
+    form: ClassVar[str] = "spectrum"
     features: SpectralFeatures
     signal_variance: float
     noise_variance: float
@@ -46,6 +48,11 @@ class SparseSpectrumPosterior:
     def kernel(self) -> SquaredExponential:
         """The covariance function that the spectrum stands for."""
         return SquaredExponential(tuple(range(len(self.theta) - 1)))
+
+    @property
+    def frequencies(self) -> Array:
+        """(m, D) of the features."""
+        return self.features.frequencies
 
     @property
     def points(self) -> Array:

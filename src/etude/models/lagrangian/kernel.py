@@ -12,11 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from etude.contracts import Code, Column
 from etude.errors import UsageError
+from etude.models.forms import Form, Lookup, Words
 from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
 from etude.models.gp.kernels import own_friction
 from etude.models.lagrangian.joints import Joints, joints_of
@@ -31,6 +33,7 @@ class Lagrangian(Kernel):
         joints: columns of the inputs. own: number of the command's joint.
     """
 
+    form: ClassVar[str] = "Lagrangian"
     joints: Joints
     own: int
 
@@ -142,3 +145,12 @@ def gip_lin(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
             next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
         )
     return Lagrangian(joints, names.index(commands[0])) + own_friction(columns, commands)
+
+
+def _restored(words: Words, _: Lookup) -> Lagrangian:
+    joints = {name: tuple(values) for name, values in words["joints"].items()}
+    return Lagrangian(Joints(**joints), int(words["own"]))
+
+
+FORM = Form((), ("joints", "own"), _restored)
+"""How the kernel is stored."""
