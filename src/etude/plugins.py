@@ -92,6 +92,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "px4": "etude.deploy.flight.target:PX4",
         "crazyflie": "etude.deploy.flight.target:CRAZYFLIE",
     },
+    # how a model goes on learning in simulated tests: `etude simulate --online`
+    "etude.adaptations": {"online": "etude.campaign.online:online_learning"},
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",
@@ -150,6 +152,7 @@ SHAPES: Mapping[str, Shape] = {
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
     "etude.readers": Shape("a reader of logs", ("path", "topics")),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",)),
+    "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
 """By group, the callables of `contracts`; studies and pictures, which are not in it, are checked in use."""
