@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsymv, dsyr2
 
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.progress import counted
 from etude.threads import threads_for
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse.dictionary_stream import DictionaryStream
 from etude_studies.arm_accuracy import member_rows
 from etude_studies.crazyflie_accuracy import crazyflie_accuracy_rows
 from etude_studies.model_latency import latency_rows

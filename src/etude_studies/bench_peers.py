@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-from etude.models.gp.sparse_spectrum_training import initial_sparse_spectrum
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse.sparse_spectrum_training import initial_sparse_spectrum
 from etude_studies.peers.catalogue import Peer
 from etude_studies.peers.running import PeerUnavailable, Running, Timed, started
 from etude_studies.peers.worker import timed

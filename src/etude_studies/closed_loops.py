@@ -26,9 +26,9 @@ from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.limits.tracking import HELD, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
-from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.moves import random_moves
+from etude_arm.controller import PerfectController
+from etude_arm.spec import ArmSpec
 from etude_studies.seven_loop import seven_loop
 from etude_studies.world import World
 

@@ -18,8 +18,8 @@ from etude.logs.steps import median_rate, without_lag
 from etude.models.config import ModelConfig
 from etude.models.held_out import block_masks
 from etude.models.linear import LinearPhysics
-from etude.robots.quadrotor.recipe import common_lag
-from etude.robots.quadrotor.recorded import on_even_grid, with_states
+from etude_quadrotor.recipe import common_lag
+from etude_quadrotor.recorded import on_even_grid, with_states
 from etude_studies.real_logs import EXAMPLES
 from etude_studies.world import World
 

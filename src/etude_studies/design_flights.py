@@ -15,7 +15,7 @@ from etude.campaign.folder import Campaign
 from etude.campaign.simulate import simulate
 from etude.contracts import Array, Controller, Log
 from etude.logs.log_file import read_log_file
-from etude.robots.quadrotor.controller import leaning
+from etude_quadrotor.controller import leaning
 from etude_studies.flight_world import Flights
 
 LENGTHS = (15.0, 30.0)

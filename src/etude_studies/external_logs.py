@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from etude.contracts import Log, Samples
 from etude.errors import DataError
 from etude.logs.read import clean_log
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.spec import ArmSpec, Axis
 from etude_studies.world import World
 
 Array = NDArray[np.float64]

@@ -17,13 +17,13 @@ import numpy as np
 
 from etude.contracts import Controller, Log
 from etude.errors import UsageError
-from etude.robots.quadrotor.controller import FlightFeedforward
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.physics.vehicle_inverse import nominal_inverse
-from etude.robots.quadrotor.plant.disturbance import Disturbance
-from etude.robots.quadrotor.plant.simulated import Start
-from etude.robots.quadrotor.voltages import GatedVoltages
 from etude.storage import write_atomic
+from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
+from etude_quadrotor.plant.disturbance import Disturbance
+from etude_quadrotor.plant.simulated import Start
+from etude_quadrotor.voltages import GatedVoltages
 from etude_studies.engines.each import each
 from etude_studies.flight_world import Flights
 from etude_studies.rows import Row, mean_rows, rows_json, table

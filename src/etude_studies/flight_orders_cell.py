@@ -17,7 +17,7 @@ from etude.campaign.config import preset_config
 from etude.contracts import Array, Samples, Trajectory
 from etude.design.config import DesignConfig
 from etude.design.solve import design
-from etude.robots.quadrotor.kind import KIND
+from etude_quadrotor.kind import KIND
 from etude_studies.flight_orders_judge import Judge, Round
 from etude_studies.flight_orders_world import World
 from etude_studies.flight_world import SAMPLERS

@@ -7,8 +7,8 @@ from functools import cached_property
 
 from etude.contracts import Inputs
 from etude.models.config import ModelConfig
-from etude.robots.quadrotor.flatness import Drag
-from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.flatness import Drag
+from etude_quadrotor.inputs import QuadrotorInputs
 from etude_studies.flight_world import THESIS_ROOM, Flights
 
 NO_DRAG = (0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from etude.limits.samplers import boundary, timid, uniform
 from etude.models.ladder import Ladder
 from etude.models.model import LearnedModel
 from etude.models.student_t import fit_student
-from etude.robots.quadrotor.plant.robot import SimulatedFlights
+from etude_quadrotor.plant.robot import SimulatedFlights
 from etude_studies.world import World
 
 SAMPLERS = {"uniform": uniform, "scaled": timid, "boundary": boundary}

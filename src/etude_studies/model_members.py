@@ -15,17 +15,17 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.gp.downsampled import DownsampledGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import Form
 from etude.models.gp.inducing_training import fit_inducing, initial_inducing
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.local import LocalGP
-from etude.models.gp.sogp import SOGP
-from etude.models.gp.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
 from etude.models.gp.training import fit, initial_gp
-from etude.models.lwpr.regression import LWPR
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.local import LocalGP
+from etude_sparse.lwpr.regression import LWPR
+from etude_sparse.sogp import SOGP
+from etude_sparse.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
 
 Array = NDArray[np.float64]
 

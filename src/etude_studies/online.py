@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from etude.contracts import Log, Robot, Trajectory
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
-from etude.models.online.guard_effort import Feedback, feedback_of
-from etude.models.online.learner import OnlineConfig
-from etude.models.online.model import OnlineModel
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude_online.guard_effort import Feedback, feedback_of
+from etude_online.learner import OnlineConfig
+from etude_online.model import OnlineModel
 from etude_studies.engines.each import each
 from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table

@@ -18,10 +18,10 @@ import numpy as np
 
 from etude.contracts import Array, Controller, Log, Trajectory
 from etude.errors import UsageError
-from etude.models.online.learner import OnlineConfig
-from etude.models.online.model import OnlineModel
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude_online.learner import OnlineConfig
+from etude_online.model import OnlineModel
 from etude_studies.faults import KINDS, LENGTH_S, NEVER, Fault, FaultyWire, change, drawn
 from etude_studies.online import TRAINING, feedback
 from etude_studies.rows import Row, rows_json, table

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from etude.contracts import Log, Motion, Row, Trajectory
 from etude.errors import UsageError
-from etude.models.online.model import OnlineModel
+from etude_online.model import OnlineModel
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from etude.models.held_out import block_masks
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.score import figures
-from etude.robots.arm.recipe import filter_cutoff
+from etude_arm.recipe import filter_cutoff
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table

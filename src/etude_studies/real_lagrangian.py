@@ -20,9 +20,9 @@ import numpy as np
 from etude.contracts import Array, Log, Samples
 from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers, near, split_blocks
-from etude.models.lagrangian.member import all_lin
-from etude.models.lagrangian.together import data_together
-from etude.robots.arm.recipe import filter_cutoff
+from etude_arm.recipe import filter_cutoff
+from etude_lagrangian.member import all_lin
+from etude_lagrangian.together import data_together
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table
 from etude_studies.world import World

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from etude.contracts import Log, Mask, Samples
 from etude.models.held_out import near, split_blocks
-from etude.robots.arm.recipe import filter_cutoff
+from etude_arm.recipe import filter_cutoff
 from etude_studies.world import World
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from etude.campaign.tell import tell
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.local_posterior import LocalPosterior
-from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-from etude.models.lwpr.posterior import LWPRPosterior
+from etude_sparse.local_posterior import LocalPosterior
+from etude_sparse.lwpr.posterior import LWPRPosterior
+from etude_sparse.spectral_posterior import SparseSpectrumPosterior
 
 CONFIG = """\
 [trajectory]

@@ -11,7 +11,7 @@ import pytest
 
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_studies.bench_peers import TOLERANCE
 from etude_studies.peers.catalogue import EXACT, SPECTRUM, Peer
 from etude_studies.peers.running import PeerUnavailable, Running, here

@@ -36,7 +36,7 @@ def objective(X, y):
     return evaluate
 """
 SPECTRAL = """
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 NOTE = ""
 

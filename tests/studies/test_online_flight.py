@@ -10,8 +10,8 @@ import pytest
 
 from etude.contracts import Log
 from etude.models.model import LearnedModel
-from etude.models.online.learner import OnlineConfig
-from etude.models.online.model import OnlineModel
+from etude_online.learner import OnlineConfig
+from etude_online.model import OnlineModel
 from etude_studies.world import World
 
 FOLDER = Path(__file__).parents[2] / "examples" / "crazyflie"

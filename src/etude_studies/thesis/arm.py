@@ -17,8 +17,8 @@ import polars as pl
 from etude.contracts import Array, Controller, Log, Samples, Trajectory
 from etude.models.model import LearnedModel
 from etude.models.trust import trusted
-from etude.robots.arm.controller import PerfectController
 from etude.threads import threads_for
+from etude_arm.controller import PerfectController
 from etude_studies.measured import Measured
 from etude_studies.thesis.arm_lines import Given, lines
 from etude_studies.thesis.arm_measures import (

@@ -19,7 +19,7 @@ from etude.design.config import DesignConfig
 from etude.design.solve import design
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.model import LearnedModel
-from etude.robots.quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.inputs import QuadrotorInputs
 from etude_studies.flight_world import SAMPLERS
 from etude_studies.thesis.flight_settings import FlightSettings, Learning, flights_of
 

@@ -14,8 +14,8 @@ import numpy as np
 import polars as pl
 
 from etude.contracts import Array, Controller, Motion, Row, Trajectory
-from etude.robots.arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude.threads import threads_for
+from etude_arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm import PRIMARY, joint_rows, tested

@@ -16,8 +16,8 @@ from etude.campaign.config import CampaignConfig, preset_config
 from etude.contracts import Array
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.kind import KIND
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.kind import KIND
 from etude_studies.measured import comparable, measured_table
 from etude_studies.thesis import flight_tests
 from etude_studies.thesis.flight_measures import (
