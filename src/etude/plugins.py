@@ -23,16 +23,14 @@ from etude.errors import UsageError
 from etude.trust import FULL_NAME as FULL_NAME
 from etude.trust import require_trusted
 
-_MEMBERS = (
-    "exact",
+_MEMBERS = ("exact", "fitc", "vfe")
+_SPARSE = (
     "dictionary_variance",
     "dictionary_error",
     "thesis_dictionary_variance",
     "thesis_dictionary_error",
     "ssgp_fixed",
     "ssgp_learned",
-    "fitc",
-    "vfe",
     "sogp",
     "local_gp",
     "lwpr",
@@ -46,6 +44,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     "etude.models": {
         **{name: f"etude.models.members:{name}" for name in _MEMBERS},
+        **{name: f"etude.models.sparse_members:{name}" for name in _SPARSE},
         "all_lin": "etude.models.lagrangian.member:all_lin",
     },
     "etude.kernels": {
@@ -53,6 +52,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "ard_se": "etude.models.gp.kernels:ard_se",
         "standing": "etude.models.gp.rest:standing",
         "gip_lin": "etude.models.lagrangian.kernel:gip_lin",
+    },
+    # how posteriors and kernels are stored in a model's file
+    "etude.forms": {
+        "exact": "etude.models.forms:EXACT",
+        "basis": "etude.models.forms:BASIS",
+        "spectrum": "etude.models.sparse_forms:SPECTRUM",
+        "local": "etude.models.sparse_forms:LOCAL",
+        "lwpr": "etude.models.sparse_forms:LWPR",
+        "Lagrangian": "etude.models.lagrangian.kernel:FORM",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {
@@ -84,6 +92,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "px4": "etude.deploy.flight.target:PX4",
         "crazyflie": "etude.deploy.flight.target:CRAZYFLIE",
     },
+    # how a model goes on learning in simulated tests: `etude simulate --online`
+    "etude.adaptations": {"online": "etude.campaign.online:online_learning"},
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",
@@ -138,9 +148,11 @@ SHAPES: Mapping[str, Shape] = {
     ),
     "etude.models": Shape("a member of the model family", ("fit",), ("restore",)),
     "etude.kernels": Shape("a kernel's factory", ("columns", "commands")),
+    "etude.forms": Shape("a form of stored posteriors or kernels", None, ("arrays", "words", "make")),
     "etude.criteria": Shape("a criterion", ("output", "batch", "gain")),
     "etude.readers": Shape("a reader of logs", ("path", "topics")),
     "etude.exporters": Shape("an exporter", ("trajectory", "kind", "spec"), ("back",)),
+    "etude.adaptations": Shape("a way to go on learning", ("method",)),
     "etude.targets": Shape("a target of models", ("model", "kind", "spec", "options")),
 }
 """By group, the callables of `contracts`; studies and pictures, which are not in it, are checked in use."""

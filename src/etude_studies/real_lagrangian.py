@@ -21,7 +21,7 @@ from etude.contracts import Array, Log, Samples
 from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers, near, split_blocks
 from etude.models.lagrangian.member import all_lin
-from etude.models.together import data_together
+from etude.models.lagrangian.together import data_together
 from etude.robots.arm.recipe import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from etude import plugins
 from etude.campaign import ask as asking
 from etude.campaign import learn as learning
 from etude.campaign import loop as module
@@ -180,8 +181,6 @@ def test_a_robot_without_a_plant(campaign: Campaign) -> None:
 
 def test_online_each_test_is_run_once_more_by_a_learner_of_its_own(arm, monkeypatch) -> None:
     """Facts of a baseline called "online", made from the round's model, and not made again."""
-    from etude.models.online.learner import OnlineConfig
-
     made = []
 
     class Learner:
@@ -194,25 +193,26 @@ def test_online_each_test_is_run_once_more_by_a_learner_of_its_own(arm, monkeypa
         def observe(self, t: float, row: Any) -> None:
             assert {"q", "q_des", "command"} <= set(row)
 
-    def learning_of(campaign: Campaign, robot: Any, config: OnlineConfig) -> Any:
-        assert robot.asks_each_tick
-        return lambda: made.append(config) or Learner()
+    class Learning:
+        def require(self, campaign: Campaign, robot: Any) -> None:
+            assert robot.asks_each_tick
 
-    monkeypatch.setattr(module, "learning", learning_of)
-    list(simulate(arm, 1, online=OnlineConfig("ssgp")))
+        def controllers(self, campaign: Campaign, robot: Any) -> Any:
+            return lambda: made.append(campaign) or Learner()
+
+    list(simulate(arm, 1, online=Learning()))
     events = [e for e in arm.state().evaluated if e.get("baseline") == "online"]
     assert [e["test"] for e in events] == list(motions_of(arm))
-    assert [c.method for c in made] == ["ssgp"] * len(events)
-    list(simulate(arm, 0, online=OnlineConfig("ssgp")))
+    assert made == [arm] * len(events)
+    list(simulate(arm, 0, online=Learning()))
     assert len(made) == len(events)
 
 
 def test_a_robot_that_takes_its_feedforward_ahead_learns_nothing_on_the_way(arm) -> None:
-    from etude.campaign.online import learning
-    from etude.models.online.learner import OnlineConfig
-
-    with pytest.raises(UsageError, match="before a run"):
-        learning(arm, object(), OnlineConfig())  # type: ignore[arg-type]
+    going_on = plugins.load("etude.adaptations", "online")("variance")
+    for ask_for in (going_on.require, going_on.controllers):
+        with pytest.raises(UsageError, match="before a run"):
+            ask_for(arm, object())
     assert main(["simulate", str(arm.path), "--online", "--method", "magic", "--rounds", "1"]) == 2
 
 

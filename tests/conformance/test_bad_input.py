@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from etude import plugins
 from etude.contracts import Array, Channel, Column, Log, Samples
 from etude.errors import DataError, EtudeError, NumericalError, UsageError
 from etude.models.config import ModelConfig
@@ -22,8 +23,11 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.sogp import SOGP
 from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 from etude.models.ladder import train_ladder
-from etude.models.members import MEMBERS
+from etude.models.members import member_named
 from etude.models.model import LearnedModel
+
+MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
+"""Those that learn commands one by one."""
 
 SMALL = ModelConfig(
     rung="gp", kernel="ard_se", points=60, fit_points=40, fit_spacing_s=0.0, basis=15, steps=6

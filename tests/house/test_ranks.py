@@ -179,7 +179,8 @@ def test_what_is_offered_is_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("own", "allowed"), [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"}), ("lagrangian", {"lagrangian", "gp"})]
+    ("own", "allowed"),
+    [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"}), ("lagrangian", {"lagrangian", "gp", "forms", "fit", "rows"})],
 )
 def test_processes_know_no_robot(own: str, allowed: set[str]) -> None:
     for path in sorted((SOURCE / "models" / own).glob("*.py")):

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from etude import plugins
+from etude.models.contracts import SupportsFirstUse
 from etude.models.lagrangian import all_outputs
-from etude.models.lagrangian.compilation import SENTENCE, first_use
+from etude.models.lagrangian.compilation import SENTENCE
+from etude.models.lagrangian.kernel import gip_lin
+from etude.models.lagrangian.member import all_lin
 
 
 class Sweep:
@@ -17,15 +21,16 @@ class Sweep:
 
 
 def test_only_what_is_compiled_and_not_yet_there_is_announced(monkeypatch, tmp_path) -> None:
-    assert first_use(("structured", "exact")) == ""
+    for name in ("structured", "ard_se"):
+        assert not isinstance(plugins.load("etude.kernels", name), SupportsFirstUse)
     done = Sweep(tmp_path, signatures=("a",))
     for name in ("sweep_all", "means_all"):
         monkeypatch.setattr(all_outputs, name, done)
     monkeypatch.setattr("etude.models.lagrangian.one_output.sweep", done)
-    assert first_use(("gip_lin", "exact")) == ""
+    assert gip_lin.first_use() == ""
     monkeypatch.setattr(all_outputs, "sweep_all", Sweep(tmp_path))
-    assert first_use(("gip_lin", "exact")) == SENTENCE
-    assert first_use(("structured", "all_lin")) == SENTENCE
+    assert gip_lin.first_use() == SENTENCE
+    assert all_lin.first_use() == SENTENCE
     line = all_outputs.sweep_all.py_func.__code__.co_firstlineno
     (tmp_path / f"all_outputs.sweep_all-{line}.py3.nbi").touch()  # an earlier process was here
-    assert first_use(("gip_lin", "exact")) == ""
+    assert gip_lin.first_use() == ""

@@ -21,16 +21,20 @@ from learning_examples import (
     trajectory,
 )
 
+from etude import plugins
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
 from etude.models.config import SPECTRAL
 from etude.models.contracts import HasKernel
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.hyperparameters import counted
-from etude.models.members import MEMBERS, member_named
+from etude.models.members import member_named
 from etude.models.process import Posteriors
 from etude.models.score import score
 from etude.models.store import load_model, save_model
+
+MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
+"""Those that learn commands one by one."""
 
 ARD = replace(SMALL, kernel="ard_se", basis=30)
 NAMES = pytest.mark.parametrize("name", MEMBERS)

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, TOGETHER, Inputs, train, trajectories, trajectory
 
+from etude import plugins
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.errors import DataError, UsageError
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.members import MEMBERS
+from etude.models.members import member_named
 from etude.models.process import Posteriors
 from etude.models.store import load_model, save_model
+
+MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
+"""Those that learn commands one by one."""
 
 
 def gravity(columns, commands):

@@ -20,6 +20,7 @@ from learning_examples import (
 )
 from learning_examples import trajectories as longer
 
+from etude import plugins
 from etude.contracts import FitData
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
 from etude.models.contracts import HasKernel
@@ -27,10 +28,13 @@ from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
 from etude.models.hyperparameters import on_schedule, trained_process
-from etude.models.members import MEMBERS
+from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.store import load_model, save_model
+
+MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
+"""Those that learn commands one by one."""
 
 ML = replace(
     SMALL, kernel="ard_se", basis=20, points=60, fit_points=50, steps=5, prior="none", method="minimize"

@@ -17,10 +17,13 @@ from etude import plugins
 from etude.contracts import FitData, Kind, Trajectory
 from etude.errors import DataError
 from etude.logs.readers import read_csv, read_parquet
-from etude.models.members import MEMBERS
+from etude.models.members import member_named
 from etude.robots.arm.kind import KIND
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
 from etude.trajectories.json_text import from_json
+
+MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
+"""Those that learn commands one by one."""
 
 POINTWISE = ("local_gp", "lwpr")
 """Members without covariances between inputs: designs see a guide in their place."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from etude import plugins
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.forecast import forecast
 from etude.campaign.groups import known_groups, told_samples
@@ -27,9 +28,9 @@ from etude.campaign.stored import (
 )
 from etude.contracts import Inputs, Samples
 from etude.errors import DataError, NumericalError
+from etude.models.contracts import SupportsFirstUse
 from etude.models.held_out import held_out_blocks, split_blocks
 from etude.models.ladder import Ladder, prequential, train_ladder
-from etude.models.lagrangian.compilation import first_use
 from etude.models.left_out import left_out_of
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
@@ -100,9 +101,13 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
 
 
 def _say_if_compiling(campaign: Campaign, say: Callable[[str], None]) -> None:
-    sentence = first_use((campaign.config.model.kernel, campaign.config.model.process))
-    if sentence and campaign.state().pending:
-        say(sentence)
+    if not campaign.state().pending:
+        return
+    model = campaign.config.model
+    named = (plugins.load("etude.kernels", model.kernel), plugins.load("etude.models", model.process))
+    for sentence in dict.fromkeys(own.first_use() for own in named if isinstance(own, SupportsFirstUse)):
+        if sentence:
+            say(sentence)
 
 
 def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], say: Say) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from etude.campaign.abandon import abandon
 from etude.campaign.ask import ask
 from etude.campaign.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.folder import ROBOT, Campaign, Say
-from etude.campaign.online import learning
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.rehearsed import SIMULATED, real_logs
 from etude.campaign.rounds import ERROR, SimulatedRound, known_evaluation, measured, robot_seconds
@@ -22,7 +22,6 @@ from etude.campaign.told import How
 from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
-from etude.models.online.learner import OnlineConfig
 from etude.progress import part
 
 RUN_STREAM, TEST_STREAM = 3, 4
@@ -45,6 +44,18 @@ def test_motions(campaign: Campaign) -> Mapping[str, Trajectory]:
     return campaign.kind.tests(campaign.spec, campaign.config, rng)
 
 
+class Adaptation(Protocol):
+    """How a model goes on learning in a simulated test: what a row of `etude.adaptations` makes."""
+
+    def require(self, campaign: Campaign, robot: Robot) -> None:
+        """UsageError: nothing can be learned while this robot runs."""
+        ...
+
+    def controllers(self, campaign: Campaign, robot: Robot) -> Callable[[], Controller]:
+        """Makes a controller for each test, which begins with the campaign's newest model."""
+        ...
+
+
 @dataclass(frozen=True)
 class Loop:
     """A campaign and the simulated robot that stands in for the real one.
@@ -59,12 +70,12 @@ class Loop:
     answer: str
     tests: Mapping[str, Trajectory]
     baselines: Mapping[str, Controller | None]
-    online: OnlineConfig | None
+    online: Adaptation | None
     feedforward: bool = False
 
     @classmethod
     def of(
-        cls, campaign: Campaign, engine: str, change: Mapping[str, float], online: OnlineConfig | None
+        cls, campaign: Campaign, engine: str, change: Mapping[str, float], online: Adaptation | None
     ) -> Loop:
         kind, spec, config = campaign.kind, campaign.spec, campaign.config
         robot = kind.robot(spec, config)
@@ -136,7 +147,7 @@ class Loop:
         if identified is not None:
             self.evaluate(number, same(kind.controller(spec, config, identified)), RIGID_BODY)
         if self.online is not None:
-            self.evaluate(number, learning(campaign, self.robot, self.online), ONLINE)
+            self.evaluate(number, self.online.controllers(campaign, self.robot), ONLINE)
         return SimulatedRound(number, robot_seconds(campaign), errors, unit, len(campaign.axes))
 
     def evaluate(

@@ -1,8 +1,9 @@
-"""The model of a campaign goes on learning: in simulated tests, and in a folder that leaves."""
+"""A campaign's model goes on learning in simulated tests."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,32 +14,50 @@ from etude.contracts import Controller, Robot
 from etude.errors import UsageError
 from etude.models.online.guard_effort import command_limits, feedback_of
 from etude.models.online.learner import OnlineConfig
+from etude.models.online.methods import known
 from etude.models.online.model import OnlineModel
 
 ONLINE_STREAM = 5
 """Separates the random numbers of learners on line from those of other things."""
 
 
-def learning(campaign: Campaign, robot: Robot, config: OnlineConfig) -> Callable[[], Controller]:
-    """Makes controllers that begin with the newest model and go on learning, each anew.
+@dataclass(frozen=True)
+class OnlineLearning:
+    """Controllers that go on learning (implements `campaign.loop.Adaptation`)."""
 
-    Raises:
-        UsageError: as `require_ticks`, or the model cannot go on learning.
-        DataError: the logs do not tell what the feedback adds, so that nothing could judge.
-    """
-    require_ticks(campaign, robot)
-    kind, spec = campaign.kind, campaign.spec
-    state = campaign.state()
-    model, limits = newest_model(campaign, state), command_limits(kind, spec)
-    feedback = feedback_of(told_logs(campaign), kind.channels(spec), kind.path, limits, spec.rate)
-    number = state.trained[-1].number
+    config: OnlineConfig
 
-    def made() -> Controller:
-        frozen = kind.controller(spec, campaign.config, model)
-        rng = np.random.default_rng([state.seed, number, ONLINE_STREAM])
-        return OnlineModel(model, kind.channels(spec), frozen, limits, config, spec.rate, rng, feedback)
+    def require(self, campaign: Campaign, robot: Robot) -> None:
+        """As `Adaptation.require`."""
+        require_ticks(campaign, robot)
 
-    return made
+    def controllers(self, campaign: Campaign, robot: Robot) -> Callable[[], Controller]:
+        """As `Adaptation.controllers`; each begins with the newest model, anew.
+
+        Raises:
+            UsageError: as `require`, or the model cannot go on learning.
+            DataError: the logs do not tell what the feedback adds, so that nothing could judge.
+        """
+        require_ticks(campaign, robot)
+        kind, spec = campaign.kind, campaign.spec
+        state = campaign.state()
+        model, limits = newest_model(campaign, state), command_limits(kind, spec)
+        feedback = feedback_of(told_logs(campaign), kind.channels(spec), kind.path, limits, spec.rate)
+        number = state.trained[-1].number
+
+        def made() -> Controller:
+            frozen = kind.controller(spec, campaign.config, model)
+            rng = np.random.default_rng([state.seed, number, ONLINE_STREAM])
+            return OnlineModel(
+                model, kind.channels(spec), frozen, limits, self.config, spec.rate, rng, feedback
+            )
+
+        return made
+
+
+def online_learning(method: str) -> OnlineLearning:
+    """By a method of `models.online.methods`. UsageError: there is none of that name."""
+    return OnlineLearning(OnlineConfig(known(method)))
 
 
 def require_ticks(campaign: Campaign, robot: Robot) -> None:

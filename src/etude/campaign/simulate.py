@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.folder import ROBOT, Campaign, Say
-from etude.campaign.loop import CERTAIN, RUN_STREAM, Loop, same
-from etude.campaign.online import require_ticks
+from etude.campaign.loop import CERTAIN, RUN_STREAM, Adaptation, Loop, same
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.rehearsed import SIMULATED
 from etude.campaign.rounds import SimulatedRound, interrupted_round
 from etude.campaign.tell import tell
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
-from etude.models.online.learner import OnlineConfig
 from etude.progress import counted, part
 
 MOST_TRIES = 4
@@ -32,7 +30,7 @@ def simulate(
     engine: str = "",
     say: Say = lambda _: None,
     change: Mapping[str, float] | None = None,
-    online: OnlineConfig | None = None,
+    online: Adaptation | None = None,
     *,
     feedforward: bool = False,
 ) -> Iterator[SimulatedRound]:
@@ -63,7 +61,7 @@ def simulate(
     _check_answered(campaign)
     loop = replace(Loop.of(campaign, engine, change or {}, online), feedforward=feedforward)
     if online is not None:
-        require_ticks(campaign, loop.robot)
+        online.require(campaign, loop.robot)
     for sentence in getattr(loop.robot, "assumed", ()):  # of a stand-in that its owner did not describe
         say(sentence)
     with part(BASELINES):

@@ -14,9 +14,9 @@ from etude.commands.outcome import Outcome, Say, code_of, table
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from etude.campaign.loop import Adaptation
     from etude.campaign.rounds import SimulatedRound
     from etude.campaign.state import State
-    from etude.models.online.learner import OnlineConfig
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 """What the errors along the axes are called, by their unit."""
@@ -102,12 +102,12 @@ def _confirmed(found: Mapping[str, Any]) -> str:
     return table([f"trajectory {found['number']}, feedforward, {unit}", *found["axes"]], rows)
 
 
-def _learning(method: str) -> OnlineConfig:
+def _learning(method: str) -> Adaptation:
     """UsageError: there is no such method."""
-    from etude.models.online.learner import OnlineConfig
-    from etude.models.online.methods import known
+    from etude import plugins
 
-    return OnlineConfig(known(method))
+    made: Adaptation = plugins.load("etude.adaptations", "online")(method)
+    return made
 
 
 def _changes(words: Sequence[str]) -> dict[str, float]:

@@ -14,7 +14,6 @@ PUBLIC = (
     "process",
     "score",
     "student_t",
-    "together",
     "trust",
 )
 """Modules that may be used from outside."""

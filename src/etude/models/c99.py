@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from etude.contracts import Array, Code, Column, Posterior
+from etude.models.contracts import SupportsC
 from etude.models.gp.basis_posterior import BasisPosterior
-from etude.models.gp.c99 import UnwritableError, expanded, fused, real, spectrum, telling_first
+from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
 from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 
 
 def posteriors_code(name: str, own: Sequence[Posterior]) -> Code:
@@ -40,8 +40,8 @@ def _group(name: str, own: Sequence[Any]) -> Code:
     if isinstance(first, BasisPosterior):
         weights = first.weights[None]
         return expanded(name, first.kernel, first.theta, first.basis, weights, first.half)
-    if isinstance(first, SparseSpectrumPosterior):
-        return spectrum(name, first.features.frequencies, first.weights, first.root.T)
+    if isinstance(first, SupportsC):
+        return first.c(name)
     raise UnwritableError(f"a process of the form {type(first).__name__}")
 
 

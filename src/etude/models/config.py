@@ -58,7 +58,7 @@ class ModelConfig:
             trajectory are no new trajectories, and flatter processes.
         kernel: "structured" (posture, friction, linear and remainder), "ard_se" (thesis 2.3), or a plug-in.
         sharing: "separate": a process for each command; "shared": one kernel and one noise for all.
-        process: member of the model family that learns a group of commands: a name in `members.MEMBERS`, or
+        process: member of the model family that learns a group of commands: a name in `etude.models`, or
             a plug-in.
         points: samples each process is conditioned on, or members of its dictionary, or samples of each of
             its local processes, at most; the other approximations learn from every sample that counts.

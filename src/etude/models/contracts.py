@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Candidate, Posterior
+from etude.contracts import Candidate, Code, Posterior
 
 if TYPE_CHECKING:
     from etude.models.gp.kernels import Kernel
@@ -47,6 +48,54 @@ class HasKernel(Protocol):
     @property
     def theta(self) -> Array:
         """(P,) log hyperparameters of `kernel`."""
+        ...
+
+
+@runtime_checkable
+class Stored(Protocol):
+    """A posterior or a kernel that a file can hold."""
+
+    form: ClassVar[str]
+    """Name of its row in the table of plug-ins, `etude.forms`: how it is stored."""
+
+
+@runtime_checkable
+class SupportsFirstUse(Protocol):
+    """A member, or a kernel's factory, whose first use on a machine takes a while."""
+
+    def first_use(self) -> str:
+        """A sentence for who waits, if it is still to come; else ""."""
+        ...
+
+
+@runtime_checkable
+class SupportsC(Protocol):
+    """A posterior of one output that writes its own C99."""
+
+    def c(self, name: str) -> Code:
+        """void name(const real *x, real *mean, real *variance), as the other processes' functions."""
+        ...
+
+
+@runtime_checkable
+class SupportsOnnx(Protocol):
+    """A posterior of one output that has its own operators in an ONNX graph."""
+
+    @property
+    def columns_read(self) -> Collection[int]:
+        """Columns of the inputs that it looks at."""
+        ...
+
+    @property
+    def alike(self) -> Hashable:
+        """Posteriors of one type that are equal in this are asked in one call."""
+        ...
+
+    def onnx_moments(self, graph: Any, x: str, own: Sequence[Any], variance: bool) -> tuple[str, str]:
+        """Means and latent variances (n, m) of the posteriors `own` at x (n, D); "" if not asked for.
+
+        graph: a `deploy.onnx.graph.Graph`.
+        """
         ...
 
 

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, cast
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude import plugins
 from etude.contracts import Posterior
+from etude.models.contracts import Stored
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.rest import RestNoise
 
 if TYPE_CHECKING:  # what is not stored is not loaded
     from etude.models.gp.basis_posterior import BasisPosterior
-    from etude.models.gp.local_posterior import LocalPosterior
-    from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-    from etude.models.lwpr.posterior import LWPRPosterior
 
+GROUP = "etude.forms"
 Arrays = dict[str, NDArray[Any]]
 Words = dict[str, Any]
 Lookup = Callable[[str], NDArray[Any]]
@@ -28,19 +27,17 @@ Lookup = Callable[[str], NDArray[Any]]
 
 @dataclass(frozen=True)
 class Form:
-    """How posteriors of one type are stored.
+    """How posteriors, or kernels, of one type are stored: a row of the table of plug-ins, `etude.forms`.
 
     Attributes:
-        type: name of the posteriors' type, with its module below `etude.models`.
-        arrays: names of its attributes that are arrays, stored as they are.
-        words: names of its numbers, stored in full precision.
-        make: words and a look-up of arrays -> the posterior.
+        arrays: names of its attributes that are arrays, stored as they are; a kernel has none.
+        words: names of its numbers and descriptions, stored in full precision.
+        make: words and a look-up of arrays -> the posterior or the kernel.
     """
 
-    type: str
     arrays: tuple[str, ...]
     words: tuple[str, ...]
-    make: Callable[[Words, Lookup], Posterior]
+    make: Callable[[Words, Lookup], Any]
 
 
 def _exact(words: Words, array: Lookup) -> ExactPosterior:
@@ -62,72 +59,9 @@ def _basis(words: Words, array: Lookup) -> BasisPosterior:
     )
 
 
-def _spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
-    from etude.models.gp.spectral_features import SpectralFeatures
-    from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-
-    return SparseSpectrumPosterior(
-        SpectralFeatures(array("frequencies")),
-        float(words["signal_variance"]),
-        float(words["noise_variance"]),
-        array("weights"),
-        np.asfortranarray(array("L")),
-        array("X"),
-        array("y"),
-        array("theta"),
-    )
-
-
-def _local(words: Words, array: Lookup) -> LocalPosterior:
-    from etude.models.gp.local_posterior import local_posterior_given
-
-    return local_posterior_given(
-        kernel_of(words["kernel"]),
-        array("theta"),
-        float(words["noise_variance"]),
-        array("centres"),
-        array("lengths"),
-        int(words["nearest"]),
-        (array("X"), array("y"), array("counts")),
-    )
-
-
-LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
-
-
-def _lwpr(words: Words, array: Lookup) -> LWPRPosterior:
-    from etude.models.lwpr.posterior import LWPRPosterior
-
-    return LWPRPosterior(
-        float(words["noise_variance"]),
-        float(words["signal_variance"]),
-        *(array(name) for name in LWPR_ARRAYS),
-    )
-
-
-FORMS = {
-    "exact": Form("gp.exact:ExactPosterior", ("theta", "X", "y"), ("noise_variance",), _exact),
-    "basis": Form(
-        "gp.basis_posterior:BasisPosterior",
-        ("theta", "basis", "weights", "half"),
-        ("noise_variance", "signal_variance"),
-        _basis,
-    ),
-    "spectrum": Form(
-        "gp.spectral_posterior:SparseSpectrumPosterior",
-        ("weights", "L", "X", "y", "theta"),
-        ("noise_variance", "signal_variance"),
-        _spectrum,
-    ),
-    "local": Form(
-        "gp.local_posterior:LocalPosterior",
-        ("theta", "centres", "lengths", "X", "y", "counts"),
-        ("noise_variance", "nearest"),
-        _local,
-    ),
-    "lwpr": Form("lwpr.posterior:LWPRPosterior", LWPR_ARRAYS, ("noise_variance", "signal_variance"), _lwpr),
-}
-"""The forms by name; an exact posterior, of a dictionary too, is computed again from its points."""
+EXACT = Form(("theta", "X", "y"), ("noise_variance",), _exact)
+"""An exact posterior, of a dictionary too, is computed again from its points."""
+BASIS = Form(("theta", "basis", "weights", "half"), ("noise_variance", "signal_variance"), _basis)
 
 
 def posterior_words(posterior: Posterior) -> Words:
@@ -140,11 +74,8 @@ def posterior_words(posterior: Posterior) -> Words:
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name. TypeError if its type has no form."""
-    name, form = _form_of(posterior)
-    arrays: Arrays = {name: getattr(posterior, name) for name in form.arrays}
-    if name == "spectrum":
-        arrays["frequencies"] = cast("SparseSpectrumPosterior", posterior).features.frequencies
-    return arrays
+    form = _form_of(posterior)[1]
+    return {name: getattr(posterior, name) for name in form.arrays}
 
 
 def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) -> Posterior:
@@ -154,23 +85,21 @@ def posterior_of(words: Words, arrays: Mapping[str, NDArray[Any]], prefix: str) 
         ValueError: unknown form or kernel. KeyError: something is missing.
     """
     name = words["form"]
-    if name not in FORMS:
+    if name not in plugins.names(GROUP):  # a file names forms, it never brings code
         raise ValueError(f"unknown form {name!r} of a posterior")
-    return FORMS[name].make(words, lambda array: arrays[prefix + array])
+    found: Posterior = plugins.load(GROUP, name).make(words, lambda array: arrays[prefix + array])
+    return found
 
 
-def _form_of(posterior: Posterior) -> tuple[str, Form]:
-    own = f"{type(posterior).__module__}:{type(posterior).__name__}"
-    for name, form in FORMS.items():
-        if own == f"etude.models.{form.type}":
-            return name, form
-    raise TypeError(f"a posterior of type {type(posterior).__name__} has no form on disk yet")
+def _form_of(stored: object) -> tuple[str, Form]:
+    if isinstance(stored, Stored) and stored.form in plugins.names(GROUP):
+        return stored.form, plugins.load(GROUP, stored.form)
+    raise TypeError(f"{type(stored).__name__} has no form on disk yet")
 
 
 def kernel_words(kernel: Kernel) -> Words:
     """A kernel for JSON, a plug-in's by its name. TypeError for a type that has no form."""
     from etude.models.gp.plugin_kernel import PluginKernel
-    from etude.models.lagrangian.kernel import Lagrangian
 
     if isinstance(kernel, PluginKernel):
         return {
@@ -192,9 +121,13 @@ def kernel_words(kernel: Kernel) -> Words:
         return {"type": "Linear", "dims": list(kernel.dims)}
     if isinstance(kernel, RestNoise):
         return {"type": "RestNoise", "column": kernel.column}
-    if isinstance(kernel, Lagrangian):
-        return {"type": "Lagrangian", "joints": asdict(kernel.joints), "own": kernel.own}
-    raise TypeError(f"a kernel of type {type(kernel).__name__} has no form on disk yet")
+    name, form = _form_of(kernel)
+    return {"type": name} | {word: _plain(getattr(kernel, word)) for word in form.words}
+
+
+def _plain(value: Any) -> Any:
+    """For JSON: a description is its fields."""
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
 def kernel_of(words: Words) -> Kernel:
@@ -219,10 +152,11 @@ def kernel_of(words: Words) -> Kernel:
         return Linear(tuple(words["dims"]))
     if kind == "RestNoise":
         return RestNoise(int(words["column"]))
-    if kind == "Lagrangian":
-        from etude.models.lagrangian.joints import Joints
-        from etude.models.lagrangian.kernel import Lagrangian
-
-        joints = {name: tuple(values) for name, values in words["joints"].items()}
-        return Lagrangian(Joints(**joints), int(words["own"]))
+    if kind in plugins.names(GROUP):
+        found: Kernel = plugins.load(GROUP, kind).make(words, _no_arrays)
+        return found
     raise ValueError(f"unknown kernel {kind!r}")
+
+
+def _no_arrays(name: str) -> NDArray[Any]:
+    raise ValueError(f"a kernel has no array {name!r}")

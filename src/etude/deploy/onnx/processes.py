@@ -10,11 +10,10 @@ import numpy as np
 from etude.contracts import Process
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import covariance, prior, reads, unwritable
+from etude.models.contracts import SupportsOnnx
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
 from etude.models.process import Posteriors, Silent
-from etude.operators import QUARTER
 
 Moments = tuple[str, str]
 """Mean and variance (n, m); the variance "" where it was not asked for."""
@@ -30,8 +29,8 @@ def looked_at(process: Process) -> set[int]:
 
 
 def _columns(posterior: Any) -> set[int]:
-    if isinstance(posterior, SparseSpectrumPosterior):
-        return set(range(posterior.features.inputs))
+    if isinstance(posterior, SupportsOnnx):
+        return set(posterior.columns_read)
     if isinstance(posterior, ExactPosterior | BasisPosterior):
         return reads(posterior.kernel)
     raise unwritable(f"a process of the form {type(posterior).__name__}")
@@ -52,8 +51,8 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
 
 def _like(posterior: Any) -> Any:
     """Those that are alike are asked at once: a kernel and as many points, or as many frequencies."""
-    if isinstance(posterior, SparseSpectrumPosterior):
-        return posterior.features.frequencies.shape
+    if isinstance(posterior, SupportsOnnx):
+        return type(posterior), posterior.alike
     return posterior.kernel, _points(posterior).shape
 
 
@@ -70,8 +69,8 @@ def in_order(graph: Graph, values: Sequence[str], order: Any) -> str:
 
 
 def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Moments:
-    if isinstance(own[0], SparseSpectrumPosterior):
-        return _spectral(graph, x, own, variance)
+    if isinstance(own[0], SupportsOnnx):
+        return own[0].onnx_moments(graph, x, own, variance)
     theta, Z = np.stack([p.theta for p in own]), np.stack([_points(p) for p in own])
     k = covariance(graph, x, own[0].kernel, theta, Z)
     weights = np.stack([p.alpha if isinstance(p, ExactPosterior) else p.weights for p in own])
@@ -82,15 +81,6 @@ def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Momen
     told = _told(graph, k, np.swapaxes(factors, 1, 2))
     left = graph.op("Sub", prior(graph, x, own[0].kernel, theta), told)
     return mean, graph.op("Max", left, np.array(0.0))
-
-
-def _spectral(graph: Graph, x: str, own: Sequence[SparseSpectrumPosterior], variance: bool) -> Moments:
-    frequencies = np.stack([p.features.frequencies.T for p in own])
-    phases = graph.op("MatMul", x, frequencies)
-    cosines = graph.op("Sin", graph.op("Add", phases, QUARTER))
-    phi = graph.op("Concat", cosines, graph.op("Sin", phases), axis=2)
-    mean = _mean(graph, phi, np.stack([p.weights for p in own]))
-    return mean, _told(graph, phi, np.stack([p.root for p in own])) if variance else ""
 
 
 def _mean(graph: Graph, k: str, weights: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ class BasisPosterior:
         half: (u, u) R, lower triangular.
     """
 
+    form: ClassVar[str] = "basis"
     kernel: Kernel
     theta: Array
     noise_variance: float

@@ -389,49 +389,6 @@ def packed(A: Array) -> Array:
     return out
 
 
-def spectrum(name: str, frequencies: Array, weights: Array, factor: Array | None) -> Code:
-    """Mean φ(x)ᵀ w and latent variance |A φ(x)|² of cosines and sines.
-
-    Args:
-        frequencies: (m, D). weights: (2m,). factor: (2m, 2m) lower triangular A.
-    """
-    m, D = frequencies.shape
-    size = -(-m // BLOCK) * BLOCK
-    places = np.concatenate([np.arange(m), size + np.arange(m)])
-    spread = np.zeros(2 * size)
-    spread[places] = weights
-    W = np.zeros((D, size))
-    W[:, :m] = frequencies.T
-    data = {f"{name}_w{d}": W[d] for d in range(D)} | {f"{name}_weights": spread}
-    variance = {}
-    if factor is not None:
-        whole = np.zeros((2 * size, 2 * size))
-        whole[np.ix_(places, places)] = factor
-        variance[f"{name}_factor"] = packed(whole)
-    phase = " + ".join(f"x[{d}] * {name}_w{d}[i]" for d in range(D))
-    body = f"""static void {name}(const real *x, real *mean, real *variance)
-{{
-    real phi[{2 * size}], sums[BLOCK] = {{R(0.0)}};
-    int first, i;
-    for (i = 0; i < {size}; ++i)
-        phi[i] = {phase};
-    cosines_sines(phi, phi + {size}, {size});
-    for (first = 0; first < {2 * size}; first += BLOCK)
-        for (i = 0; i < BLOCK; ++i)
-            sums[i] += {name}_weights[first + i] * phi[first + i];
-    mean[0] = total(sums);
-#if VARIANCE
-    if (variance)
-        variance[0] = squared({name}_factor, phi, {2 * size}, R(1.0e30));
-#else
-    (void)variance;
-#endif
-}}
-"""
-    operations = size * (2 * D + 3 * EXPONENTIAL // 2 + 4)
-    return Code(body, data, variance, work=2 * size + BLOCK, operations=(operations, 4 * size * size))
-
-
 def fused(name: str, parts: Sequence[tuple[Code, str, tuple[int, ...]]]) -> Code:
     """One function of several, each with its own outputs: (code, its function, places of its outputs)."""
     calls = []

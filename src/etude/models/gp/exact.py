@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,7 @@ class ExactPosterior:
         X, y: (n, D) inputs and (n,) centred outputs.
     """
 
+    form: ClassVar[str] = "exact"
     kernel: Kernel
     theta: Array
     noise_variance: float

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,7 @@ class LocalPosterior:
         nearest: models blended at an input, at most; the prediction jumps slightly where this set changes.
     """
 
+    form: ClassVar[str] = "local"
     centres: Array
     lengths: Array
     models: tuple[ExactPosterior, ...]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from etude.blas import dpotrs
+from etude.contracts import Code
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.cholesky import factorise, triangular_inverse
@@ -33,6 +36,7 @@ class SparseSpectrumPosterior:
         theta: (D + 1,) log s0 and log ℓ_1 .. log ℓ_D: a training can go on from it.
     """
 
+    form: ClassVar[str] = "spectrum"
     features: SpectralFeatures
     signal_variance: float
     noise_variance: float
@@ -48,9 +52,38 @@ class SparseSpectrumPosterior:
         return SquaredExponential(tuple(range(len(self.theta) - 1)))
 
     @property
+    def frequencies(self) -> Array:
+        """(m, D) of the features."""
+        return self.features.frequencies
+
+    @property
     def points(self) -> Array:
         """(m, D) spectral points ε = ω ℓ."""
         return np.asarray(self.features.frequencies * np.exp(self.theta[1:]))
+
+    @property
+    def columns_read(self) -> frozenset[int]:
+        """Every column of the inputs."""
+        return frozenset(range(self.features.inputs))
+
+    @property
+    def alike(self) -> tuple[int, ...]:
+        """Posteriors with frequencies of this shape (m, D) are asked together."""
+        return self.frequencies.shape
+
+    def c(self, name: str) -> Code:
+        """As C99."""
+        from etude.models.gp.spectral_export import spectrum
+
+        return spectrum(name, self.frequencies, self.weights, self.root.T)
+
+    def onnx_moments(
+        self, graph: Any, x: str, own: Sequence[SparseSpectrumPosterior], variance: bool
+    ) -> tuple[str, str]:
+        """As `SupportsOnnx.onnx_moments`."""
+        from etude.models.gp.spectral_export import spectral_graph
+
+        return spectral_graph(graph, x, own, variance)
 
     @cached_property
     def root(self) -> Array:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
-NAMES = ("gip_lin", "all_lin")
-"""Kernels and members that need them."""
 SENTENCE = "Compiling the Lagrangian prior: half a minute, once for this installation."
 
 
-def first_use(names: Iterable[str]) -> str:
-    """A sentence for who waits, if one of these kernels and members still has to be compiled; else ""."""
-    if not set(names) & set(NAMES):
-        return ""
+def first_use() -> str:
+    """A sentence for who waits, if the sweeps still have to be compiled; else ""."""
     from etude.models.lagrangian import all_outputs, one_output
 
     sweeps = (one_output.sweep, all_outputs.sweep_all, all_outputs.means_all)

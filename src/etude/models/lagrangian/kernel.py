@@ -12,13 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from etude.contracts import Code, Column
 from etude.errors import UsageError
+from etude.models.forms import Form, Lookup, Words
 from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
 from etude.models.gp.kernels import own_friction
+from etude.models.lagrangian.compilation import first_use
 from etude.models.lagrangian.joints import Joints, joints_of
 from etude.models.lagrangian.parameters import Parameters
 
@@ -31,6 +34,7 @@ class Lagrangian(Kernel):
         joints: columns of the inputs. own: number of the command's joint.
     """
 
+    form: ClassVar[str] = "Lagrangian"
     joints: Joints
     own: int
 
@@ -125,20 +129,40 @@ class Lagrangian(Kernel):
         return dF, dp
 
 
-def gip_lin(columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
-    """The Lagrangian prior of the command of joint j, with friction: SE(q_j) + friction_j · SE(q_j) + linear.
+@dataclass(frozen=True)
+class CommandPrior:
+    """The factory of the kernel of one command."""
 
-    Friction is not conservative, so that the prior alone is useless on a geared robot. All joints take part
-    in the linear term, since the wrists of some robots are coupled.
+    def __call__(self, columns: Sequence[Column], commands: tuple[str, ...]) -> Kernel:
+        """The Lagrangian prior of joint j's command, with friction: SE(q_j) + friction_j · SE(q_j) + linear.
 
-    Raises:
-        UsageError: several commands, or inputs without joints or friction columns.
-    """
-    joints, names = joints_of(columns)
-    if len(commands) != 1 or commands[0] not in names:
-        raise UsageError(
-            "the Lagrangian prior is of the command of one joint",
-            where=f"commands {', '.join(commands)}; joints {', '.join(names)}",
-            next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
-        )
-    return Lagrangian(joints, names.index(commands[0])) + own_friction(columns, commands)
+        Friction is not conservative, so the prior alone is useless on a geared robot. All joints take part in
+        the linear term, since the wrists of some robots are coupled.
+
+        Raises:
+            UsageError: several commands, or inputs without joints or friction columns.
+        """
+        joints, names = joints_of(columns)
+        if len(commands) != 1 or commands[0] not in names:
+            raise UsageError(
+                "the Lagrangian prior is of the command of one joint",
+                where=f"commands {', '.join(commands)}; joints {', '.join(names)}",
+                next_step="Set kernel = 'ard_se', or sharing = 'separate'.",
+            )
+        return Lagrangian(joints, names.index(commands[0])) + own_friction(columns, commands)
+
+    def first_use(self) -> str:
+        """As `SupportsFirstUse.first_use`."""
+        return first_use()
+
+
+gip_lin = CommandPrior()
+
+
+def _restored(words: Words, _: Lookup) -> Lagrangian:
+    joints = {name: tuple(values) for name, values in words["joints"].items()}
+    return Lagrangian(Joints(**joints), int(words["own"]))
+
+
+FORM = Form((), ("joints", "own"), _restored)
+"""How the kernel is stored."""

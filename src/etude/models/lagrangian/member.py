@@ -11,6 +11,7 @@ import numpy as np
 from etude.contracts import Array, Column, FitData, Index, KernelFactory
 from etude.errors import UsageError
 from etude.models.gp.kernels import own_friction
+from etude.models.lagrangian.compilation import first_use
 from etude.models.lagrangian.joints import joints_of
 from etude.models.lagrangian.likelihood import JointHyperparameters, fit_joint, initial_hyperparameters
 from etude.models.lagrangian.prior import JointPrior
@@ -55,6 +56,10 @@ class AllOutputs:
             fit,
             rows,
         )
+
+    def first_use(self) -> str:
+        """As `SupportsFirstUse.first_use`."""
+        return first_use()
 
     def restore(self, arrays: Mapping[str, Array]) -> JointProcess:
         """The process whose arrays these are; its predictions are the same bits."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ class LWPRPosterior:
         residual: (K,) variance s² of each field's residuals.
     """
 
+    form: ClassVar[str] = "lwpr"
     noise_variance: float
     signal_variance: float
     c: Array
