@@ -131,7 +131,10 @@ def test_a_motion_that_does_not_end_at_rest(made: Made) -> None:
 
 def test_an_exported_model_and_what_was_learned(made: Made, tmp_path: Path) -> None:
     path = made()
+    config = path / "campaign.toml"  # what is written is not what is looked at: physics alone compile fast
+    config.write_text(config.read_text().replace('rung = "auto"', 'rung = "identified"'))
     campaign = open_campaign(path)
+    assert campaign.config.model.rung == "identified"
     ask(campaign, go_on=True)
     tell(campaign, log_of(campaign, 1), accept=("sign", "scale", "gravity"))
     for to, output in (("c", None), ("c", tmp_path / "robot"), ("urdf", None)):
@@ -147,9 +150,9 @@ def test_an_exported_model_and_what_was_learned(made: Made, tmp_path: Path) -> N
     for place in ("exports/c", str(tmp_path / "robot")):  # the journal knows where it went
         assert {code for code, own in found if own == place} == {"mounting", "clamped_physics"}
     assert [code for code, own in found if own == "exports/urdf"] == ["mounting"]
-    for one in status(open_campaign(path))["known_faults"]:
-        if "etude export" in one["command"]:
-            assert cli.main(shlex.split(one["command"])[1:]) == 0
+    for command in {one["command"] for one in status(open_campaign(path))["known_faults"]}:
+        if "etude export" in command:
+            assert cli.main(shlex.split(command)[1:]) == 0
     assert {own for _, own in codes(path)} == {"proposals/0001", "models/0001"}
 
 

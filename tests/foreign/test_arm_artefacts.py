@@ -83,7 +83,7 @@ def require_kept(run: plant.Run) -> None:
     assert np.abs(run.q[-1] - run.reference.q[-1]).max() < 0.02
 
 
-@pytest.mark.parametrize("name", ["ros2_yaml", "ros2_csv"])
+@pytest.mark.parametrize("name", ["ros2_yaml", pytest.param("ros2_csv", marks=pytest.mark.slow)])
 def test_the_effort_of_a_joint_trajectory(name: str, lab: Lab, feedback: np.ndarray) -> None:
     place = lab.campaign.proposal(2) / f"{name}_effort"
     files = {file.name: file.read_bytes() for file in place.iterdir()}
