@@ -108,7 +108,7 @@ class ArmParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A waist about the vertical and a planar chain of links, one motor per joint, waist first.
 
     Attributes:
-        rigid_body: file name of the links' MJCF in robots/arm/data; the MuJoCo engine adds the motors.
+        rigid_body: file name of the links' MJCF in data/; the MuJoCo engine adds the motors.
         timestep: of the physics, s.
         gravity: m/s^2.
         column_inertia: of the first body about the vertical, kg m^2.
