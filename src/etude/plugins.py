@@ -100,29 +100,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "log": "etude.report.pictures:of_log",
         "trajectory": "etude.report.pictures:of_trajectory",
     },
-    # a bench is a study of the machine: its name begins with "bench_"
-    "etude.studies": {
-        "arm": "etude_studies.arm:run",
-        "changed_robot": "etude_studies.changed_robot:run",
-        "confirm": "etude_studies.confirm:run",
-        "design": "etude_studies.design:run",
-        "design_gain": "etude_studies.design_gain:run",
-        "more_joints": "etude_studies.more_joints:run",
-        "online": "etude_studies.online:run",
-        "online_faults": "etude_studies.online_faults:run",
-        "quadrotor": "etude_studies.flight_orders:run",
-        "quadrotor_loop": "etude_studies.flight_loop:run",
-        "thesis": "etude_studies.thesis.study:STUDY",
-        "watch": "etude_studies.watch:run",
-        "bench_c99": "etude_studies.bench_c99:run",
-        "bench_changed": "etude_studies.bench_changed:run",
-        "bench_crazyflie": "etude_studies.crazyflie:run",
-        "bench_gp": "etude_studies.bench_gp:run",
-        "bench_models": "etude_studies.bench_models:run",
-        "bench_quadrotor": "etude_studies.bench_quadrotor:run",
-        "bench_truth": "etude_studies.bench_truth:run",
-        "bench_watch": "etude_studies.bench_watch:run",
-    },
+    # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
+    "etude.studies": {},
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)

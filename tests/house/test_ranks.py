@@ -14,6 +14,7 @@ import pytest
 import etude
 
 SOURCE = Path(etude.__file__).parent
+ROOT = Path(__file__).parents[2]
 BESIDE = {
     "etude_arm": set(),
     "etude_quadrotor": set(),
@@ -170,7 +171,7 @@ def test_nothing_imports_the_studies() -> None:
 
 
 def studies() -> list[Path]:
-    return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
+    return sorted((ROOT / "packages" / "etude-studies" / "src").rglob("*.py"))
 
 
 def test_the_studies_use_what_an_outside_user_may() -> None:
@@ -181,7 +182,7 @@ def test_the_studies_use_what_an_outside_user_may() -> None:
         for target in imported(path) & known:
             room_name, _, module = target.rpartition(".")
             if module not in importlib.import_module(room_name).PUBLIC:
-                found.append(f"{module_name(path)} imports {target}, which {room_name} does not offer")
+                found.append(f"{path.name} imports {target}, which {room_name} does not offer")
     assert found == []
 
 

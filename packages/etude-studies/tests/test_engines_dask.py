@@ -24,7 +24,7 @@ DEATHS = 2
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    distributed = pytest.importorskip("distributed", reason="a cluster needs pip install 'etude[cluster]'")
+    distributed = pytest.importorskip("distributed", reason="pip install 'distributed>=2024.8'")
     import dask
 
     settings = {
@@ -92,7 +92,7 @@ def test_a_deadly_run_is_given_up_and_the_rest_goes_on(cluster: Any, tmp_path: P
 
 
 def test_an_address_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed", reason="a cluster needs pip install 'etude[cluster]'")
+    pytest.importorskip("distributed", reason="pip install 'distributed>=2024.8'")
     monkeypatch.setattr("etude_studies.engines.cluster.ANSWER_S", 0.3)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
@@ -109,5 +109,5 @@ def test_an_address_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_without_the_package_its_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"pip install 'etude\[cluster\]'"):
+    with pytest.raises(UsageError, match=r"pip install 'distributed>=2024.8'"):
         open_engine(cluster="tcp://127.0.0.1:1")

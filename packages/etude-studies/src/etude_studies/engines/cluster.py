@@ -70,7 +70,7 @@ def connect(address: str, tell: Callable[[str], None]) -> Cluster:
         raise UsageError(
             f"a cluster needs the package distributed ({error})",
             where="--cluster",
-            next_step="pip install 'etude[cluster]'",
+            next_step="pip install 'distributed>=2024.8'",
         ) from error
 
     async def answers() -> None:

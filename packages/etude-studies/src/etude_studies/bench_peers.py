@@ -34,7 +34,10 @@ TOLERANCE = 1e-6
 """Relative, of value and gradient. GPy adds 1e-8 to the noise variance and gpflash a nugget: 1e-9 to 1e-7."""
 STEP = 1e-3
 """How far the log hyperparameters move from one evaluation to the next."""
-INSTALL = "For its rows: pip install 'etude[bench]', or --python with the interpreter of another environment"
+INSTALL = (
+    "For its rows: pip install './packages/etude-studies[bench]', or --python with the interpreter of "
+    "another environment"
+)
 
 
 def peer_rows(

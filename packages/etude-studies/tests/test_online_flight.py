@@ -14,7 +14,7 @@ from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel
 from etude_studies.world import World
 
-FOLDER = Path(__file__).parents[2] / "examples" / "crazyflie"
+FOLDER = Path(__file__).parents[3] / "examples" / "crazyflie"
 WORLD = World.of(FOLDER / "crazyflie.toml")
 CONFIG = OnlineConfig("variance", size=100, window_s=0.2, hold_s=0.2)
 

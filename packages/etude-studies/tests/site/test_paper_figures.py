@@ -19,12 +19,12 @@ ONLY = ("table-6.9", "figure-6.11")
 def test_without_matplotlib_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     ledger, results, _ = small_study()
-    with pytest.raises(UsageError, match=r"pip install 'etude\[paper\]'"):
+    with pytest.raises(UsageError, match=r"pip install 'matplotlib>=3.8'"):
         paper_figures(ledger, results, tmp_path)
 
 
 def test_tables_and_curves_are_written_twice_alike(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="pip install 'etude[paper]'")
+    pytest.importorskip("matplotlib", reason="pip install 'matplotlib>=3.8'")
     ledger, results, _ = small_study()
     first, second = (paper_figures(ledger, results, tmp_path / name, only=ONLY) for name in "ab")
     assert [path.name for path in first] == [f"{id}.{kind}" for id in ONLY for kind in ("pdf", "svg")]
@@ -35,7 +35,7 @@ def test_tables_and_curves_are_written_twice_alike(tmp_path: Path) -> None:
 
 
 def test_entries_without_results_are_left_out_and_unknown_ones_refused(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="pip install 'etude[paper]'")
+    pytest.importorskip("matplotlib", reason="pip install 'matplotlib>=3.8'")
     ledger, results, _ = small_study()
     assert paper_figures(ledger, Results({}, {}), tmp_path) == ()
     with pytest.raises(UsageError, match=re.escape("table-6.9")):

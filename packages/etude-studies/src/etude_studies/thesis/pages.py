@@ -15,7 +15,7 @@ from etude_studies.thesis.part_verdicts import NOT_RUN, WORDS, PartVerdict
 from etude_studies.thesis.presenting import cell
 from etude_studies.thesis.verdict_file import Verdict, shown
 
-PAGE = Path(__file__).parents[3] / "docs" / "thesis.md"
+PAGE = Path(__file__).parents[5] / "docs" / "thesis.md"
 """In the sources."""
 HEAD = """# The thesis, answered
 

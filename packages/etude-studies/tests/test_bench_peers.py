@@ -117,7 +117,7 @@ def test_a_missing_peer_gives_no_row_and_says_how_to_install_it(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Gone is left out from n = 8 on (here: ModuleNotFoundError: No module named")
     assert f"{nowhere}: No such file" in line
-    assert "pip install 'etude[bench]'" in line
+    assert "pip install './packages/etude-studies[bench]'" in line
 
 
 def test_a_peer_that_fails_at_a_size_keeps_the_rows_before_it(make: MakePeer, problems: dict, capsys) -> None:
@@ -223,6 +223,6 @@ def test_a_bench_without_peers_refuses_interpreters() -> None:
 def test_the_sizes_and_the_extra() -> None:
     assert list(bench_peers.REPEATS) == [500, 1000, 3000]
     assert (bench_peers.SPECTRAL_POINTS, bench_peers.SPECTRAL_SAMPLES) == (200, 3000)
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
     extra = {entry.split(">")[0] for entry in project["project"]["optional-dependencies"]["bench"]}
     assert extra == {peer.distribution for peer in (*EXACT, SPECTRUM)}

@@ -64,7 +64,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        step = "pip install 'etude[paper]'."
+        step = "pip install 'matplotlib>=3.8'."
         raise UsageError("figures for print need matplotlib", next_step=step) from error
     matplotlib.use("Agg")
     from matplotlib import pyplot

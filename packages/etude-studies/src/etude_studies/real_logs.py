@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+import etude
 from etude.contracts import Log, Mask, Samples
 from etude.models.held_out import near, split_blocks
 from etude_arm.recipe import filter_cutoff
@@ -20,7 +21,7 @@ from etude_studies.world import World
 
 Array = NDArray[np.float64]
 
-PLACES = (Path(__file__).parents[1] / "etude" / "examples", Path(__file__).parents[2] / "examples")
+PLACES = (Path(etude.__file__).parent / "examples", Path(__file__).parents[4] / "examples")
 EXAMPLES = next((place for place in PLACES if place.is_dir()), PLACES[0])
 """In a package, and in a checkout."""
 QUARTERS = 4
