@@ -24,7 +24,6 @@ from c_models import (
 )
 
 from compilers import FAST, STRICT, run, tool
-from etude.contracts import Candidate, Delivered
 from etude.deploy.c99.golden import answered, golden
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.names import identifier, identifiers
@@ -38,6 +37,8 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.protocols import Candidate
+from etude.types import Delivered
 from etude_quadrotor.physics.linear_inverse import identify_linear
 
 WHOLE = Form(variance=True, digest="ab" * 32)

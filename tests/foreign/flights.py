@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.contracts import Limit, Trajectory
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
 from etude.design.ways import there_and_back
@@ -20,6 +19,7 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
+from etude.protocols import Limit, Trajectory
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.kind import KIND
 from etude_quadrotor.room import home, limits, ways

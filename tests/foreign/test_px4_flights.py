@@ -11,9 +11,9 @@ import pytest
 from flights import RATE, left, planned, vehicle
 from px4_cascade import Body, fly, padded
 
-from etude.contracts import Channel, Log
 from etude.deploy.exporters.offboard import NED
 from etude.logs.tracked import tracked
+from etude.types import Channel, Log
 
 FEW, MANY, BATCH = 6, 500, 25
 FIRST = 9000

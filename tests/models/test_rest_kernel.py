@@ -8,7 +8,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from etude.contracts import Log
 from etude.errors import UsageError
 from etude.models.contracts import Offered
 from etude.models.forms import kernel_of, kernel_words
@@ -18,6 +17,7 @@ from etude.models.gp.point_kernel import PointCovariances
 from etude.models.gp.rest import RestNoise, standing
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.types import Log
 
 COLUMNS = [
     (channel, part, "", op)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Delivered, Kind
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
@@ -22,6 +21,8 @@ from etude.deploy.fading import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Delivered
 
 REALS = ("double", "float")
 CLOCK = 1e9
@@ -90,7 +91,7 @@ def c_files(
 
 
 def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
-    """The target (`contracts.Target`).
+    """The target (`protocols.Target`).
 
     Raises:
         UsageError: unknown options, what cannot be exported, or float where it would be wrong.
