@@ -21,10 +21,10 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.room import home, limits, ways
-from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.spec import QuadrotorSpec
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
