@@ -121,7 +121,7 @@ def left(flights: list[Planned], body: Body | None = None) -> list[str]:
 
 
 def wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) -> list[str]:
-    """Sentences about t (T,) s from the first row, place and plan (T, 3) as Étude has them, and m/s (T, 3)."""
+    """Sentences about t (T,) s from the first row; place and plan (T, 3) in Étude's frame; m/s (T, 3)."""
     spec, found = own.spec, []
     low, high = np.array(spec.lower), np.array(spec.upper)
     beyond = np.maximum(low - place, place - high).max()
