@@ -152,9 +152,11 @@ class Asked:
     """What the C said at legal states, and what is so; each (T, J), parts of the command's limit.
 
     Attributes:
-        unequal: largest difference from Python. still: of the C at rest, less what really holds the
-            arm. file: the same of the description's gravity. whole, whole_file: of moving states, of which the file
-            knows no friction. promised, whole_promised: the model's deviation. physics: (J,) that have some.
+        unequal: largest difference from Python.
+        still: of the C at rest, less what really holds the arm. file: the same of the description.
+        whole, whole_file: the same while it moves; the file knows no friction.
+        promised, whole_promised: the deviation of the model.
+        physics: (J,) commands that have some.
     """
 
     unequal: float
@@ -210,8 +212,8 @@ def require_right(found: Asked, equal: float) -> None:
 
 
 def require_still(walk: Walk, folder: Path) -> None:
-    """Servos of 5 Hz, to which the C's gravity is all that is added, hold poses of the whole range: they stand
-    where the description's gravity leaves them, to half a degree.
+    """Servos of 5 Hz, to which the C's gravity is all that is added, hold poses of the whole range:
+    they stand where the description's gravity leaves them, to half a degree.
     """
     arm, zero = walk.arm, np.zeros((1000, len(walk.arm.names)))
     poses = np.random.default_rng(5).uniform(arm.lower, arm.upper, (3, len(arm.names)))
