@@ -131,8 +131,6 @@ def test_the_same_words_for_people(lab: Path, capsys: pytest.CaptureFixture[str]
         (["abandon", "LAB", "9"], 2, "there is no trajectory 9"),
         (["ask", "LAB", "--new", "--tasks", "nothing.json"], 2, "the task file cannot be read"),
         (["simulate", "LAB", "--rounds", "-1"], 2, "the number of rounds"),
-        (["bench", "nothing"], 2, "there is no bench 'nothing'"),
-        (["study", "nothing"], 2, "there is no study 'nothing'"),
     ],
 )
 def test_errors_have_codes_and_words(
@@ -310,3 +308,14 @@ def test_renamed_keys_are_said_on_stderr(lab: Path, capsys: pytest.CaptureFixtur
     captured = capsys.readouterr()
     assert captured.err == "model.kind in campaign.toml is called model.rung now; it was read as that.\n"
     json.loads(captured.out)
+
+
+@pytest.mark.parametrize("command", [["bench", "gp"], ["study", "list"], ["study", "run", "thesis"]])
+def test_without_the_studies_their_commands_say_how_to_install_them(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("etude.plugins.names", lambda group: ())
+    assert cli.main(command) == 2
+    said = capsys.readouterr().err
+    assert "The studies are a package of their own" in said
+    assert "pip install ./packages/etude-studies" in said

@@ -114,7 +114,7 @@ def flown(seconds: float = 20.0, rate: float = 100.0) -> tuple[Any, int]:
     """A flight of the built-in simulated vehicle, and its rows between two of a log at `rate` Hz."""
     import etude
     from etude.campaign.ask import stored_trajectory
-    from etude.robots.quadrotor.controller import flight_plan
+    from etude_quadrotor.controller import flight_plan
 
     with tempfile.TemporaryDirectory() as folder:
         campaign, _ = etude.create_campaign(Path(folder) / "sky", "quadrotor")

@@ -39,28 +39,28 @@ _CRITERIA = ("mean_variance", "ivr", "log_ivr", "sum_log", "info_gain", "mi_regi
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.robots": {
-        "arm": "etude.robots.arm.kind:KIND",
-        "quadrotor": "etude.robots.quadrotor.kind:KIND",
+        "arm": "etude_arm.kind:KIND",
+        "quadrotor": "etude_quadrotor.kind:KIND",
     },
     "etude.models": {
         **{name: f"etude.models.members:{name}" for name in _MEMBERS},
-        **{name: f"etude.models.sparse_members:{name}" for name in _SPARSE},
-        "all_lin": "etude.models.lagrangian.member:all_lin",
+        **{name: f"etude_sparse.members:{name}" for name in _SPARSE},
+        "all_lin": "etude_lagrangian.member:all_lin",
     },
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
         "standing": "etude.models.gp.rest:standing",
-        "gip_lin": "etude.models.lagrangian.kernel:gip_lin",
+        "gip_lin": "etude_lagrangian.kernel:gip_lin",
     },
     # how posteriors and kernels are stored in a model's file
     "etude.forms": {
         "exact": "etude.models.forms:EXACT",
         "basis": "etude.models.forms:BASIS",
-        "spectrum": "etude.models.sparse_forms:SPECTRUM",
-        "local": "etude.models.sparse_forms:LOCAL",
-        "lwpr": "etude.models.sparse_forms:LWPR",
-        "Lagrangian": "etude.models.lagrangian.kernel:FORM",
+        "spectrum": "etude_sparse.forms:SPECTRUM",
+        "local": "etude_sparse.forms:LOCAL",
+        "lwpr": "etude_sparse.forms:LWPR",
+        "Lagrangian": "etude_lagrangian.kernel:FORM",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},
     "etude.readers": {
@@ -83,8 +83,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     },
     # a model that leaves: `etude export --to`
     "etude.targets": {
-        "online": "etude.deploy.online_folder:ONLINE",
-        "urdf": "etude.robots.arm.identified.target:URDF",
+        "online": "etude_online.online_folder:ONLINE",
+        "urdf": "etude_arm.identified.target:URDF",
         "c": "etude.deploy.c99.target:C99",
         "ros2": "etude.deploy.ros2.target:ROS2",
         "trajectory": "etude.deploy.along:ALONG",
@@ -93,36 +93,15 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "crazyflie": "etude.deploy.flight.target:CRAZYFLIE",
     },
     # how a model goes on learning in simulated tests: `etude simulate --online`
-    "etude.adaptations": {"online": "etude.campaign.online:online_learning"},
+    "etude.adaptations": {"online": "etude_online.simulated:online_learning"},
     # what draws an object, by its noun; see `shown`
     "etude.pictures": {
         "campaign": "etude.report.pictures:of_campaign",
         "log": "etude.report.pictures:of_log",
         "trajectory": "etude.report.pictures:of_trajectory",
     },
-    # a bench is a study of the machine: its name begins with "bench_"
-    "etude.studies": {
-        "arm": "etude_studies.arm:run",
-        "changed_robot": "etude_studies.changed_robot:run",
-        "confirm": "etude_studies.confirm:run",
-        "design": "etude_studies.design:run",
-        "design_gain": "etude_studies.design_gain:run",
-        "more_joints": "etude_studies.more_joints:run",
-        "online": "etude_studies.online:run",
-        "online_faults": "etude_studies.online_faults:run",
-        "quadrotor": "etude_studies.flight_orders:run",
-        "quadrotor_loop": "etude_studies.flight_loop:run",
-        "thesis": "etude_studies.thesis.study:STUDY",
-        "watch": "etude_studies.watch:run",
-        "bench_c99": "etude_studies.bench_c99:run",
-        "bench_changed": "etude_studies.bench_changed:run",
-        "bench_crazyflie": "etude_studies.crazyflie:run",
-        "bench_gp": "etude_studies.bench_gp:run",
-        "bench_models": "etude_studies.bench_models:run",
-        "bench_quadrotor": "etude_studies.bench_quadrotor:run",
-        "bench_truth": "etude_studies.bench_truth:run",
-        "bench_watch": "etude_studies.bench_watch:run",
-    },
+    # the package etude-studies brings them; a bench is a study of the machine: its name begins with "bench_"
+    "etude.studies": {},
 }
 """GROUP -> name -> "module:attribute" of what comes with Étude."""
 GROUPS = tuple(BUILT_IN)

@@ -24,8 +24,8 @@ from etude.campaign.journal import read_events
 from etude.campaign.motions import typical_motions
 from etude.campaign.state import replay
 from etude.interrupt import INTERRUPTED
-from etude.robots.arm import motions
-from etude.robots.arm.plant import compiled
+from etude_arm import motions
+from etude_arm.plant import compiled
 
 CONFIG = """\
 seed = 4

@@ -14,9 +14,9 @@ from etude.campaign.tell import tell
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
-from etude.models.gp.local_posterior import LocalPosterior
-from etude.models.gp.spectral_posterior import SparseSpectrumPosterior
-from etude.models.lwpr.posterior import LWPRPosterior
+from etude_sparse.local_posterior import LocalPosterior
+from etude_sparse.lwpr.posterior import LWPRPosterior
+from etude_sparse.spectral_posterior import SparseSpectrumPosterior
 
 CONFIG = """\
 [trajectory]
@@ -71,6 +71,6 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
 
 
 def test_an_unknown_process_is_refused_with_the_file_the_key_and_the_names() -> None:
-    with pytest.raises(UsageError, match="process must be one of exact, dictionary_variance") as caught:
+    with pytest.raises(UsageError, match="process must be one of exact, fitc") as caught:
         parse_config(b'[model]\nprocess = "magic"\n', "campaign.toml")
     assert "campaign.toml [model] model.process = 'magic'" in str(caught.value.where)

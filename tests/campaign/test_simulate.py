@@ -26,7 +26,7 @@ from etude.cli import main
 from etude.contracts import Controller, Finding, Model
 from etude.errors import UsageError
 from etude.limits.certificate import certify
-from etude.robots.arm import motions as arm_motions
+from etude_arm import motions as arm_motions
 
 CONFIG = 'kind = "arm"\nseed = 4\n[trajectory]\nduration = 8.0\n'
 JOURNAL = "journal.jsonl"

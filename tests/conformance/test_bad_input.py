@@ -15,16 +15,16 @@ from etude.errors import DataError, EtudeError, NumericalError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.cholesky import JitterWarning, factorise
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.gp.downsampled import DownsampledGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.sogp import SOGP
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
 from etude.models.ladder import train_ladder
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.sogp import SOGP
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

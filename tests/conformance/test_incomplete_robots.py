@@ -13,7 +13,7 @@ from etude.cli import main
 from etude.errors import UsageError
 from etude.logs.truth.scale import scale_findings
 from etude.logs.truth.seen import Seen
-from etude.robots.arm.loading.load import load
+from etude_arm.loading.load import load
 
 LIMIT = '<limit lower="-1.2" upper="1.2" velocity="1" effort="50"/>'
 CUBE = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1))

@@ -7,8 +7,8 @@ import pytest
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel, Linear, SquaredExponential, structured
-from etude.models.lagrangian.joints import Joints
-from etude.models.lagrangian.kernel import Lagrangian, gip_lin
+from etude_lagrangian.joints import Joints
+from etude_lagrangian.kernel import Lagrangian, gip_lin
 
 D = 8
 COLUMNS = [

@@ -8,8 +8,8 @@ import pytest
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential, structured
-from etude.models.online.learner import OnlineConfig, OnlineOutput
-from etude.models.online.methods import METHODS, begin
+from etude_online.learner import OnlineConfig, OnlineOutput
+from etude_online.methods import METHODS, begin
 
 D = 8
 COLUMNS = [(name, part, "", "") for name in ("q", "qd", "qdd") for part in "ab"]

@@ -13,18 +13,18 @@ import pytest
 from etude.contracts import Posterior
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import BayesianLinear
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.gp.downsampled import DownsampledGP
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.incremental_spectrum import IncrementalSpectrum
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured
-from etude.models.gp.local import LocalGP
 from etude.models.gp.shared_exact import condition_shared
-from etude.models.gp.sogp import SOGP
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-from etude.models.lagrangian.kernel import gip_lin
-from etude.models.lwpr.regression import LWPR
+from etude_lagrangian.kernel import gip_lin
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse.downsampled import DownsampledGP
+from etude_sparse.incremental_spectrum import IncrementalSpectrum
+from etude_sparse.local import LocalGP
+from etude_sparse.lwpr.regression import LWPR
+from etude_sparse.sogp import SOGP
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 D = 8
 COLUMNS = [

@@ -19,7 +19,7 @@ from etude.campaign.folder import open_campaign
 from etude.errors import EtudeError, UsageError
 from etude.models import store
 from etude.models.gp.kernels import SquaredExponential
-from etude.robots.toml import toml_value
+from etude.toml_tables import toml_value
 
 CANARY = "canary_in_the_folder"
 CODE = """

@@ -12,13 +12,13 @@ from etude.contracts import Array, Candidate, FitData, Log, Samples
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import Kernel, SquaredExponential, ard_se, structured
 from etude.models.gp.rest import standing
-from etude.models.lagrangian.kernel import gip_lin
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.physics.mean import ArmPhysics
-from etude.robots.arm.spec import TURNING, WAYS
+from etude_arm.inputs import ArmInputs
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.spec import TURNING, WAYS
+from etude_lagrangian.kernel import gip_lin
 
 ARM: Any = plugins.load("etude.robots", "arm")
 QUADROTOR: Any = plugins.load("etude.robots", "quadrotor")
@@ -178,7 +178,7 @@ def quadrotor_model(
     name: str, *, physics: str = "identified", points: int = 40, spec: Any = None
 ) -> LearnedModel:
     """A process on what physics leave, for all commands at once."""
-    from etude.robots.quadrotor.inputs import QuadrotorInputs
+    from etude_quadrotor.inputs import QuadrotorInputs
 
     spec = spec or quadrotor_spec(name)
     inputs = QuadrotorInputs()

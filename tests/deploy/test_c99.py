@@ -17,7 +17,7 @@ from etude.deploy.c99.plan import planned
 from etude.deploy.c99.target import c_files
 from etude.deploy.states import log_of
 from etude.models.model import LearnedModel
-from etude.robots.arm.spec import WAYS
+from etude_arm.spec import WAYS
 
 WHOLE = Form(variance=True, digest="0" * 64)
 

@@ -38,7 +38,7 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
-from etude.robots.quadrotor.physics.linear_inverse import identify_linear
+from etude_quadrotor.physics.linear_inverse import identify_linear
 
 WHOLE = Form(variance=True, digest="ab" * 32)
 NOT_A_NUMBER, FAR, UNTRAINED, NO_ANSWER = 1, 2, 4, 16

@@ -68,7 +68,7 @@ def moves(axes: int, speed: float = 1.0, reach: float = 1.0) -> PointToPoint:
 
 def spec(*names: str) -> Any:
     """A robot of joints with these names."""
-    from etude.robots.arm.spec import ArmSpec, Axis
+    from etude_arm.spec import ArmSpec, Axis
 
     axes = tuple(Axis(name, -2.0, 2.0, 3.0, 30.0, 5.0) for name in names)
     return ArmSpec("named", axes, "N m", 100.0)

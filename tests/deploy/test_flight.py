@@ -16,9 +16,9 @@ from etude.deploy.c99.plan import planned
 from etude.deploy.flight.target import CRAZYFLIE, PX4
 from etude.deploy.states import log_of
 from etude.errors import UsageError
-from etude.robots.quadrotor.controller import FlightFeedforward
-from etude.robots.quadrotor.flatness import flat_motion
-from etude.robots.quadrotor.physics.drag import _fitted
+from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor.flatness import flat_motion
+from etude_quadrotor.physics.drag import _fitted
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -14,8 +14,8 @@ from c_models import QUADROTOR, quadrotor_model
 from compilers import run, tool
 from etude.contracts import Array, Motion
 from etude.deploy.c99.target import C99
-from etude.robots.quadrotor.controller import FlightFeedforward
-from etude.robots.quadrotor.physics.drag import _fitted
+from etude_quadrotor.controller import FlightFeedforward
+from etude_quadrotor.physics.drag import _fitted
 
 ROOT = Path(__file__).parents[2]
 COUNT = 60

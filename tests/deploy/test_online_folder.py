@@ -13,14 +13,14 @@ import pytest
 
 from etude import plugins
 from etude.campaign.config import preset_config
-from etude.deploy import online_folder
-from etude.deploy.online_folder import HASHES, ONLINE, OnlineOptions, write
-from etude.deploy.runtime import Deployed, open_online
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
-from etude.models.online.learner import OnlineConfig
 from etude.progress import watched
+from etude_online import online_folder
+from etude_online.learner import OnlineConfig
+from etude_online.online_folder import HASHES, ONLINE, OnlineOptions, write
+from etude_online.runtime import Deployed, open_online
 
 KIND = plugins.load("etude.robots", "arm")
 PATH = KIND.built_in()["arm4"]
@@ -85,7 +85,7 @@ def test_it_opens_without_a_campaign_and_learns(files, tmp_path) -> None:
 COMPILED = """
 import sys
 import numpy as np
-from etude.deploy.runtime import open_online
+from etude_online.runtime import open_online
 
 def known():
     found = [v for n, m in list(sys.modules.items()) if n.startswith("etude.") for v in vars(m).values()]

@@ -12,19 +12,19 @@ import numpy as np
 from etude.contracts import Candidate, Inputs, Limit, Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured
-from etude.robots.arm import motions
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude.robots.arm.physics.kinematics import KinematicTree
-from etude.robots.arm.physics.rigid_body import RigidBodyModel
-from etude.robots.arm.physics.transmission import joint_drives
-from etude.robots.arm.spec import ArmSpec, Axis
-from etude.robots.quadrotor import room
-from etude.robots.quadrotor.family import FlightConfig
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import PointToPoint
+from etude_arm import motions
+from etude_arm.inputs import ArmInputs
+from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude_arm.physics.kinematics import KinematicTree
+from etude_arm.physics.rigid_body import RigidBodyModel
+from etude_arm.physics.transmission import joint_drives
+from etude_arm.spec import ArmSpec, Axis
+from etude_quadrotor import room
+from etude_quadrotor.family import FlightConfig
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.spec import QuadrotorSpec
 
 V0 = np.array([0.05, 0.05])
 ARM_FAMILIES = {

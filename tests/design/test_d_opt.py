@@ -28,8 +28,8 @@ from etude.design.solve import Design, design
 from etude.design.view import Latent, latents_of, of_parameters
 from etude.errors import UsageError
 from etude.limits.certificate import certify
-from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude.robots.arm.physics.rigid_body import command_regressors
+from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude_arm.physics.rigid_body import command_regressors
 
 QUICK = DesignConfig(criterion="d_opt", candidates=6, refine=2, steps=15, points=25, reference_points=30)
 PHYSICS = {"identified": Physics(arm_spec(), arm_body())}

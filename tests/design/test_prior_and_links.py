@@ -13,7 +13,7 @@ from etude.design.chain import cut_short, linked
 from etude.design.prior import NOISE, SIGNAL, prior_latents
 from etude.limits.certificate import certify
 from etude.models.config import ModelConfig
-from etude.robots.arm import motions
+from etude_arm import motions
 
 SPEC = arm_spec()
 RANGES = {

@@ -25,7 +25,7 @@ def blocks(page: Path, language: str) -> list[str]:
 BRIEFLY = """
 from dataclasses import replace
 from etude.campaign import create
-from etude.robots.arm import motions
+from etude_arm import motions
 whole = create.preset_config
 def brief(kind, name):
     own = whole(kind, name)

@@ -118,9 +118,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("built")
     shutil.copy(ROOT / "zensical.toml", place)
     shutil.copytree(DOCS, place / "docs")
-    shutil.copytree(
-        ROOT / "src" / "etude", place / "src" / "etude", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(ROOT / "src", place / "src", ignore=shutil.ignore_patterns("__pycache__", "results"))
     command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
     environment = {**os.environ, "NO_COLOR": "1"}
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False, env=environment)

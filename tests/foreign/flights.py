@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.room import home, limits, ways
-from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.spec import QuadrotorSpec
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
@@ -58,8 +59,13 @@ class Planned:
     spec: QuadrotorSpec
     whole: Trajectory
     limits: tuple[Limit, ...]
-    rows: Array
+    files: dict[str, bytes]
     ground: bool
+
+    @cached_property
+    def rows(self) -> Array:
+        """(n, 9) of the set-points."""
+        return rows_of(self.files["setpoints.csv"])
 
 
 def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFFBOARD) -> Planned:
@@ -84,7 +90,7 @@ def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFF
     files = exporter(whole, KIND, spec)
     held = certify_played(exporter, files, allowed, whole)
     assert {row.axis for row in held.rows} >= {"held before the first row", "held after the last row"}
-    return Planned(spec, whole, allowed, rows_of(files["setpoints.csv"]), ground)
+    return Planned(spec, whole, allowed, dict(files), ground)
 
 
 def _speeds(spec: QuadrotorSpec) -> tuple[Array, Array]:
@@ -109,12 +115,13 @@ def left(flights: list[Planned], body: Body | None = None) -> list[str]:
         place, plan = (part[:, i] @ NED.T for part in (flown.position, flown.setpoint))
         found += [
             f"{own.spec.name}: {text}"
-            for text in _wrong(own, flown.t - BEFORE, place, plan, flown.velocity[:, i])
+            for text in wrong(own, flown.t - BEFORE, place, plan, flown.velocity[:, i])
         ]
     return found
 
 
-def _wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) -> list[str]:
+def wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) -> list[str]:
+    """Sentences about t (T,) s from the first row; place and plan (T, 3) in Étude's frame; m/s (T, 3)."""
     spec, found = own.spec, []
     low, high = np.array(spec.lower), np.array(spec.upper)
     beyond = np.maximum(low - place, place - high).max()

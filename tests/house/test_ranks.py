@@ -14,6 +14,16 @@ import pytest
 import etude
 
 SOURCE = Path(etude.__file__).parent
+ROOT = Path(__file__).parents[2]
+BESIDE = {
+    "etude_arm": set(),
+    "etude_quadrotor": set(),
+    "etude_lagrangian": set(),
+    "etude_sparse": set(),
+    "etude_online": {"etude_sparse"},
+}
+"""Packages beside the core, found by the table of plug-ins, and what each imports of the others."""
+KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
     "generation": 0,
@@ -36,7 +46,7 @@ RANKS = {
     "models": 2,
     "design": 3,
     "deploy": 3,
-    "robots": 3,
+    "toml_tables": 1,
     "campaign": 4,
     "report": 5,
     "testing": 5,
@@ -60,13 +70,18 @@ SIDEWAYS = {
     ("contracts", "operators"),
     ("cli", "commands"),
 }
-# of a lower rank, and still none of its business: a kind supplies nouns, the steps are the pipeline's
-FORBIDDEN = {("robots", "design"), ("robots", "campaign")}
+# a kind supplies nouns, the steps are the pipeline's
+NOT_OF_A_KIND = {"design", "campaign", "report", "commands", "cli"}
 
 
 def modules() -> list[Path]:
-    """All but the programs that are copied to robots: they are data."""
+    """Of the core, all but the programs that are copied to robots: they are data."""
     return sorted(path for path in SOURCE.rglob("*.py") if path.parent.name != "players")
+
+
+def packages() -> list[Path]:
+    """Of the packages beside the core."""
+    return [path for own in BESIDE for path in sorted((SOURCE.parent / own).rglob("*.py"))]
 
 
 def module_name(path: Path) -> str:
@@ -94,20 +109,14 @@ def all_imported(path: Path) -> set[str]:
 
 
 def imported(path: Path) -> set[str]:
-    """Every etude module of them."""
-    return {name for name in all_imported(path) if name.startswith("etude.")}
+    """Every module of them that comes with Étude."""
+    return {
+        name for name in all_imported(path) if name.startswith(("etude.", *(f"{own}." for own in BESIDE)))
+    }
 
 
 def room(name: str) -> str:
     return name.split(".")[1]
-
-
-def kind_of(name: str) -> str:
-    """The kind of robot that a module belongs to; "" for none."""
-    parts = name.split(".")
-    if parts[:2] != ["etude", "robots"] or len(parts) < 3:
-        return ""
-    return parts[2] if (SOURCE / "robots" / parts[2]).is_dir() else ""
 
 
 def wrong_imports(path: Path) -> list[str]:
@@ -120,30 +129,38 @@ def wrong_imports(path: Path) -> list[str]:
         return []
     if own not in RANKS:
         return [f"{own} has no rank: add it to the house on purpose"]
-    for other in {room(target) for target in imported(path)} - {own}:
+    for other in {room(target) for target in imported(path) if target.startswith("etude.")} - {own}:
         if other.startswith("__"):
             continue
         if other not in RANKS:
             found.append(f"{name} imports etude.{other}, which is no room")
         elif not (RANKS[other] < RANKS[own] or (own, other) in SIDEWAYS):
             found.append(f"{name} (rank {RANKS[own]}) imports etude.{other} (rank {RANKS[other]})")
-        if (own, other) in FORBIDDEN:
-            found.append(f"{name} imports etude.{other}")
     return found
 
 
 def test_imports_go_down() -> None:
-    assert len(modules()) > 300
+    assert len(modules()) > 200
     assert [sentence for path in modules() for sentence in wrong_imports(path)] == []
 
 
-def test_a_kind_of_robot_is_known_by_its_name_alone() -> None:
-    """Nothing outside robots/ imports a kind, and kinds do not import each other."""
-    found = []
+def test_the_core_knows_no_package_beside_it() -> None:
+    """No kind of robot, and no member that no default uses: all come by the table of plug-ins."""
     for path in modules():
-        allowed = ("", kind_of(module_name(path)))
-        wrong = [target for target in imported(path) if kind_of(target) not in allowed]
-        found += [f"{module_name(path)} imports {target}" for target in wrong]
+        found = {name for name in all_imported(path) if name.split(".")[0].startswith("etude_")}
+        assert not found, f"{module_name(path)} imports {found}"
+
+
+def test_packages_beside_the_core_import_what_they_may() -> None:
+    found = []
+    for path in packages():
+        own = module_name(path).split(".")[0]
+        for name in all_imported(path):
+            package, _, rest = name.partition(".")
+            if package.startswith("etude_") and package not in {own, *BESIDE[own]}:
+                found.append(f"{module_name(path)} imports {name}")
+            if own in KINDS and package == "etude" and rest.split(".")[0] in NOT_OF_A_KIND:
+                found.append(f"{module_name(path)} imports {name}, a step of the pipeline")
     assert found == []
 
 
@@ -154,23 +171,23 @@ def test_nothing_imports_the_studies() -> None:
 
 
 def studies() -> list[Path]:
-    return sorted((SOURCE.parent / "etude_studies").rglob("*.py"))
+    return sorted((ROOT / "packages" / "etude-studies" / "src").rglob("*.py"))
 
 
 def test_the_studies_use_what_an_outside_user_may() -> None:
     """Every module of etude that they import stands in the tuple PUBLIC of its room."""
-    known = {module_name(own) for own in modules() if own.name != "__init__.py"}
+    known = {module_name(own) for own in (*modules(), *packages()) if own.name != "__init__.py"}
     found = []
     for path in studies():
         for target in imported(path) & known:
             room_name, _, module = target.rpartition(".")
             if module not in importlib.import_module(room_name).PUBLIC:
-                found.append(f"{module_name(path)} imports {target}, which {room_name} does not offer")
+                found.append(f"{path.name} imports {target}, which {room_name} does not offer")
     assert found == []
 
 
 def test_what_is_offered_is_there() -> None:
-    for path in modules():
+    for path in (*modules(), *packages()):
         if path.name == "__init__.py":
             offered = getattr(importlib.import_module(module_name(path)), "PUBLIC", ())
             there = {p.stem if p.suffix == ".py" else p.name for p in path.parent.iterdir()}
@@ -178,18 +195,14 @@ def test_what_is_offered_is_there() -> None:
             assert list(offered) == sorted(offered)
 
 
-@pytest.mark.parametrize(
-    ("own", "allowed"),
-    [("gp", {"gp"}), ("lwpr", {"lwpr", "gp"}), ("lagrangian", {"lagrangian", "gp", "forms", "fit", "rows"})],
-)
-def test_processes_know_no_robot(own: str, allowed: set[str]) -> None:
-    for path in sorted((SOURCE / "models" / own).glob("*.py")):
+def test_processes_know_no_robot() -> None:
+    for path in sorted((SOURCE / "models" / "gp").glob("*.py")):
         rooms = {name.split(".")[2] for name in imported(path) if name.startswith("etude.models.")}
-        assert rooms <= allowed, f"{path.name} imports {rooms - allowed}"
+        assert rooms <= {"gp"}, f"{path.name} imports {rooms}"
 
 
 def test_no_import_cycle() -> None:
-    known = {module_name(path): path for path in modules()}
+    known = {module_name(path): path for path in (*modules(), *packages())}
     graph = {name: imported(path) & set(known) - {name, "etude"} for name, path in known.items()}
     done: set[str] = set()
 

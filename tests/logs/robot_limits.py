@@ -113,7 +113,7 @@ def _all() -> dict[str, Robot]:
     robots = [_arm(name, rows, 100.0) for name, rows in URDF_LIMITS.items()]
     flight = FourierConfig(harmonics=2, duration=30.0, rest="none")
     at_rest = FourierConfig(harmonics=3, duration=30.0, rest="nullspace")
-    for file in sorted((Path(etude.__file__).parent / "robots").rglob("*.toml")):
+    for file in sorted(Path(etude.__file__).parents[1].glob("etude_*/data/**/*.toml")):
         table = tomllib.loads(file.read_text())
         if "axis" in table:
             rows = [(a["lower"], a["upper"], a["velocity"]) for a in table["axis"]]

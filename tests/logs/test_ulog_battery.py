@@ -11,8 +11,8 @@ from etude.campaign.create import find_robot
 from etude.contracts import Index, Log, Samples
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.recipe import FlightData, flight_samples
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.recipe import FlightData, flight_samples
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.models.lagrangian.joints import Joints
-from etude.models.lagrangian.kernel import Lagrangian
-from etude.models.lagrangian.parameters import Parameters
+from etude_lagrangian.joints import Joints
+from etude_lagrangian.kernel import Lagrangian
+from etude_lagrangian.parameters import Parameters
 
 TURNING = Joints((0, 1), (2, 3), (4, 5), (False, False))
 SLIDING = Joints((0, 1), (2, 3), (4, 5), (False, True))

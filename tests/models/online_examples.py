@@ -11,8 +11,8 @@ from etude.contracts import Log, Samples, joined_samples
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.model import LearnedModel
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.kind import KIND
+from etude_arm.spec import ArmSpec, Axis
 
 SPEC = ArmSpec("pendulum", tuple(Axis(name, -2.0, 2.0, 2.0, 4.0, 40.0) for name in "ab"), "A", 100.0)
 CHANNELS = {channel.name: channel for channel in SPEC.channels()}

@@ -7,7 +7,7 @@ import pytest
 
 from etude.contracts import Channel
 from etude.errors import UsageError
-from etude.models.online.window import ORDER, CentredWindow, Source, polynomial_weights, sources
+from etude_online.window import ORDER, CentredWindow, Source, polynomial_weights, sources
 
 RATE = 100.0
 CHANNELS = {

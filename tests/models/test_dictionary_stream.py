@@ -8,10 +8,10 @@ from arm_kernel import structured_kernel
 from dictionary_examples import motion, outputs, process
 
 from etude.errors import DataError, NumericalError, UsageError
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
-from etude.models.gp.dictionary_stream import DictionaryStream
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import Linear
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
+from etude_sparse.dictionary_stream import DictionaryStream
 
 D = 4
 RULES = {

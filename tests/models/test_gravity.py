@@ -12,12 +12,12 @@ from etude.contracts import Candidate
 from etude.errors import UsageError
 from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers
-from etude.models.lagrangian.member import all_lin
-from etude.models.lagrangian.together import data_together
 from etude.models.model import LearnedModel
-from etude.models.online.command import learning_command
-from etude.models.online.learner import OnlineConfig
 from etude.models.store import load_model, save_model
+from etude_lagrangian.member import all_lin
+from etude_lagrangian.together import data_together
+from etude_online.command import learning_command
+from etude_online.learner import OnlineConfig
 
 Q = np.random.default_rng(0).uniform(-0.7, 0.7, (6, 2))
 SAMPLES = trajectories(2)

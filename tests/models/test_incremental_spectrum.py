@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import etude.models.gp.incremental_spectrum as module
+import etude_sparse.incremental_spectrum as module
 from etude.errors import DataError, UsageError
-from etude.models.gp.incremental_spectrum import FADING, IncrementalSpectrum
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
+from etude_sparse.incremental_spectrum import FADING, IncrementalSpectrum
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 
 def process(seed: int = 0, m: int = 8, D: int = 3) -> SparseSpectrumGP:

@@ -12,7 +12,7 @@ from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential
-from etude.models.gp.sogp import SOGP
+from etude_sparse.sogp import SOGP
 
 CRITERIA = list(plugins.BUILT_IN["etude.criteria"])
 

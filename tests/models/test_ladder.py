@@ -299,7 +299,7 @@ def test_what_cannot_be_trained_is_refused(data) -> None:
         ({"rung": "magic"}, "rung must be one of"),
         ({"choose_by": "luck"}, "choose_by must be one of"),
         ({"kernel": "rbf"}, "kernel must be one of"),
-        ({"process": "magic"}, "process must be one of exact, dictionary_variance"),
+        ({"process": "magic"}, "process must be one of exact, fitc"),
         ({"sharing": "some"}, "sharing must be one of"),
         ({"floor_of": "luck"}, "floor_of must be one of"),
         ({"prior": "strong"}, "prior must be one of"),

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 from etude import plugins
 from etude.models.contracts import SupportsFirstUse
-from etude.models.lagrangian import all_outputs
-from etude.models.lagrangian.compilation import SENTENCE
-from etude.models.lagrangian.kernel import gip_lin
-from etude.models.lagrangian.member import all_lin
+from etude_lagrangian import all_outputs
+from etude_lagrangian.compilation import SENTENCE
+from etude_lagrangian.kernel import gip_lin
+from etude_lagrangian.member import all_lin
 
 
 class Sweep:
@@ -26,7 +26,7 @@ def test_only_what_is_compiled_and_not_yet_there_is_announced(monkeypatch, tmp_p
     done = Sweep(tmp_path, signatures=("a",))
     for name in ("sweep_all", "means_all"):
         monkeypatch.setattr(all_outputs, name, done)
-    monkeypatch.setattr("etude.models.lagrangian.one_output.sweep", done)
+    monkeypatch.setattr("etude_lagrangian.one_output.sweep", done)
     assert gip_lin.first_use() == ""
     monkeypatch.setattr(all_outputs, "sweep_all", Sweep(tmp_path))
     assert gip_lin.first_use() == SENTENCE

@@ -27,12 +27,12 @@ from etude.contracts import FitData
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import Linear, structured
-from etude.models.lagrangian.joints import Joints
-from etude.models.lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
-from etude.models.lagrangian.member import AllOutputs, all_lin
-from etude.models.lagrangian.prior import JointPrior
 from etude.testing.differences import central
 from etude.testing.process import ProcessSuite
+from etude_lagrangian.joints import Joints
+from etude_lagrangian.likelihood import JointHyperparameters, initial_hyperparameters, joint_likelihood
+from etude_lagrangian.member import AllOutputs, all_lin
+from etude_lagrangian.prior import JointPrior
 
 NOTHING = -400.0
 """Log slope of an addition that adds nothing."""
@@ -71,7 +71,7 @@ def test_reference_values_with_a_slide() -> None:
 
 
 def test_reference_gradients() -> None:
-    from etude.models.lagrangian.all_outputs import EVERY, sweep_all
+    from etude_lagrangian.all_outputs import EVERY, sweep_all
 
     prior, _ = pure(TURNING, THETA)
     p, F, fixed = prior.parameters.array(THETA), TURNING.packed(X), TURNING.packed(Z)

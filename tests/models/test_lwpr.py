@@ -10,10 +10,10 @@ from lwpr_examples import PlainField, cross_in
 
 from etude.errors import DataError, UsageError
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
-from etude.models.lwpr import fields as fields_module
-from etude.models.lwpr import steps
-from etude.models.lwpr.fields import NEIGHBOURS, ReceptiveFields, initial_metric
-from etude.models.lwpr.regression import LWPR
+from etude_sparse.lwpr import fields as fields_module
+from etude_sparse.lwpr import steps
+from etude_sparse.lwpr.fields import NEIGHBOURS, ReceptiveFields, initial_metric
+from etude_sparse.lwpr.regression import LWPR
 
 PAPER = LWPR(metric=50.0 / 3.0, generate=0.2, add=0.5)
 """As for the paper's example: D = 50 for inputs in [-1, 1], whose variance is 1/3."""

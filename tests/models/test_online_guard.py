@@ -14,14 +14,14 @@ from online_examples import CHANNELS, LIMITS, of_rung, trained
 from etude.contracts import Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
-from etude.models.online.guard_clock import OwnClock
-from etude.models.online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks, feedback_of
-from etude.models.online.guard_gate import Gate, Ranges
-from etude.models.online.guard_hedge import AUTHORITY, Hedge
-from etude.models.online.learner import OnlineConfig
-from etude.models.online.methods import METHODS
-from etude.models.online.model import OnlineModel
-from etude.models.online.state import state_bytes, state_of
+from etude_online.guard_clock import OwnClock
+from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks, feedback_of
+from etude_online.guard_gate import Gate, Ranges
+from etude_online.guard_hedge import AUTHORITY, Hedge
+from etude_online.learner import OnlineConfig
+from etude_online.methods import METHODS
+from etude_online.model import OnlineModel
+from etude_online.state import state_bytes, state_of
 
 RATE, PERIOD, END = 100.0, 0.1, 40.0
 CONFIG = OnlineConfig("variance", size=30)

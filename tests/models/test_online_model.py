@@ -12,8 +12,8 @@ from etude.contracts import Channel, Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.linear import LinearMean
 from etude.models.model import LearnedModel
-from etude.models.online.learner import OnlineConfig
-from etude.models.online.model import OnlineModel
+from etude_online.learner import OnlineConfig
+from etude_online.model import OnlineModel
 
 RATE = 100.0
 CONFIG = OnlineConfig("variance", size=40)

@@ -10,9 +10,9 @@ from arm_kernel import structured_kernel
 
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
-from etude.models.gp.incremental_spectrum import IncrementalSpectrum
 from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.random_features import PER_INPUT, FeatureProcess, random_features
+from etude_sparse.incremental_spectrum import IncrementalSpectrum
+from etude_sparse.random_features import PER_INPUT, FeatureProcess, random_features
 
 RNG = np.random.default_rng
 X = RNG(0).normal(size=(25, 10))

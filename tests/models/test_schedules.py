@@ -24,7 +24,6 @@ from etude import plugins
 from etude.contracts import FitData
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
 from etude.models.contracts import HasKernel
-from etude.models.gp.dictionary import DictionaryConfig, DictionaryGP
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
 from etude.models.hyperparameters import on_schedule, trained_process
@@ -32,6 +31,7 @@ from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.store import load_model, save_model
+from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

@@ -11,7 +11,7 @@ from arm_kernel import structured_kernel
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.sogp import SOGP, OnlineProcess
+from etude_sparse.sogp import SOGP, OnlineProcess
 
 D = 3
 KERNEL = SquaredExponential(tuple(range(D)))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import etude.models.gp.sparse_spectrum_training as module
+import etude_sparse.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
 from etude.models.gp.priors import Prior
-from etude.models.gp.sparse_spectrum import SparseSpectrumGP
-from etude.models.gp.sparse_spectrum_training import (
+from etude_sparse.sparse_spectrum import SparseSpectrumGP
+from etude_sparse.sparse_spectrum_training import (
     fit_sparse_spectrum,
     held_out_error,
     initial_sparse_spectrum,

@@ -90,7 +90,7 @@ def test_a_model_is_evaluated_without_compilers_and_simulators(tmp_path) -> None
         "from etude.models.store import load_model\n"
         "model = load_model(sys.argv[1], Inputs().restore, PHYSICS)\n"
         "print(model.predict(trajectory(3).log)[0].shape)\n"
-        "bad = {'mujoco', 'numba', 'polars', 'etude.models.gp.dictionary', 'etude.models.gp.sogp'}\n"
+        "bad = {'mujoco', 'numba', 'polars', 'etude_sparse.dictionary', 'etude_sparse.sogp'}\n"
         "assert not bad & set(sys.modules), bad & set(sys.modules)\n"
     )
     done = subprocess.run(

@@ -18,12 +18,12 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
 from etude.logs.log_file import write_log
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.spec import ArmSpec, Axis
 from etude.storage import write_atomic
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.fourier import FourierTrajectory
+from etude_arm.inputs import ArmInputs
+from etude_arm.kind import KIND
+from etude_arm.spec import ArmSpec, Axis
 
 SECONDS = 20.0
 CONFIG = "0" * 64

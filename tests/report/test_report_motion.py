@@ -22,7 +22,7 @@ from etude.report.record import read_record
 from etude.report.scene import camera_of, project
 from etude.report.sections.around import beyond, room_around
 from etude.report.sections.motion import SIZE, frames, motion, stage
-from etude.robots.arm.kind import KIND
+from etude_arm.kind import KIND
 
 AROUND = """
 [mounting]

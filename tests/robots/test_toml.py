@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.robots.toml import decoded, from_table, read_table, toml_value, write_table, write_values
+from etude.toml_tables import decoded, from_table, read_table, toml_value, write_table, write_values
 
 
 @dataclass(frozen=True)

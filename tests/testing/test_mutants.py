@@ -17,7 +17,6 @@ from mutants import Twin, first_row_off, laws, log_off, noticed
 from etude.contracts import Cone, Proof
 from etude.design.score import Score
 from etude.models.gp.kernels import SquaredExponential
-from etude.robots.arm.kind import KIND
 from etude.testing import (
     CriterionSuite,
     FamilySuite,
@@ -28,6 +27,7 @@ from etude.testing import (
     RobotSuite,
 )
 from etude.testing.world import World, world
+from etude_arm.kind import KIND
 
 ARM = "arm4"
 

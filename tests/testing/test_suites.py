@@ -18,9 +18,9 @@ from etude.contracts import FitData, Kind, Trajectory
 from etude.errors import DataError
 from etude.logs.readers import read_csv, read_parquet
 from etude.models.members import member_named
-from etude.robots.arm.kind import KIND
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
 from etude.trajectories.json_text import from_json
+from etude_arm.kind import KIND
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}
 """Those that learn commands one by one."""

@@ -12,7 +12,7 @@ from etude.errors import UsageError
 from etude.limits.tracking import TrackingConfig
 from etude.logs.mapping import LogConfig
 from etude.models.config import ModelConfig
-from etude.robots.toml import read_table
+from etude.toml_tables import read_table
 
 SHARED: dict[str, type] = {
     "model": ModelConfig,

@@ -16,8 +16,8 @@ from etude.campaign.journal import JOURNAL, commit, read_events
 from etude.campaign.names import names_of, require_plain
 from etude.contracts import Described, Kind
 from etude.errors import UsageError
-from etude.robots.toml import decoded
 from etude.storage import write_atomic, writer_lock
+from etude.toml_tables import decoded
 from etude.trust import folder_id, trust_own
 
 GROUP = "etude.robots"

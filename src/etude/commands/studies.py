@@ -63,6 +63,7 @@ def run_study(
     Raises:
         UsageError: there is none of that name, it cannot be loaded, or has no use for an option given.
     """
+    require_studies()
     known = _known(what)
     if name not in known:
         listed = ", ".join(sorted(known)) or "none yet"
@@ -73,6 +74,15 @@ def run_study(
         if optional.get(option) and option not in taken:
             raise UsageError(f"{what} {name!r} has no use for {flag}", where=flag, next_step="Leave it out.")
     function(**options, **more, **{key: value for key, value in optional.items() if key in taken})
+
+
+def require_studies() -> None:
+    """UsageError with the command that installs them: there are none."""
+    if not plugins.names(GROUP):
+        raise UsageError(
+            "the studies are a package of their own, which is not installed",
+            next_step="In a checkout of Étude: pip install ./packages/etude-studies",
+        )
 
 
 def functions() -> dict[str, str]:

@@ -11,7 +11,7 @@ import tyro
 from etude.commands.common import Common
 from etude.commands.live import served
 from etude.commands.outcome import Outcome, Say
-from etude.commands.studies import functions, no_study, room_of, rooms, run_study
+from etude.commands.studies import functions, no_study, require_studies, room_of, rooms, run_study
 from etude.commands.terminal import width
 from etude.errors import UsageError
 
@@ -86,6 +86,7 @@ class Study(Common):
     """Of --serve; a free one if not given."""
 
     def run(self, say: Say) -> Outcome:
+        require_studies()
         if self.action not in ACTIONS:  # the short form of the studies that have one id each
             return self._one(self.action)
         if self.action == "list":

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.contracts import Motion
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.plant import compiled, mujoco_engine
-from etude.robots.arm.plant.parameters import ArmParameters
-from etude.robots.arm.plant.robot import ArmRobot, simulated_robot
+from etude_arm.kind import KIND
+from etude_arm.plant import compiled, mujoco_engine
+from etude_arm.plant.parameters import ArmParameters
+from etude_arm.plant.robot import ArmRobot, simulated_robot
 
 Array = NDArray[np.float64]
 MIDDLE = np.array([0.0, 0.7625, -1.145, 0.0])

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.robots.arm.clearance.gaps import Gaps
-from etude.robots.arm.clearance.limit import Clearance
-from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.surroundings import Surroundings
-from etude.robots.arm.loading.loaded import Loaded
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.clearance.gaps import Gaps
+from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.surroundings import Surroundings
+from etude_arm.loading.loaded import Loaded
+from etude_arm.spec import ArmSpec, Axis
 
 REACH = 2.8
 NAMES = ("j1", "j2", "j3")

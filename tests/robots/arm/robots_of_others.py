@@ -8,8 +8,8 @@ from loading_examples import bullet_robot, example_robot
 
 from etude.campaign.create import Part, create_campaign
 from etude.campaign.folder import Campaign, open_campaign
-from etude.robots.arm.spec import ArmSpec
-from etude.robots.arm.urdf import spec_from_model
+from etude_arm.spec import ArmSpec
+from etude_arm.urdf import spec_from_model
 
 FILES: dict[str, tuple[str, tuple[str, ...]]] = {
     "panda": ("panda_description/urdf/panda.urdf", ()),

@@ -9,17 +9,17 @@ import pytest
 from arm_examples import Swing, simulated
 
 from etude.errors import UsageError
-from etude.robots.arm.adaptive import (
+from etude_arm.adaptive import (
     CRAIG_HSU_SASTRY,
     SLOTINE_LI,
     craig_hsu_sastry,
     slotine_li,
 )
-from etude.robots.arm.adaptive_laws import Adaptation, Tracking, dominant
-from etude.robots.arm.physics.mean import ArmPhysics
-from etude.robots.arm.physics.reference_regressor import ReferenceRegressor
-from etude.robots.arm.physics.regressor import nominal_parameters
-from etude.robots.arm.physics.rigid_body import RigidBodyModel
+from etude_arm.adaptive_laws import Adaptation, Tracking, dominant
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.reference_regressor import ReferenceRegressor
+from etude_arm.physics.regressor import nominal_parameters
+from etude_arm.physics.rigid_body import RigidBodyModel
 
 ROBOT = replace(simulated(), lead_in=0.2)
 FAST = replace(ROBOT.spec, rate=500.0)

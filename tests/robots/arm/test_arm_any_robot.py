@@ -13,11 +13,11 @@ from etude.campaign.simulate import simulate
 from etude.campaign.status import status
 from etude.errors import UsageError
 from etude.report.build import build_report
-from etude.robots.arm import motions
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.rehearsal.robot import rehearsed
 from etude.testing import RobotSuite
 from etude.testing.kind import run_laws
+from etude_arm import motions
+from etude_arm.kind import KIND
+from etude_arm.rehearsal.robot import rehearsed
 
 ARMS = (
     *("panda", "ur3", "ur5", "ur10", "iiwa", "xarm6", "xarm7"),

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
-from etude.robots.arm.physics.base_parameters import spread_states
-from etude.robots.arm.physics.base_regressor import BaseRegressor, base_regressors
-from etude.robots.arm.physics.rigid_body import command_regressors
-from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude_arm.physics.base_parameters import spread_states
+from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude_arm.physics.rigid_body import command_regressors
+from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
-from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
-from etude.robots.arm.loading.loaded import Loaded
+from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
+from etude_arm.loading.loaded import Loaded
 
 SLIDERS = ("x", "y", "z")
 BALL = 0.05

@@ -17,18 +17,18 @@ from etude.design.kept import Kept
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import _within, certify, require_certified, spare, use
 from etude.limits.unseen import in_words
-from etude.robots.arm.clearance.gaps import TOLERANCE
-from etude.robots.arm.clearance.limit import TAKEN
-from etude.robots.arm.clearance.of_robot import clearance_of, search_of
-from etude.robots.arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
-from etude.robots.arm.description import describe
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.motions import family, limits
-from etude.robots.arm.motions import tests as motions_of_tests
-from etude.robots.arm.robot_file import parse_robot, robot_to_toml
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude_arm.clearance.gaps import TOLERANCE
+from etude_arm.clearance.limit import TAKEN
+from etude_arm.clearance.of_robot import clearance_of, search_of
+from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall
+from etude_arm.description import describe
+from etude_arm.kind import KIND
+from etude_arm.motions import family, limits
+from etude_arm.motions import tests as motions_of_tests
+from etude_arm.robot_file import parse_robot, robot_to_toml
 
 FLOOR = Surroundings(floor=Floor(0.0))
 LIMIT = clearance(planar(FLOOR))
@@ -214,8 +214,8 @@ def test_a_floor_is_assumed_where_the_base_can_stand_on_one(tmp_path, height: fl
     text = PLANAR.replace('pos="0 0 .1"', f'pos="0 0 {height}"')
     path.write_text(text.replace("</mujoco>", f"<actuator>{actuators}</actuator></mujoco>"))
     spec = planar_spec(tmp_path, xml=path.read_text())
-    from etude.robots.arm.clearance.of_robot import completed
-    from etude.robots.arm.loading.load import load_arm
+    from etude_arm.clearance.of_robot import completed
+    from etude_arm.loading.load import load_arm
 
     around, confirm = completed(spec, load_arm(spec), whole_file=True)
     assert (around.floor == Floor(0.0)) == assumed

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from etude.contracts import Array, Motion, Proof, Trajectory
 from etude.limits.certificate import spare
-from etude.robots.arm.clearance.gaps import CUTOFF
-from etude.robots.arm.clearance.limit import Clearance
-from etude.robots.arm.clearance.proof import MOST, nearest
-from etude.robots.arm.clearance.surroundings import Box, Floor, Surroundings
-from etude.robots.arm.clearance.way import way_of
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude_arm.clearance.gaps import CUTOFF
+from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.proof import MOST, nearest
+from etude_arm.clearance.surroundings import Box, Floor, Surroundings
+from etude_arm.clearance.way import way_of
 
 LIMIT = clearance(
     planar(Surroundings(floor=Floor(0.0), box=(Box("post", (0.6, 0.0, 0.4), (0.1, 0.4, 0.8)),)))

@@ -22,16 +22,16 @@ from etude.design.solve import design
 from etude.limits.certificate import certify
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import structured
-from etude.robots.arm.clearance.limit import Clearance
-from etude.robots.arm.clearance.of_robot import search_of
-from etude.robots.arm.clearance.surroundings import Surroundings
-from etude.robots.arm.description import describe
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.motions import family, limits
-from etude.robots.arm.spec import ArmSpec
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
+from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.of_robot import search_of
+from etude_arm.clearance.surroundings import Surroundings
+from etude_arm.description import describe
+from etude_arm.inputs import ArmInputs
+from etude_arm.kind import KIND
+from etude_arm.motions import family, limits
+from etude_arm.spec import ArmSpec
 
 pytestmark = pytest.mark.slow
 SECONDS = 60.0

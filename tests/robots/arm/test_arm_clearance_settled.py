@@ -9,10 +9,10 @@ import pytest
 from clearance_examples import NAMES, PLANAR, REACH, planar
 
 from etude.errors import UsageError
-from etude.robots.arm.clearance.settled import Settled, settled
-from etude.robots.arm.clearance.srdf import disabled
-from etude.robots.arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings
-from etude.robots.arm.loading.loaded import Loaded
+from etude_arm.clearance.settled import Settled, settled
+from etude_arm.clearance.srdf import disabled
+from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings
+from etude_arm.loading.loaded import Loaded
 
 LIMIT = np.full(3, REACH)
 FLOOR = Surroundings(floor=Floor(0.0))

@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from etude.robots.arm.clearance.fewer import Fewer, fewer, to_triangles
-from etude.robots.arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
-from etude.robots.arm.clearance.limit import Clearance
-from etude.robots.arm.clearance.of_robot import clearance_of
-from etude.robots.arm.clearance.pairs import gaps_of
-from etude.robots.arm.clearance.stand_ins import MANY, ROOM, stand_ins
-from etude.robots.arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings
-from etude.robots.arm.loading.hulls import hull, obj_text
-from etude.robots.arm.loading.loaded import Loaded
-from etude.robots.arm.spec import ArmSpec, Axis
 from etude.trajectories.fourier import FourierTrajectory
+from etude_arm.clearance.fewer import Fewer, fewer, to_triangles
+from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.limit import Clearance
+from etude_arm.clearance.of_robot import clearance_of
+from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.stand_ins import MANY, ROOM, stand_ins
+from etude_arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings
+from etude_arm.loading.hulls import hull, obj_text
+from etude_arm.loading.loaded import Loaded
+from etude_arm.spec import ArmSpec, Axis
 
 NAMES = ("j1", "j2", "j3")
 LIMIT = np.full(3, 2.5)

@@ -10,9 +10,9 @@ from arm_examples import Swing, simulated
 
 from etude.contracts import Log, Motion
 from etude.errors import DataError, UsageError
-from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.plant.led_in import control_times
-from etude.robots.arm.plant.robot import ArmRobot
+from etude_arm.controller import PerfectController
+from etude_arm.plant.led_in import control_times
+from etude_arm.plant.robot import ArmRobot
 
 
 class Fixed:

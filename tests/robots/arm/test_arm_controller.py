@@ -13,10 +13,10 @@ from etude.errors import NumericalError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.trust import trusted
-from etude.robots.arm.controller import ModelController, PerfectController
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.recipe import ArmData, samples_of
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.controller import ModelController, PerfectController
+from etude_arm.inputs import ArmInputs
+from etude_arm.recipe import ArmData, samples_of
+from etude_arm.spec import ArmSpec, Axis
 
 AXES = tuple(Axis(n, -1, 1, 1, 1, c) for n, c in (("a", 100.0), ("b", 5.0)))
 SPEC = ArmSpec("two", AXES, "N m", 100.0)

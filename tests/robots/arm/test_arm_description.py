@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.description import describe
-from etude.robots.arm.loading.pack import packed
-from etude.robots.arm.robot_file import read_robot
+from etude_arm.description import describe
+from etude_arm.loading.pack import packed
+from etude_arm.robot_file import read_robot
 
 
 def test_a_model_without_includes_is_copied_byte_by_byte(tmp_path: Path) -> None:

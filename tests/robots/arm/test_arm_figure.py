@@ -12,10 +12,10 @@ from rehearsal_examples import ARM, spec_of
 from robots_of_others import robot_of
 
 from etude.contracts import Figure, Thing
-from etude.robots.arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.loading.attached import Attached, Mounting
-from etude.robots.arm.loading.load import load_arm
+from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
+from etude_arm.kind import KIND
+from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.load import load_arm
 
 
 def test_joints_and_tips_are_where_mujoco_has_them() -> None:

@@ -9,8 +9,8 @@ from arm_examples import MIDDLE, actuator_length, moment_arm, open_loop, simulat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.robots.arm.plant import mujoco_engine
-from etude.robots.arm.plant.parameters import ArmParameters, load_parameters
+from etude_arm.plant import mujoco_engine
+from etude_arm.plant.parameters import ArmParameters, load_parameters
 
 ARMS = ("arm4", "arm4_rough")
 four = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)

@@ -14,11 +14,11 @@ from etude.errors import UsageError
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.recipe import ArmData
-from etude.robots.arm.robot_file import parse_robot
-from etude.robots.arm.spec import ArmSpec, Axis
 from etude.trajectories.family import FourierConfig
+from etude_arm.kind import KIND
+from etude_arm.recipe import ArmData
+from etude_arm.robot_file import parse_robot
+from etude_arm.spec import ArmSpec, Axis
 
 SPEC = KIND.spec(KIND.built_in()["arm4"])
 
@@ -170,7 +170,7 @@ def test_baselines_are_feedback_alone_and_the_exact_inverse() -> None:
 
 
 def test_the_kind_is_light_to_load() -> None:
-    code = "import sys, etude.robots.arm.kind as k; k.KIND.built_in(); print(*sys.modules)"
+    code = "import sys, etude_arm.kind as k; k.KIND.built_in(); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     for heavy in ("mujoco", "numba", "scipy", "polars", "msgspec"):
         assert heavy not in loaded.split(), heavy

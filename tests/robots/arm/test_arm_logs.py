@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from etude.logs.read import read_log
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.recipe import ArmData, samples_of
+from etude_arm.kind import KIND
+from etude_arm.recipe import ArmData, samples_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 

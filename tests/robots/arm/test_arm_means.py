@@ -10,9 +10,9 @@ from arm_examples import Swing, simulated
 
 from etude.contracts import Samples
 from etude.errors import DataError, UsageError
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.physics.mean import ArmPhysics, RigidBodyMean, physics_of
-from etude.robots.arm.recipe import ArmData, samples_of
+from etude_arm.inputs import ArmInputs
+from etude_arm.physics.mean import ArmPhysics, RigidBodyMean, physics_of
+from etude_arm.recipe import ArmData, samples_of
 
 ROBOT = simulated()
 SPEC = ROBOT.spec

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from etude.contracts import Log, Motion
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.memory import pulled, remembered
-from etude.robots.arm.recipe import ArmData, samples_of
-from etude.robots.arm.spec import MEMORY, ArmSpec, Axis
-from etude.robots.arm.standing import PLAY, resolution, standing
+from etude_arm.inputs import ArmInputs
+from etude_arm.memory import pulled, remembered
+from etude_arm.recipe import ArmData, samples_of
+from etude_arm.spec import MEMORY, ArmSpec, Axis
+from etude_arm.standing import PLAY, resolution, standing
 
 SPEC = ArmSpec(
     "arm", (Axis("a", -2.0, 2.0, 2.0, 8.0, 90.0), Axis("b", -2.0, 2.0, 2.0, 8.0, 90.0, "m")), "N m", 100.0

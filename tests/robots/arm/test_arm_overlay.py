@@ -10,8 +10,8 @@ from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, made, motor, s
 
 from etude.contracts import Array
 from etude.errors import UsageError
-from etude.robots.arm.rehearsal.robot import RehearsedRobot
-from etude.robots.arm.robot_file import parse_robot, robot_to_toml
+from etude_arm.rehearsal.robot import RehearsedRobot
+from etude_arm.robot_file import parse_robot, robot_to_toml
 
 
 def of_turn(robot: RehearsedRobot) -> dict[str, float]:

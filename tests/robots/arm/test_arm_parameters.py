@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.plant.parameters import DATA, ArmParameters, load_parameters
+from etude_arm.plant.parameters import DATA, ArmParameters, load_parameters
 
 COMPLETE = (DATA / "arm4.toml").read_text(encoding="utf-8")
 

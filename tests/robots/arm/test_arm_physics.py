@@ -16,7 +16,7 @@ from arm_examples import (
     with_motors,
 )
 
-from etude.robots.arm.plant.parameters import ArmParameters, Sine, load_parameters
+from etude_arm.plant.parameters import ArmParameters, Sine, load_parameters
 
 ARMS = ("arm4", "arm4_rough")
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from etude.contracts import Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.recipe import ArmData, samples_of
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.kind import KIND
+from etude_arm.recipe import ArmData, samples_of
+from etude_arm.spec import ArmSpec, Axis
 
 Array = NDArray[np.float64]
 SPEC = ArmSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)

@@ -10,9 +10,9 @@ import pytest
 from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, Waves, loop_inputs, made, motor, still
 
 from etude.contracts import Array
-from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.plant.trace import LoopInputs, Trace
-from etude.robots.arm.rehearsal.robot import RehearsedRobot
+from etude_arm.controller import PerfectController
+from etude_arm.plant.trace import LoopInputs, Trace
+from etude_arm.rehearsal.robot import RehearsedRobot
 
 LOOPS = ("inside", "outside")
 FIELDS = ("q", "q_true", "tau", "tau_fb")

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.contracts import Array, Log, Mask, Samples
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.recipe import ArmData, samples_of
-from etude.robots.arm.reversals import near_reversals, spared
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.kind import KIND
+from etude_arm.recipe import ArmData, samples_of
+from etude_arm.reversals import near_reversals, spared
+from etude_arm.spec import ArmSpec, Axis
 
 SPEC = ArmSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)
 CHANNELS = {channel.name: channel for channel in SPEC.channels()}

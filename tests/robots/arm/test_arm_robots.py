@@ -10,10 +10,10 @@ from arm_examples import ENGINES, simulated
 
 from etude.contracts import Motion
 from etude.errors import UsageError
-from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.plant.parameters import plant_names
-from etude.robots.arm.plant.robot import ArmRobot, simulated_robot
+from etude_arm.controller import PerfectController
+from etude_arm.kind import KIND
+from etude_arm.plant.parameters import plant_names
+from etude_arm.plant.robot import ArmRobot, simulated_robot
 
 
 class Still:

@@ -9,12 +9,12 @@ import pytest
 from arm_examples import MIDDLE, Sines, simulated
 
 from etude.errors import UsageError
-from etude.robots.arm.plant import compiled
-from etude.robots.arm.plant.changes import with_friction, with_payload
-from etude.robots.arm.plant.led_in import control_times
-from etude.robots.arm.plant.parameters import load_parameters
-from etude.robots.arm.plant.running import RunningArm
-from etude.robots.arm.plant.trace import LoopInputs, Trace
+from etude_arm.plant import compiled
+from etude_arm.plant.changes import with_friction, with_payload
+from etude_arm.plant.led_in import control_times
+from etude_arm.plant.parameters import load_parameters
+from etude_arm.plant.running import RunningArm
+from etude_arm.plant.trace import LoopInputs, Trace
 
 FIELDS = ("q", "q_true", "tau", "tau_fb")
 

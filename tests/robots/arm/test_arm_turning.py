@@ -13,13 +13,13 @@ from etude import plugins
 from etude.campaign.predict import along
 from etude.contracts import Log, Motion, Samples
 from etude.models.given import followed
-from etude.models.online.planned import Planned
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.memory import remembered, turning
-from etude.robots.arm.physics.mean import ArmPhysics, RigidBodyMean
-from etude.robots.arm.physics.rigid_body import EXTRA_TERMS, NARROW
-from etude.robots.arm.physics.transmission import Drive
-from etude.robots.arm.spec import TURNING, WAYS
+from etude_arm.inputs import ArmInputs
+from etude_arm.memory import remembered, turning
+from etude_arm.physics.mean import ArmPhysics, RigidBodyMean
+from etude_arm.physics.rigid_body import EXTRA_TERMS, NARROW
+from etude_arm.physics.transmission import Drive
+from etude_arm.spec import TURNING, WAYS
+from etude_online.planned import Planned
 
 ARM = plugins.load("etude.robots", "arm")
 SPEC = ARM.spec(ARM.built_in()["mobile_arm"])  # every drive is a joint's own

@@ -9,10 +9,10 @@ from arm_examples import MIDDLE, Sines, open_loop, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.robots.arm.controller import PerfectController
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.plant import compiled, mujoco_engine
-from etude.robots.arm.plant.parameters import load_parameters
+from etude_arm.controller import PerfectController
+from etude_arm.kind import KIND
+from etude_arm.plant import compiled, mujoco_engine
+from etude_arm.plant.parameters import load_parameters
 
 ARMS = ("arm4", "arm4_rough")
 SPEC = KIND.spec(KIND.built_in()["arm4"])

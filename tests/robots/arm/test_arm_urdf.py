@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.load import load_arm
-from etude.robots.arm.urdf import STOPPING_TIME, spec_from_model
+from etude_arm.loading.load import load_arm
+from etude_arm.urdf import STOPPING_TIME, spec_from_model
 
 MESH = '<visual><geometry><mesh filename="package://arm/meshes/link.stl"/></geometry></visual>'
 URDF = f"""<robot name="arm">

@@ -19,11 +19,11 @@ from etude.cli import main
 from etude.contracts import Trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
-from etude.robots.arm.commands import NO_MOTION, commands_of
-from etude.robots.arm.spec import ArmSpec
-from etude.robots.arm.urdf import spec_from_model
-from etude.robots.arm.weight import sentences, weight_of
 from etude.trajectories.moves import PointToPoint
+from etude_arm.commands import NO_MOTION, commands_of
+from etude_arm.spec import ArmSpec
+from etude_arm.urdf import spec_from_model
+from etude_arm.weight import sentences, weight_of
 
 LEVEL = GRAVITY * 3.0 * 0.3
 """N m that hold the lever level, where it stands at home."""

@@ -26,20 +26,20 @@ from etude.design.solve import design
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.motions import family as arm_family
-from etude.robots.arm.motions import limits as arm_limits
-from etude.robots.arm.motions import ways as arm_ways
-from etude.robots.arm.space.table import Cartesian
-from etude.robots.arm.spec import ArmSpec
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.room import home as flight_home
-from etude.robots.quadrotor.room import limits as flight_limits
-from etude.robots.quadrotor.room import ways as flight_ways
-from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.trajectories.extremes import OVERSAMPLING
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
+from etude_arm.kind import KIND
+from etude_arm.motions import family as arm_family
+from etude_arm.motions import limits as arm_limits
+from etude_arm.motions import ways as arm_ways
+from etude_arm.space.table import Cartesian
+from etude_arm.spec import ArmSpec
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.room import home as flight_home
+from etude_quadrotor.room import limits as flight_limits
+from etude_quadrotor.room import ways as flight_ways
+from etude_quadrotor.spec import QuadrotorSpec
 
 HARMONICS, DURATION, DENSER = 5, 20.0, 100
 CHUNK = 1000

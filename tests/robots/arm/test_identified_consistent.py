@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.robots.arm.identified.consistent import _barrier, consistent
-from etude.robots.arm.identified.pseudo_inertia import (
+from etude_arm.identified.consistent import _barrier, consistent
+from etude_arm.identified.pseudo_inertia import (
     SIZE,
     basis,
     coordinates,

@@ -13,15 +13,15 @@ from loading_examples import write
 
 from etude.contracts import Log, Samples
 from etude.errors import UsageError
-from etude.robots.arm.identified.files import central, written
-from etude.robots.arm.identified.fit import Identified, identified
-from etude.robots.arm.identified.links import links_of
-from etude.robots.arm.identified.pseudo_inertia import is_possible, matrix_of
-from etude.robots.arm.identified.target import URDF
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.loading.load import load
-from etude.robots.arm.physics.mean import ArmPhysics
-from etude.robots.arm.spec import ArmSpec, Axis
+from etude_arm.identified.files import central, written
+from etude_arm.identified.fit import Identified, identified
+from etude_arm.identified.links import links_of
+from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
+from etude_arm.identified.target import URDF
+from etude_arm.kind import KIND
+from etude_arm.loading.load import load
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.spec import ArmSpec, Axis
 
 NAMES = ("shoulder", "elbow", "wrist")
 FRICTION = np.array([1.5, 0.8, 0.3])

@@ -11,8 +11,8 @@ import pytest
 from loading_examples import bullet_robot, example_robot
 
 from etude.errors import UsageError
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.loading.load import load
+from etude_arm.kind import KIND
+from etude_arm.loading.load import load
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def test_what_is_no_arm_says_why(name: str, words: str) -> None:
 )
 def test_a_campaigns_copy_is_the_robot(name: str, tmp_path: Path) -> None:
     """What `etude init` writes loads, away from the package, to the same shapes at the same places."""
-    from etude.robots.arm.loading.load import load_arm
+    from etude_arm.loading.load import load_arm
 
     joints = ("arm_*_joint",) if "tiago" in name else ()
     described = KIND.chosen(example_robot(name), joints, {}, ())
@@ -169,7 +169,7 @@ def test_a_campaigns_copy_is_the_robot(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_bent_links_that_touch_often_are_cut_and_touch_less(tmp_path: Path) -> None:
     """A UR5's forearm and upper arm: of random poses half as many overlap, and none that did not before."""
-    from etude.robots.arm.loading.load import load_arm
+    from etude_arm.loading.load import load_arm
 
     path = example_robot("ur_description/urdf/ur5_robot.urdf")
     described = KIND.described(path)
@@ -198,7 +198,7 @@ def link_of(g: int, model: mujoco.MjModel) -> tuple[str, int]:
 
 def overlaps(model: mujoco.MjModel, poses: np.ndarray) -> np.ndarray:
     """Whether any two shapes overlap, but for those of neighbours."""
-    from etude.robots.arm.loading.crowded import REACH, _pairs
+    from etude_arm.loading.crowded import REACH, _pairs
 
     data, pairs, found = mujoco.MjData(model), list(_pairs(model)), []
     for q in poses:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.choice import Choice, choose
-from etude.robots.arm.loading.limbs import Moving
+from etude_arm.loading.choice import Choice, choose
+from etude_arm.loading.limbs import Moving
 
 
 def chain(*names: str, before: str = "", **values: float) -> list[Moving]:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.kind import KIND
-from etude.robots.arm.loading.load import load, load_arm
-from etude.robots.arm.loading.pack import packed
+from etude_arm.kind import KIND
+from etude_arm.loading.load import load, load_arm
+from etude_arm.loading.pack import packed
 
 ARM = """<mujoco><option {option}/>{head}<worldbody><body name="base"><geom size=".1"/>
 <body name="a" pos="0 0 .2"><joint name="one" axis="0 0 1" range="-90 90"/><geom size=".05" mass="2"/>

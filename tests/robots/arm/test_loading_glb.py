@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.mesh_readers import read_triangles
+from etude_arm.loading.mesh_readers import read_triangles
 
 POINTS = np.array([(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 3)], dtype="<f4")
 INDICES = np.array([0, 1, 2, 0, 2, 3], dtype="<u2")

@@ -8,8 +8,8 @@ import pytest
 from loading_examples import MESH, joint, link, robot, write
 
 from etude.errors import UsageError
-from etude.robots.arm.description import describe
-from etude.robots.arm.loading.load import load
+from etude_arm.description import describe
+from etude_arm.loading.load import load
 
 TWO = (
     link("base", shape='<box size="0.2 0.2 0.2"/>')

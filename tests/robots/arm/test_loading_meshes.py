@@ -13,11 +13,11 @@ from hypothesis.extra.numpy import arrays
 from loading_examples import ARM, MESH, write
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.hulls import THINNEST, hull, is_hull, obj_text
-from etude.robots.arm.loading.load import load
-from etude.robots.arm.loading.mesh_paths import MeshPaths
-from etude.robots.arm.loading.mesh_readers import read_triangles
-from etude.robots.arm.loading.slabs import SLABS, slabs, volume
+from etude_arm.loading.hulls import THINNEST, hull, is_hull, obj_text
+from etude_arm.loading.load import load
+from etude_arm.loading.mesh_paths import MeshPaths
+from etude_arm.loading.mesh_readers import read_triangles
+from etude_arm.loading.slabs import SLABS, slabs, volume
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 DAE = """<?xml version="1.0"?>

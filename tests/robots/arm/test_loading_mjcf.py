@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.load import load
-from etude.robots.arm.loading.pack import packed
+from etude_arm.loading.load import load
+from etude_arm.loading.pack import packed
 
 CUBE = " ".join(f"{x} {y} {z}" for x in (0, 0.2) for y in (-0.1, 0.1) for z in (-0.05, 0.05))
 GONE = '<texture name="t" file="gone.png" type="2d"/>'

@@ -9,8 +9,8 @@ from loading_examples import CUBE, example_robot, joint, link, robot
 from test_loading_arms import ARMS, Arm
 
 from etude.cli import main
-from etude.robots.arm.loading.load import load
-from etude.robots.arm.loading.mesh_paths import MeshPaths
+from etude_arm.loading.load import load
+from etude_arm.loading.mesh_paths import MeshPaths
 
 BASE = "meshes/base.obj"
 LONG = CUBE.replace("v 0.2", "v 0.7")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.arm.loading.mesh_paths import MeshPaths
-from etude.robots.arm.loading.mesh_readers import read_triangles
+from etude_arm.loading.mesh_paths import MeshPaths
+from etude_arm.loading.mesh_readers import read_triangles
 
 POINTS = [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 3)]
 TRIANGLES = np.array(POINTS, dtype=float)[[[0, 1, 2], [0, 1, 2], [0, 2, 3]]]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from test_loading_meshes import inside, solid
 
-from etude.robots.arm.loading.load import load
-from etude.robots.arm.loading.pack import packed
+from etude_arm.loading.load import load
+from etude_arm.loading.pack import packed
 
 BENT = solid((0, 0, 0, 0.1, 0.1, 0.5), (0, 0, 0.4, 0.6, 0.1, 0.5))
 """An L, whose hull holds half as much air again."""

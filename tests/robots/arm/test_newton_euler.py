@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from etude.campaign.create import load_robot
-from etude.robots.arm.physics.geometry import read_geometry
-from etude.robots.arm.physics.mean import ArmPhysics
-from etude.robots.arm.physics.newton_euler import nominal_commands
+from etude_arm.physics.geometry import read_geometry
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.newton_euler import nominal_commands
 
 
 @pytest.mark.parametrize("robot", ["arm4", "mobile_arm"])

@@ -14,11 +14,11 @@ from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, 
 from etude.contracts import Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.operators import cross
-from etude.robots.arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude.robots.arm.physics.estimate import fitted, output_priors, require_axes
-from etude.robots.arm.physics.regressor import nominal_parameters, regressor
-from etude.robots.arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
-from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude_arm.physics.estimate import fitted, output_priors, require_axes
+from etude_arm.physics.regressor import nominal_parameters, regressor
+from etude_arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
+from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
 
 V0 = np.full(5, 0.02)
 

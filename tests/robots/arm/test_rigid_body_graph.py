@@ -15,15 +15,15 @@ from etude.contracts import Array, Log
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.target import session
 from etude.operators import Value
-from etude.robots.arm.inputs import ArmInputs
-from etude.robots.arm.memory import remembered
-from etude.robots.arm.onnx import followed
-from etude.robots.arm.physics.mean import RigidBodyMean
-from etude.robots.arm.physics.regressor import nominal_parameters
-from etude.robots.arm.physics.rigid_body import RigidBodyModel
-from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
-from etude.robots.arm.physics.transmission import joint_drives
-from etude.robots.arm.spec import PATH, WAYS
+from etude_arm.inputs import ArmInputs
+from etude_arm.memory import remembered
+from etude_arm.onnx import followed
+from etude_arm.physics.mean import RigidBodyMean
+from etude_arm.physics.regressor import nominal_parameters
+from etude_arm.physics.rigid_body import RigidBodyModel
+from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude_arm.physics.transmission import joint_drives
+from etude_arm.spec import PATH, WAYS
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")

@@ -8,10 +8,10 @@ import pytest
 from rigid_examples import ACTUATOR_OF_AXIS, AWKWARD, NAMES
 
 from etude.errors import NumericalError, UsageError
-from etude.robots.arm.physics.kinematics import body_motion
-from etude.robots.arm.physics.regressor import nominal_parameters, regressor
-from etude.robots.arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
-from etude.robots.arm.physics.transmission import DriveMotion, drive_motion
+from etude_arm.physics.kinematics import body_motion
+from etude_arm.physics.regressor import nominal_parameters, regressor
+from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude_arm.physics.transmission import DriveMotion, drive_motion
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ import pytest
 
 from etude.contracts import Described
 from etude.errors import UsageError
-from etude.robots.arm.clearance.of_robot import clearance_of
-from etude.robots.arm.description import ROBOT_FILE, describe
-from etude.robots.arm.robot_file import read_robot
+from etude_arm.clearance.of_robot import clearance_of
+from etude_arm.description import ROBOT_FILE, describe
+from etude_arm.robot_file import read_robot
 
 CELL = """<mujoco model="cell"><compiler angle="radian"/><worldbody>
  <geom name="ground" type="plane" size="0 0 .05" pos="0 0 -.7"/>

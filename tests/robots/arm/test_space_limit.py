@@ -13,17 +13,17 @@ from clearance_examples import planar_spec, random_chain
 from etude.errors import UsageError
 from etude.limits.certificate import certify
 from etude.limits.unseen import SPEED
-from etude.robots.arm.loading.load import load_arm
-from etude.robots.arm.motions import limits
-from etude.robots.arm.robot_file import parse_robot, robot_to_toml
-from etude.robots.arm.space.limit import SpaceLimit
-from etude.robots.arm.space.of_robot import space_of
-from etude.robots.arm.space.reach import bent
-from etude.robots.arm.space.table import Cartesian
-from etude.robots.arm.spec import ArmSpec, Axis
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.trajectories.splined import Splined
+from etude_arm.loading.load import load_arm
+from etude_arm.motions import limits
+from etude_arm.robot_file import parse_robot, robot_to_toml
+from etude_arm.space.limit import SpaceLimit
+from etude_arm.space.of_robot import space_of
+from etude_arm.space.reach import bent
+from etude_arm.space.table import Cartesian
+from etude_arm.spec import ArmSpec, Axis
 
 ALL = Cartesian(
     (0.02, 0.0, 0.01),

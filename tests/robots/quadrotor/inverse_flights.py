@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from etude.contracts import Array, Log, Samples
-from etude.robots.quadrotor.channels import STATES, command
-from etude.robots.quadrotor.physics.vehicle_inverse import VehicleInverse
-from etude.robots.quadrotor.spec import QuadrotorSpec
-from etude.robots.quadrotor.vehicle import GRAVITY, Vehicle
+from etude_quadrotor.channels import STATES, command
+from etude_quadrotor.physics.vehicle_inverse import VehicleInverse
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY, Vehicle
 
 VEHICLE = Vehicle(
     mass=0.436,

@@ -10,10 +10,10 @@ from inverse_flights import SPEC, flights, flown
 from test_flight_inputs import motion
 
 from etude.contracts import Array, Log, Samples
-from etude.robots.quadrotor.battery import slow_voltage, usual_voltage
-from etude.robots.quadrotor.channels import BATTERY, command
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.recipe import FlightData, flight_samples
+from etude_quadrotor.battery import slow_voltage, usual_voltage
+from etude_quadrotor.channels import BATTERY, command
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.recipe import FlightData, flight_samples
 
 USUAL = 3.8
 

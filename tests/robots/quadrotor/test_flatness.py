@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from etude.contracts import Motion
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.robots.quadrotor.flatness import FlatMotion, flat_motion, roll_pitch_yaw
-from etude.robots.quadrotor.vehicle import GRAVITY
 from etude.trajectories.fourier import FourierTrajectory
+from etude_quadrotor.flatness import FlatMotion, flat_motion, roll_pitch_yaw
+from etude_quadrotor.vehicle import GRAVITY
 
 DRAGS = [(0.0, 0.0, 0.0), (0.57, 0.57, 0.57), (0.6, 0.4, 0.1)]
 EVERY_DRAG = pytest.mark.parametrize("drag", DRAGS)

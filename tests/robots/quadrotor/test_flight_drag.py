@@ -8,7 +8,7 @@ from inverse_flights import log_with, samples_of
 
 from etude.contracts import Samples
 from etude.errors import DataError
-from etude.robots.quadrotor.physics.drag import DragModel, train_drag
+from etude_quadrotor.physics.drag import DragModel, train_drag
 
 
 def flights(

@@ -12,8 +12,8 @@ from etude.contracts import Array, Candidate, Log, Motion, Trajectory
 from etude.errors import DataError, NumericalError, UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
-from etude.robots.quadrotor.channels import POSITION, POSITION_DES
-from etude.robots.quadrotor.controller import (
+from etude_quadrotor.channels import POSITION, POSITION_DES
+from etude_quadrotor.controller import (
     PID_ALONE,
     FlightFeedforward,
     flight_plan,
@@ -21,16 +21,16 @@ from etude.robots.quadrotor.controller import (
     states_of,
     thrust_voltage,
 )
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.flatness import flat_motion
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.physics.vehicle_inverse import nominal_inverse
-from etude.robots.quadrotor.plant.registry import simulated_vehicle
-from etude.robots.quadrotor.recipe import FlightData
-from etude.robots.quadrotor.room import home, limits
-from etude.robots.quadrotor.vehicle import GRAVITY
-from etude.robots.quadrotor.voltages import LARGEST_CORRECTION, GatedVoltages, LinearDrag
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.flatness import flat_motion
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
+from etude_quadrotor.plant.registry import simulated_vehicle
+from etude_quadrotor.recipe import FlightData
+from etude_quadrotor.room import home, limits
+from etude_quadrotor.vehicle import GRAVITY
+from etude_quadrotor.voltages import LARGEST_CORRECTION, GatedVoltages, LinearDrag
 
 PLANT = simulated_vehicle("quadrotor")
 SPEC = KIND.spec(KIND.built_in()["quadrotor"])

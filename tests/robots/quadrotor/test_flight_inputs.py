@@ -8,10 +8,10 @@ from inverse_flights import SPEC, flights, random_log, samples_of
 
 from etude.contracts import Motion
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
-from etude.robots.quadrotor.flatness import VECTORS
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.recipe import FlightData
 from etude.trajectories.fourier import FourierTrajectory
+from etude_quadrotor.flatness import VECTORS
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.recipe import FlightData
 
 ALL = [
     QuadrotorInputs(h, a, v, (0.6, 0.4, 0.0))

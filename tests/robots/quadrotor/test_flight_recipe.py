@@ -11,11 +11,11 @@ from inverse_flights import SPEC, flown, log_with
 from etude.contracts import Array, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.truth.ground import without_ground
-from etude.robots.quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
-from etude.robots.quadrotor.checks import findings
-from etude.robots.quadrotor.recipe import FlightData, common_lag, flight_samples
-from etude.robots.quadrotor.recorded import with_states
-from etude.robots.quadrotor.vehicle import GRAVITY
+from etude_quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
+from etude_quadrotor.checks import findings
+from etude_quadrotor.recipe import FlightData, common_lag, flight_samples
+from etude_quadrotor.recorded import with_states
+from etude_quadrotor.vehicle import GRAVITY
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))
 WEIGHT = np.array([0.0, 0.0, GRAVITY])

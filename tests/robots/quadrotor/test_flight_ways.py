@@ -17,13 +17,13 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.limits.unseen import WAY
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.room import home, limits, ways
-from etude.robots.quadrotor.spec import QuadrotorSpec
-from etude.robots.quadrotor.spec_file import check_spec
 from etude.trajectories.chain import Chain
 from etude.trajectories.splined import Splined
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.room import home, limits, ways
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.spec_file import check_spec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
 SMALL = replace(

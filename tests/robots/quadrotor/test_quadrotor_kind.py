@@ -14,16 +14,16 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary
-from etude.robots.quadrotor.family import FlightConfig, flight_family
-from etude.robots.quadrotor.inputs import QuadrotorInputs
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.recipe import FlightData
-from etude.robots.quadrotor.spec import QuadrotorSpec
 from etude.testing.inputs import InputsSuite
 from etude.testing.kind import KindSuite
 from etude.testing.physics import PhysicsSuite
 from etude.testing.robot import RobotSuite
 from etude.trajectories.fourier import FourierTrajectory
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.inputs import QuadrotorInputs
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.recipe import FlightData
+from etude_quadrotor.spec import QuadrotorSpec
 
 SPEC: QuadrotorSpec = KIND.spec(KIND.built_in()["quadrotor"])
 PELICAN: QuadrotorSpec = KIND.spec(KIND.built_in()["pelican"])
@@ -179,7 +179,7 @@ def test_physics_need_motors_that_are_described_in_volts() -> None:
 
 def test_the_kind_is_light_to_load() -> None:
     code = (
-        "from etude.robots.quadrotor.kind import KIND; KIND.built_in(); import sys;"
+        "from etude_quadrotor.kind import KIND; KIND.built_in(); import sys;"
         "print(' '.join(sorted({'numba', 'scipy', 'polars', 'msgspec'} & set(sys.modules))))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from etude.robots.quadrotor.vehicle import CORNERS, GRAVITY, SPINS, Vehicle
+from etude_quadrotor.vehicle import CORNERS, GRAVITY, SPINS, Vehicle
 
 DRONE = Vehicle(0.436, (2.24e-3, 2.24e-3, 4.0e-3), 0.178, 9.1e-6, 1.8e-7, 0.01466, 0.6, 2.4e-5, 11.1)
 

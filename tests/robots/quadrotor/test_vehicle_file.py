@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude.robots.quadrotor.spec_file import spec_from_table, spec_to_toml
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.spec_file import spec_from_table, spec_to_toml
 
 
 def spec_of(name):

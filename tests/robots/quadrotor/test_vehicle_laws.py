@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from etude.robots.quadrotor.plant import core
-from etude.robots.quadrotor.plant.constants import control, true_body
-from etude.robots.quadrotor.plant.flight import Flight, rotation
-from etude.robots.quadrotor.plant.parameters import FlightParameters, load_flight_parameters
-from etude.robots.quadrotor.plant.plan import FlightPlan
-from etude.robots.quadrotor.plant.registry import simulated_vehicle
-from etude.robots.quadrotor.plant.simulated import NOWHERE, SimulatedVehicle
+from etude_quadrotor.plant import core
+from etude_quadrotor.plant.constants import control, true_body
+from etude_quadrotor.plant.flight import Flight, rotation
+from etude_quadrotor.plant.parameters import FlightParameters, load_flight_parameters
+from etude_quadrotor.plant.plan import FlightPlan
+from etude_quadrotor.plant.registry import simulated_vehicle
+from etude_quadrotor.plant.simulated import NOWHERE, SimulatedVehicle
 
 Array = NDArray[np.float64]
 CLEAN = load_flight_parameters("quadrotor")

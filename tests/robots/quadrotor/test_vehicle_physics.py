@@ -10,16 +10,16 @@ from inverse_flights import SPEC, TRUTH, VEHICLE, flights, log_with, random_log,
 
 from etude.contracts import Samples
 from etude.errors import DataError
-from etude.robots.quadrotor.physics.linear_inverse import LinearInverse, identify_linear
-from etude.robots.quadrotor.physics.rungs import Identified, Nominal
-from etude.robots.quadrotor.physics.vehicle_inverse import (
+from etude_quadrotor.physics.linear_inverse import LinearInverse, identify_linear
+from etude_quadrotor.physics.rungs import Identified, Nominal
+from etude_quadrotor.physics.vehicle_inverse import (
     COEFFICIENTS,
     VehicleInverse,
     identify_vehicle,
     nominal_inverse,
     unreachable,
 )
-from etude.robots.quadrotor.vehicle import GRAVITY
+from etude_quadrotor.vehicle import GRAVITY
 
 NOMINAL = nominal_inverse(VEHICLE)
 WEIGHT = np.array([0.0, 0.0, GRAVITY])

@@ -9,15 +9,15 @@ import pytest
 
 from etude.contracts import Log
 from etude.errors import DataError, UsageError
-from etude.robots.quadrotor.channels import command
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.plant.disturbance import Disturbance
-from etude.robots.quadrotor.plant.flight import Flight
-from etude.robots.quadrotor.plant.plan import FlightPlan
-from etude.robots.quadrotor.plant.record import flight_log
-from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude.robots.quadrotor.plant.simulated import SimulatedVehicle
-from etude.robots.quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.channels import command
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.plant.disturbance import Disturbance
+from etude_quadrotor.plant.flight import Flight
+from etude_quadrotor.plant.plan import FlightPlan
+from etude_quadrotor.plant.record import flight_log
+from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.simulated import SimulatedVehicle
+from etude_quadrotor.spec import QuadrotorSpec
 
 
 @pytest.fixture(params=list(PLANTS))

@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from etude.robots.quadrotor.kind import KIND
-from etude.robots.quadrotor.plant.disturbance import Disturbance
-from etude.robots.quadrotor.plant.plan import FlightPlan
-from etude.robots.quadrotor.plant.registry import PLANTS, simulated_vehicle
-from etude.robots.quadrotor.plant.simulated import SimulatedVehicle
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.plant.disturbance import Disturbance
+from etude_quadrotor.plant.plan import FlightPlan
+from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.simulated import SimulatedVehicle
 
 
 def _plan(vehicle: SimulatedVehicle, seconds: float) -> FlightPlan:

@@ -18,7 +18,7 @@ from etude.contracts import Channel, Controller, Index, Log, Model, Motion, Row,
 from etude.errors import UsageError
 from etude.limits.library import AxisLimit
 from etude.logs.steps import smooth
-from etude.robots.toml import decoded, from_table, read_text
+from etude.toml_tables import decoded, from_table, read_text
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import random_moves
 

@@ -1,0 +1,97 @@
+"""The parts of the study of design about flights: is 30 s better spent on two flights than on one, and is the
+room enough that is kept for what tracking takes?
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from etude.campaign.create import create_campaign
+from etude.campaign.folder import Campaign
+from etude.campaign.simulate import simulate
+from etude.contracts import Array, Controller, Log
+from etude.logs.log_file import read_log_file
+from etude_quadrotor.controller import leaning
+from etude_studies.flight_world import Flights
+
+LENGTHS = (15.0, 30.0)
+SECONDS = 60.0
+"""s of flight in all."""
+FLIGHTS = 4
+"""Of a campaign."""
+MOTION, RUN, FIT, TEST = range(4)
+"""Streams of random numbers."""
+
+
+def flights(name: str, seed: int) -> dict[str, float]:
+    """Error in the loop, m, by seconds of flight, of random flights of 15 and of 30 s.
+
+    The first is flown under feedback alone, later ones with what was learned of the drag, as `etude simulate`
+    does; its largest distance from the plan stands beside it.
+    """
+    found: dict[str, float] = {}
+    for length in LENGTHS:
+        own = Flights.of(name, "low", duration=length)
+        logs: list[Log] = []
+        controller: Controller | None = None
+        while len(logs) * length < SECONDS:
+            number = len(logs)
+            flight = own.drawn(np.random.default_rng([seed, MOTION, number]), 1)[0]
+            logs += [own.robot.test(flight, controller, np.random.default_rng([seed, RUN, number]))]
+            found[f"{length:g}-s farthest {number + 1}"] = _farthest(logs[-1])
+            model = own.world.learned(
+                own.world.samples(*logs), own.world.config.model, np.random.default_rng([seed, FIT])
+            ).model
+            controller = leaning(model)
+            found |= _judged(
+                own, own.world.kind.controller(own.world.spec, own.world.config, model), logs, seed
+            )
+    return found
+
+
+def _farthest(log: Log) -> float:
+    """Largest distance from the plan, m."""
+    error: Array = np.linalg.norm(log["position_des"] - log["position"], axis=1)
+    return float(error.max())
+
+
+def _judged(own: Flights, controller: Controller, logs: list[Log], seed: int) -> dict[str, float]:
+    """Mean distance from the plan on the kind's tests, m, by its seconds of flight."""
+    world = own.world
+    tests = world.kind.tests(world.spec, world.config, np.random.default_rng([seed, TEST]))
+    errors = [
+        own.robot.error(own.robot.test(test, controller, np.random.default_rng([seed, TEST, 1])))[0][-1]
+        for test in tests.values()
+    ]
+    length = own.world.config.trajectory.duration
+    return {f"{length:g}-s after {length * len(logs):g} s": float(np.mean(errors))}
+
+
+def room(name: str, seed: int) -> dict[str, float]:
+    """How many of a campaign's flights left their room, and how far each left its plan, in parts of what the
+    certificate kept for it.
+    """
+    with TemporaryDirectory() as folder:
+        campaign, _ = create_campaign(Path(folder) / "campaign", name, seed=seed)
+        for _ in simulate(campaign, FLIGHTS):
+            pass
+        rounds = campaign.state().rounds.values()
+        found = {"left": float(sum(r.abandoned for r in rounds)), "flights": float(len(rounds))}
+        told = [r.number for r in rounds if not r.abandoned]
+        return found | {
+            f"of margin {place}": _of_margin(campaign, n) for place, n in enumerate(told, start=1)
+        }
+
+
+def _of_margin(campaign: Campaign, number: int) -> float:
+    """Largest distance from the plan along x, y or z in parts of what is kept there between plan and wall."""
+    log = read_log_file(campaign.path / "runs" / f"{number:04d}.parquet")
+    proposal = campaign.path / "proposals" / f"{number:04d}" / "certificate.json"
+    rows = [row for row in json.loads(proposal.read_bytes())["rows"] if row["quantity"] == "position"]
+    kept = np.asarray(campaign.spec.upper) - [row["upper"] for row in rows]
+    away: Array = np.abs(log["position_des"] - log["position"]).max(axis=0)
+    return float((away / kept).max())

@@ -1,0 +1,162 @@
+"""Figures for print: tables as dots with intervals, curves with bands, as PDF and SVG through matplotlib."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from etude.errors import UsageError
+from etude_studies.collected import Results
+from etude_studies.site.claim_words import COUNTED
+from etude_studies.site.curve_plot import letter
+from etude_studies.site.numbers import Numbers, Summary, counts, printed, summary
+from etude_studies.site.words import LINES, axis_label, column_name, line_name
+from etude_studies.thesis.ledger import Entry, Ledger
+
+INCHES = (3.4, 2.9)
+"""One column of a journal."""
+APART = 0.045
+"""Of the axis, between letters of lines to compare with."""
+KINDS = ("pdf", "svg")
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+MARKERS, DASHES = "os^P", ("-", "--", ":", "-.")
+SETTINGS = {
+    "font.size": 8,
+    "svg.hashsalt": "etude",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+INCOMPARABLE = ("PWM2",)
+
+
+def paper_figures(
+    ledger: Ledger, results: Results, folder: Path, *, only: Sequence[str] = ()
+) -> tuple[Path, ...]:
+    """Writes `<id>.pdf` and `<id>.svg` of every table and curve that has results, and returns the files.
+
+    The same inputs give the same bytes: no date is written.
+
+    Args:
+        ledger: the entries. results: what was measured.
+        folder: made if need be.
+        only: ids of entries; all if empty.
+
+    Raises:
+        UsageError: matplotlib is not installed, or an id of `only` is none.
+    """
+    pyplot = _pyplot()
+    entries = [ledger.entry(id) for id in only] or list(ledger.entries)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    for entry in entries:
+        if entry.kind != "trace" and any(row.run.partition(":")[0] in results.tables for row in entry.rows):
+            with pyplot.rc_context(SETTINGS):
+                written += _saved(pyplot, Numbers(results), entry, folder)
+    return tuple(written)
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib
+    except ImportError as error:
+        step = "pip install 'matplotlib>=3.8'."
+        raise UsageError("figures for print need matplotlib", next_step=step) from error
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def _saved(pyplot: Any, numbers: Numbers, entry: Entry, folder: Path) -> list[Path]:
+    figure, axes = pyplot.subplots(figsize=INCHES, layout="constrained")
+    column = "mean" if "mean" in entry.columns else entry.columns[0]
+    draw = _curves if entry.kind == "curve" else _dots
+    draw(axes, numbers, entry, column)
+    if axes.get_legend_handles_labels()[1]:
+        figure.legend(
+            loc="outside lower left", ncols=2, frameon=False, fontsize=6, handlelength=1.8, columnspacing=0.8
+        )
+    files = []
+    for kind in KINDS:
+        path = folder / f"{entry.id}.{kind}"
+        dated = {"Date": None} if kind == "svg" else {"CreationDate": None}
+        figure.savefig(path, metadata=dated)
+        files.append(path)
+    pyplot.close(figure)
+    return files
+
+
+def _dots(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
+    """A row each, from the top; lines to compare with across all rows."""
+    for place, row in enumerate(entry.rows):
+        own = summary(numbers.cell(entry, row.run, column, counts(entry, row)[-1]))
+        if own:
+            axes.errorbar(own.mean, -place, xerr=_bars(own), fmt=MARKERS[place % 4], color=_colour(place))
+        told = printed(entry, row).get(column)
+        if told is not None and entry.unit not in INCOMPARABLE:
+            name = "the thesis, one run" if place == 0 else None
+            axes.plot(told, -place, "D", mfc="none", mec="black", ms=5, ls="", label=name)
+    found = [(source, summary(numbers.cell(entry, source, column, entry.at[-1]))) for source in entry.lines]
+    values = [(source, own.mean) for source, own in found if own]
+    for place, (source, value) in enumerate(values):
+        axes.axvline(value, color="0.6", lw=0.8, ls="--", label=_line(place, source))
+    axes.set_yticks([-place for place in range(len(entry.rows))], [row.label for row in entry.rows])
+    axes.set_ylim(-len(entry.rows) + 0.4, 0.6)
+    axes.set_xlabel(_label(entry, column))
+    low, high = axes.get_xlim()
+    for sign, x in _spread([value for _, value in values], APART * (high - low)):
+        axes.annotate(sign, (x, 1.02), xycoords=("data", "axes fraction"), ha="center", fontsize=6)
+
+
+def _curves(axes: Any, numbers: Numbers, entry: Entry, column: str) -> None:
+    """Means with bands; lines to compare with in grey."""
+    for place, row in enumerate(entry.rows):
+        found = numbers.curve(entry, row.run, column, counts(entry, row))
+        if found:
+            look = {"color": _colour(place), "marker": MARKERS[place % 4], "ls": DASHES[place % 4], "ms": 4}
+            axes.plot([*found], [own.mean for own in found.values()], label=row.label, lw=1.2, **look)
+            low, high = [own.low for own in found.values()], [own.high for own in found.values()]
+            axes.fill_between([*found], low, high, color=_colour(place), alpha=0.18, lw=0)
+    lines = [(source, numbers.curve(entry, source, column, entry.at)) for source in entry.lines]
+    lines = [(source, own) for source, own in lines if own]
+    for place, (source, own) in enumerate(lines):
+        means = [one.mean for one in own.values()]
+        axes.plot([*own], means, color="0.6", lw=0.8, ls="--", label=_line(place, source))
+    axes.set_ylim(bottom=0.0)
+    axes.locator_params(axis="x", integer=True)
+    axes.set_xlabel(f"{COUNTED.get(entry.rows[0].run[0], 'trajectories')} learned")
+    axes.set_ylabel(_label(entry, column))
+    ends = [own[max(own)].mean for _, own in lines]
+    for sign, y in _spread(ends, APART * axes.get_ylim()[1]):
+        axes.annotate(sign, (1.02, y), xycoords=("axes fraction", "data"), va="center", fontsize=6)
+
+
+def _line(place: int, source: str) -> str:
+    return f"{letter(place)}  {line_name(source, LINES)}"
+
+
+def _spread(values: Sequence[float], apart: float) -> list[tuple[str, float]]:
+    """A letter for each value, moved up where it would lie on the one before."""
+    out, last = [], -math.inf
+    for value, place in sorted((value, place) for place, value in enumerate(values)):
+        last = max(value, last + apart)
+        out.append((letter(place), last))
+    return out
+
+
+def _bars(own: Summary) -> list[list[float]]:
+    return [[own.mean - own.low], [own.high - own.mean]]
+
+
+def _colour(place: int) -> str:
+    return PALETTE[place % len(PALETTE)]
+
+
+def _label(entry: Entry, column: str) -> str:
+    name = axis_label(entry.measure, entry.unit)
+    return name if column == "mean" else f"{column_name(column)}: {name}"

@@ -1,0 +1,133 @@
+"""Adaptive control of an arm whose structure is known and whose parameters are not, run after run.
+
+The laws of Slotine and Li (1987) and of Craig, Hsu and Sastry (1987) on the identified model's regressor, as
+feedforward of an arm under its own feedback. What differs from the papers:
+
+- The robot's own PD stays on underneath, and the laws add what they would add to it. It is the K_D s of
+  Slotine and Li where its stiffness is the bandwidth times its damping; a stiffer one pulls harder still.
+- A command is asked for before the robot measures, so it acts on what was measured one tick earlier.
+- Rates, and the accelerations that the second law needs, are differences of the tracking error, smoothed by a
+  pole for each derivative; the papers take both as measured. It is this noise that limits how fast the
+  second law may learn.
+- Estimates stay in a box (a projection, with which the proofs hold), leak (with which errors are bounded, not
+  zero), and rest where the command saturates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from etude.contracts import Array, Motion, Row
+from etude.errors import UsageError
+from etude_arm.adaptive_laws import Adaptation, CraigHsuSastry, Law, SlotineLi, Tracking
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.reference_regressor import Reference, ReferenceRegressor
+from etude_arm.physics.rigid_body import RigidBodyModel
+from etude_arm.spec import COMMAND, PATH, PLAN, ArmSpec
+
+SLOTINE_LI = Adaptation(bandwidth=3.0, rate=5.0, smoothing=0.1)
+CRAIG_HSU_SASTRY = Adaptation(bandwidth=2.0, rate=0.5, smoothing=0.2, leak=0.0)
+"""Settings that learn within a minute on the simulated arm; the second, slower by far, needs no leak."""
+INERTIA_FLOOR = 0.02
+"""Least estimated inertia as a part of the command limit over the acceleration limit."""
+
+
+@dataclass(eq=False)
+class AdaptiveController:
+    """A law at work (implements `contracts.Controller`): estimates are carried from run to run.
+
+    What it remembers of a motion is forgotten where time does not go on, so the same object may run again.
+
+    Attributes:
+        spec: its command limits clip.
+        regressor, law: what it learns, and how.
+        weights: (J, n) the estimates, in deviations before any data; they move.
+    """
+
+    spec: ArmSpec
+    regressor: ReferenceRegressor
+    law: Law
+    weights: Array
+    _time: float = field(default=np.inf, init=False, repr=False)
+    _tracking: Tracking | None = field(default=None, init=False, repr=False)
+    _at: Reference | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.weights.shape != self.regressor.zero.shape or not np.isfinite(self.weights).all():
+            raise UsageError(
+                f"weights of shape {self.weights.shape} cannot be started from",
+                where=self.spec.name,
+                next_step=f"Give finite ones of shape {self.regressor.zero.shape}.",
+            )
+        self.weights = self._boxed(self.weights)
+
+    def planned(self, motion: Motion) -> Array | None:  # noqa: ARG002
+        """None: it is asked tick by tick."""
+        return None
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:
+        """The estimated command (J,) at one instant, clipped; it knows no deviation of it: zeros."""
+        if t <= self._time:
+            self._tracking = None
+        self._time = t
+        tracking = self._tracking or Tracking.still(np.zeros(self.spec.dof))
+        plan = np.stack([row[name] for name in PLAN])
+        q, qd = plan[0] - tracking.e, plan[1] - tracking.ed
+        self._at = self.regressor.at(q, qd, *self.law.reference(plan, tracking))
+        command = np.sum(self._at.features * self.weights, axis=1)
+        return np.clip(command, -self.spec.command, self.spec.command), np.zeros(self.spec.dof)
+
+    def observe(self, t: float, row: Row) -> None:  # noqa: ARG002
+        """Learns from the measured position and the command that was applied, rows as of `command`."""
+        e, step = row[PLAN[0]] - row[PATH[0]], 1.0 / self.spec.rate
+        settings = self.law.adaptation
+        before = self._tracking or Tracking.still(e)
+        self._tracking = before.after(e, step, settings.smoothing)
+        if self._at is None:
+            return
+        free = np.abs(row[COMMAND]) < self.spec.command
+        slope = free[:, None] * self.law.slope(self._tracking, self._at, self.weights)
+        self.weights = self._boxed(self.weights + step * (slope - settings.leak * self.weights))
+
+    def _boxed(self, weights: Array) -> Array:
+        bound = self.law.adaptation.bound
+        return np.clip(weights, -bound, bound)
+
+
+def slotine_li(
+    physics: ArmPhysics, adaptation: Adaptation = SLOTINE_LI, start: RigidBodyModel | None = None
+) -> AdaptiveController:
+    """The law of Slotine and Li for this robot, from zero or from an identified model.
+
+    Raises:
+        UsageError: a robot without a model file, or another robot's model.
+    """
+    regressor = ReferenceRegressor.of(physics)
+    spec = physics.spec
+    home = 0.5 * (spec.lower + spec.upper)
+    still = np.zeros(spec.dof)
+    speed = np.abs(regressor.at(home, still, still, still).moment) @ spec.velocity
+    gain = adaptation.rate / (regressor.count * spec.command * speed)
+    return _started(regressor, SlotineLi(gain, adaptation), start)
+
+
+def craig_hsu_sastry(
+    physics: ArmPhysics, adaptation: Adaptation = CRAIG_HSU_SASTRY, start: RigidBodyModel | None = None
+) -> AdaptiveController:
+    """The law of Craig, Hsu and Sastry for this robot, from zero or from an identified model.
+
+    Raises:
+        UsageError: a robot without a model file, or another robot's model.
+    """
+    regressor = ReferenceRegressor.of(physics)
+    spec = physics.spec
+    floor = INERTIA_FLOOR * spec.command / spec.acceleration
+    gain = adaptation.rate * floor / (regressor.count * spec.command * spec.velocity)
+    return _started(regressor, CraigHsuSastry(gain, floor, adaptation), start)
+
+
+def _started(regressor: ReferenceRegressor, law: Law, start: RigidBodyModel | None) -> AdaptiveController:
+    weights = regressor.zero if start is None else regressor.weights(start)
+    return AdaptiveController(regressor.physics.spec, regressor, law, weights)

@@ -1,0 +1,160 @@
+"""Distances between shapes, and between shapes and what stands around, for many poses at once, in C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Index
+from etude_arm.clearance.skeleton import Shape, Skeleton
+from etude_arm.clearance.surroundings import Column, Wall
+
+CUTOFF = 0.3
+"""m: farther than that nobody looks; what is capped stays a lower bound. More lets far pairs cost time, less
+makes the steps of the proof short."""
+BATCH = 256
+"""Poses that are evaluated at once."""
+TOLERANCE = 1e-4
+"""m, by which MuJoCo's distances may be too large."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What is kept apart: a shape of the robot from another one, from a box, or from planes.
+
+    Attributes:
+        one, other: the shapes' numbers; other is -1 for planes and the column.
+        names: of both, as people know them.
+        row: rigid parts, or a part and a thing that stands around: one row of the certificate.
+    """
+
+    one: int
+    other: int
+    names: tuple[str, str]
+    row: tuple[str, str]
+
+    @property
+    def text(self) -> str:
+        """Both, as in the certificate."""
+        return f"{self.names[0]} and {self.names[1]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """All distances that are looked at, in the order of `list`: by sensors first, then by planes.
+
+    Attributes:
+        skeleton: the robot, whose model has one sensor for each of the first gaps.
+        sensed: gaps between geoms. walled: between shapes and planes, or a column.
+        planes: of `walled`.
+        kept_at: what rows keep, by home and margin: remembered by `Clearance`.
+    """
+
+    skeleton: Skeleton
+    sensed: tuple[Gap, ...]
+    walled: tuple[Gap, ...]
+    planes: tuple[tuple[Wall, ...] | Column, ...]
+    kept_at: dict[bytes, Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def list(self) -> tuple[Gap, ...]:
+        """Every gap; n of them."""
+        return (*self.sensed, *self.walled)
+
+    @cached_property
+    def reach(self) -> Array:
+        """(n, k) P: |d(q') - d(q)| <= P |q' - q|, by joint; 0 for joints that move both shapes or none."""
+        L, skeleton = self.skeleton.reaches, self.skeleton
+        found = np.zeros((len(self.list), L.shape[1]))
+        for row, gap in zip(found, self.list, strict=True):
+            if gap.other < 0:
+                row[:] = L[gap.one]
+            else:
+                parts = (skeleton.shapes[i].part for i in (gap.one, gap.other))
+                row[:] = np.where(skeleton.between(*parts), L[gap.one] + L[gap.other], 0.0)
+        return found
+
+    @cached_property
+    def geoms(self) -> Index:
+        """(number of sensed gaps, 2) numbers of their geoms in the model."""
+        numbers = np.array([shape.geom for shape in self.skeleton.shapes], dtype=np.int64)
+        return numbers[np.array([(gap.one, gap.other) for gap in self.sensed], dtype=np.int64).reshape(-1, 2)]
+
+    @cached_property
+    def _grown(self) -> Array:
+        """(number of sensed gaps,) m by which shapes are nearer than the geoms that stand for them."""
+        shapes = self.skeleton.shapes
+        return np.array([shapes[gap.one].grown + shapes[gap.other].grown for gap in self.sensed])
+
+    @cached_property
+    def _batch(self) -> Any:
+        from mujoco.batch import Batch
+
+        batch = Batch(self.skeleton.model, BATCH, nthread=1)
+        for name in ("sensordata", "geom_xpos", "geom_xmat"):
+            batch.bind(name)  # outputs are copied out only if they were asked for before
+        return batch
+
+    def of_poses(self, poses: Array) -> Array:
+        """(T, n) m of poses (T, k), at most `CUTOFF`; negative where shapes overlap."""
+        found = np.empty((len(poses), len(self.list)))
+        for first in range(0, len(poses), BATCH):
+            found[first : first + BATCH] = self._of_some(poses[first : first + BATCH])
+        return found
+
+    def to_walls(self, poses: Array) -> Array:
+        """(T, number of walled gaps) m of poses (T, k), without looking at any other gap."""
+        import mujoco
+
+        data = mujoco.MjData(self.skeleton.model)
+        places, turns = [], []
+        for pose in poses:
+            data.qpos[self.skeleton.addresses] = pose
+            mujoco.mj_kinematics(self.skeleton.model, data)
+            places.append(data.geom_xpos.copy())
+            turns.append(data.geom_xmat.copy())
+        return self._to_walls(np.array(places), np.array(turns))
+
+    def _of_some(self, poses: Array) -> Array:
+        import mujoco
+
+        batch, count = self._batch, len(poses)
+        batch.qpos[:count, self.skeleton.addresses] = poses
+        batch.forward(ids=np.arange(count), stage=mujoco.mjtStage.mjSTAGE_POS)
+        sensed = batch.sensordata[:count, : len(self.sensed)] - self._grown
+        if not self.walled:
+            return np.asarray(sensed)
+        return np.concatenate(
+            [sensed, self._to_walls(batch.geom_xpos[:count], batch.geom_xmat[:count])], axis=1
+        )
+
+    def _to_walls(self, places: Array, turns: Array) -> Array:
+        """(T, number of walled gaps) from the frames of all geoms."""
+        found = np.empty((len(places), len(self.walled)))
+        for i, (gap, planes) in enumerate(zip(self.walled, self.planes, strict=True)):
+            shape = self.skeleton.shapes[gap.one]
+            place, turn = places[:, shape.geom], turns[:, shape.geom].reshape(-1, 3, 3)
+            found[:, i] = np.minimum(_clear_of(shape, planes, place, turn), CUTOFF)
+        return found
+
+
+def unit(wall: Wall) -> tuple[Array, float]:
+    """Normal of length 1, and the plane's distance from the origin along it."""
+    normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+    return normal, float(normal @ np.array(wall.point))
+
+
+def _clear_of(shape: Shape, planes: tuple[Wall, ...] | Column, place: Array, turn: Array) -> Array:
+    """(T,) m between a shape at frames (T, 3), (T, 3, 3) and the nearest plane or the column's mantle."""
+    if isinstance(planes, Column):
+        across = (turn[:, :2] @ shape.points.T) + (place[:, :2] - np.array(planes.centre))[:, :, None]
+        return np.asarray(planes.radius - np.hypot(across[:, 0], across[:, 1]).max(axis=1) - shape.radius)
+    clear = []
+    for wall in planes:
+        normal, offset = unit(wall)
+        lowest = ((normal @ turn) @ shape.points.T).min(axis=1)
+        clear.append(place @ normal + lowest - offset - shape.radius)
+    return np.asarray(np.min(clear, axis=0))

@@ -1,0 +1,236 @@
+"""Clearance: a robot keeps away from itself and from what stands around it, at all times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, Trajectory
+from etude.limits.library import AxisLimit
+from etude.limits.ranges import tracked
+from etude.limits.remembered import remembered
+from etude.limits.tracking import ASSUMED
+from etude.limits.unseen import COLLISIONS
+from etude.trajectories.fourier import FourierTrajectory
+from etude_arm.clearance.confirmed import excess
+from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.kept import kept
+from etude_arm.clearance.proof import QUICK, Nearest, nearest
+from etude_arm.clearance.stance import ROOM
+from etude_arm.clearance.tracked import all_keep, lost
+from etude_arm.clearance.way import Way, way_of
+
+METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
+LOOK = 2
+"""One of so many of a way's first samples is looked at in searches."""
+TAKEN = 0.75
+"""Of the room that a gap has at home beyond what searches keep, the part that tracking may take. The rest is
+for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
+SMALL = 0.1
+"""Of a joint's range: where no joint goes through more, a motion teaches hardly anything."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """A limit of `contracts`: every gap at least as wide as its row of the certificate says.
+
+    Not convex: motions are drawn home until it is proved. Its cones are no proof; they keep a search inside
+    the box where nearly all poses are clear, and what is found there may be grown beyond it.
+
+    Attributes:
+        gaps: what is looked at.
+        names: (k,) of the joints.
+        home: (k,) a clear pose.
+        margin: m to keep; neighbours may keep less, see `kept`.
+        lower, upper: (k,) the box.
+        margins: of tracking, by form of motion.
+        not_looked_at: sentences, what this limit leaves out.
+    """
+
+    gaps: Gaps
+    names: tuple[str, ...]
+    home: Array
+    margin: float
+    lower: Array
+    upper: Array
+    margins: Margins = field(default_factory=dict)
+    not_looked_at: tuple[str, ...] = ()
+    looks_at: tuple[str, ...] = (COLLISIONS,)
+    name: str = "clearance"
+    _proofs: dict[str, tuple[Proof, ...]] = field(default_factory=dict, repr=False)
+    _words: dict[str, bool] = field(default_factory=dict, repr=False)
+    _shares: dict[bytes, Array] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """Of the certificate: rigid parts, or a part and what stands around."""
+        return tuple(dict.fromkeys(gap.row for gap in self.gaps.list))
+
+    @cached_property
+    def row_of(self) -> Index:
+        """(n,) each gap's row."""
+        place = {row: i for i, row in enumerate(self.rows)}
+        return np.array([place[gap.row] for gap in self.gaps.list], dtype=np.int64)
+
+    @cached_property
+    def kept(self) -> Array:
+        """(r,) m that each row keeps."""
+        key = self.home.tobytes() + np.float64(self.margin).tobytes()
+        known = self.gaps.kept_at  # a command asks for its limits often
+        if key not in known:
+            known[key] = kept(self.gaps, self.row_of, self.home, self.margin)
+        return known[key]
+
+    def _by_row(self, distances: Array) -> Array:
+        """(T, r) the least of each row, from (T, n)."""
+        found = np.full((len(self.rows), len(distances)), np.inf)
+        np.minimum.at(found, self.row_of, distances.T)
+        return np.asarray(found.T)
+
+    def cones(self, family: Family) -> Sequence[Cone]:
+        """The box, for the search."""
+        return AxisLimit("box", 0, self.names, self.lower, self.upper).cones(family)
+
+    def penalty(self, motion: Motion) -> tuple[float, Array]:
+        """None that pushes: a search that starts in collision stays there, and the way home gets it out."""
+        return 0.0, np.zeros_like(motion.orders)
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:
+        """One row for each pair of rigid parts, and for each part and what stands around."""
+        return remembered(
+            self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece))
+        )
+
+    def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
+        """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
+        at_home = self.gaps.of_poses(self.home[None])[0]
+        nearest = int(at_home.argmin())
+        ways = [way_of(piece) for _, _, piece in trajectory.pieces() if isinstance(piece, FourierTrajectory)]
+        if at_home[nearest] >= 2.0 * self.margin or not ways:
+            return ()
+        poses = np.concatenate([way.at(way.knots)[0] for way in ways])
+        part = np.ptp(poses, axis=0) / (self.gaps.skeleton.upper - self.gaps.skeleton.lower)
+        if part.max() >= SMALL:
+            return ()
+        gap, far = self.gaps.list[nearest].text, 1000.0 * at_home[nearest]
+        return (
+            f"Next to no motion is left: no joint goes through more than {100.0 * part.max():.2g} % of its "
+            f"range. At home {gap} are {far:.2g} mm apart, too little for tracking errors and motion: give "
+            "links that only seem to stand so close closer shapes, or [search] another home.",
+        )
+
+    def keeps(self, piece: Trajectory) -> bool:
+        """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
+        return remembered(self._words, piece.to_json(), lambda: self._sampled(piece))
+
+    def _sampled(self, piece: Trajectory) -> bool:
+        way, error = way_of(piece), self._error(piece)[0]
+        x = way.knots[::LOOK]
+        first, others = x[::QUICK], np.delete(x, np.s_[::QUICK])  # most that collide do so there
+        return all(self._kept_at(way.at(some)[0], error) for some in (first, others))
+
+    def blocked(self, form: str, pose: Array) -> str:
+        """The gap that is narrowest for what it keeps, where that is too narrow."""
+        error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
+        spared = self._distances(pose[None], error)[0] - self._wanted
+        nearest = int(spared.argmin())
+        return self.gaps.list[nearest].text if spared[nearest] < 0.0 else ""
+
+    def about(self, lower: Array, upper: Array) -> Clearance:
+        """The same limit with another box for searches; both remember what either has proved."""
+        return replace(self, lower=lower, upper=upper)
+
+    def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]:
+        """Whether poses (T, k) keep all that, if tracking takes everywhere what it takes at `pose` (k,): to
+        choose between motions about it.
+        """
+        error, _ = tracked(0.0, self.margins, form, 0, list(range(len(self.names))))
+        sought = self.sought + TOLERANCE
+        if error.any():
+            at = self.gaps.of_poses(pose[None]) - TOLERANCE
+            sought = sought + self._share(error) * lost(self.gaps, pose[None], at, error, self._wanted)[0]
+        sought = np.minimum(sought, CUTOFF)
+        return lambda poses: bool(np.all(self.gaps.of_poses(poses) >= sought))
+
+    def _kept_at(self, poses: Array, error: Array) -> bool:
+        """Whether `_distances` at poses (T, k) are all what searches keep."""
+        found = self.gaps.of_poses(poses) - TOLERANCE
+        if not error.any() or np.any(found < self._wanted):
+            return bool(np.all(found >= self.sought))
+        return all_keep(self.gaps, poses, found, error, self._share(error), self._wanted, self.sought)
+
+    @cached_property
+    def _wanted(self) -> Array:
+        """(n,) m that each gap keeps."""
+        return np.asarray(self.kept[self.row_of])
+
+    @cached_property
+    def sought(self) -> Array:
+        """(n,) m that samples of each gap keep in searches."""
+        return np.asarray(self._wanted + np.minimum(ROOM, 0.5 * self._wanted))
+
+    def _error(self, piece: Trajectory) -> tuple[Array, float]:
+        """(k,) what the real joints may be off, and how sure that is."""
+        error, confidence = tracked(0.0, self.margins, piece.form, 0, list(range(len(self.names))))
+        return error, float(confidence.min())
+
+    def _nearest(self, way: Way, error: Array, excess: Callable[[Array], Array] | None = None) -> Nearest:
+        return nearest(
+            way, lambda poses: self._distances(poses, error), self.gaps.reach, self._wanted, excess
+        )
+
+    def _distances(self, poses: Array, error: Array) -> Array:
+        """(T, n) m that no gap is less at poses (T, k), nor anywhere within the error (k,) of them."""
+        found = self.gaps.of_poses(poses) - TOLERANCE
+        if not error.any() or np.any(found < self._wanted):  # too near as it is
+            return found
+        return found - self._share(error) * lost(self.gaps, poses, found, error, self._wanted)
+
+    def _share(self, error: Array) -> Array:
+        """(n,) of what tracking can take, the part that is counted: at home it takes `TAKEN` at most of the
+        room beyond what searches keep.
+
+        Neighbours of some robots pass each other with a few millimetres in every pose, so a margin that was
+        learned from poor tracking would forbid all motion, also the home that margins before it allowed.
+        """
+        key = error.tobytes()
+        if key not in self._shares:
+            at_home = self.gaps.of_poses(self.home[None]) - TOLERANCE
+            taken = lost(self.gaps, self.home[None], at_home, error, self._wanted)[0]
+            room = TAKEN * np.maximum(at_home[0] - self.sought, 0.0)
+            self._shares[key] = np.minimum(1.0, room / np.maximum(taken, np.finfo(float).tiny))
+        return self._shares[key]
+
+    def _rows(self, way: Way, error: Array, confidence: float) -> tuple[Proof, ...]:
+        """The certificate's rows; of a motion that is refused, what samples show."""
+        found = self._nearest(way, error, lambda poses: excess(self.gaps, poses))
+        status: Literal["proved", "sampled"] = "sampled" if found.touched else "proved"
+        own = [np.flatnonzero(self.row_of == i) for i in range(len(self.rows))]
+        worst = np.array([gaps[np.argmin(found.seen[gaps])] for gaps in own])
+        x = found.x[worst]
+        planned = self.gaps.of_poses(way.at(x)[0])[np.arange(len(worst)), worst] - TOLERANCE
+        taken = np.maximum(planned - found.seen[worst], 0.0) if error.any() else np.zeros(len(worst))
+        share = self._share(error) if error.any() else np.ones(len(self.gaps.list))
+        rows = []
+        for i, (row, time) in enumerate(zip(self.rows, way.time(x), strict=True)):
+            far = (
+                planned[i] >= CUTOFF - 2.0 * TOLERANCE
+            )  # beyond what is measured: nobody knows what is nearest
+            counted = float(share[own[i]].min())
+            where = "" if far else f"{self.gaps.list[worst[i]].text} at {time:.3g} s"
+            where += f"; {CUTOFF:g} m or more as planned" if far and taken[i] > 0.0 else ""
+            if counted < 1.0:
+                where += f"; tracking errors counted at {math.floor(100.0 * counted)}%: no room for more"
+            limit = float(self.kept[i]), np.inf, float(found.proved[own[i]].min()), CUTOFF
+            tracking = float(taken[i]), confidence if counted == 1.0 else ASSUMED
+            rows.append(Proof(" and ".join(row), self.name, *limit, METHOD, status, *tracking, where))
+        return tuple(rows)
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, r) m, the least distance of each row, at most `CUTOFF`."""
+        return self._by_row(self.gaps.of_poses(motion.orders[0]))

@@ -1,0 +1,185 @@
+"""Which distances are looked at: a robot's shapes among themselves, and with what stands around.
+
+MuJoCo's own filter serves contacts, not proofs (a part welded to the world counts as nobody's parent), so
+pairs are chosen here. Left out: shapes of one rigid part, of parts on both sides of one joint, and what the
+robot file ignores.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from types import MappingProxyType
+from typing import Any
+
+from etude.contracts import Array
+from etude.errors import UsageError
+from etude_arm.clearance.fewer import Fewer
+from etude_arm.clearance.gaps import CUTOFF, Gap, Gaps
+from etude_arm.clearance.skeleton import BOX, Skeleton, skeleton_of
+from etude_arm.clearance.stand_ins import put
+from etude_arm.clearance.surroundings import Column, Surroundings, Wall
+from etude_arm.loading.loaded import Loaded, refused
+
+NONE: Mapping[str, Fewer] = MappingProxyType({})
+
+
+def gaps_of(
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, stand_ins: Mapping[str, Fewer] = NONE
+) -> Gaps:
+    """Every distance that is looked at.
+
+    Args:
+        loaded: the robot. lower, upper: (k,) limits of its joints.
+        around: what stands around, and what is ignored.
+        stand_ins: by the names of shapes of meshes what is looked at in their place.
+
+    Raises:
+        UsageError: MuJoCo refuses the model, it has other joints, or nothing has a name in `ignore`.
+    """
+    spec = _spec(loaded, around)
+    put(spec, stand_ins)
+    grown = {name: one.radius for name, one in stand_ins.items()}
+    skeleton = skeleton_of(_compiled(spec, loaded), loaded.joints, lower, upper, grown)
+    _check_names(skeleton, around)
+    ignored = {frozenset(pair) for pair in around.collision.ignore}
+    excluded = {frozenset(pair) for pair in loaded.excluded}
+    sensed = [gap for gap in _own(skeleton, excluded) if not _is_ignored(gap, ignored)]
+    boxes = [gap for gap in _boxed(skeleton) if not _is_ignored(gap, ignored)]
+    walled = [(gap, planes) for gap, planes in _walled(skeleton, around) if not _is_ignored(gap, ignored)]
+    for gap in (*sensed, *boxes):
+        _add_sensor(spec, skeleton, gap)
+    with_sensors = replace(skeleton, model=_compiled(spec, loaded))
+    loaded.check(with_sensors.model)
+    walls, planes = zip(*walled, strict=True) if walled else ((), ())
+    return Gaps(with_sensors, (*sensed, *boxes), walls, planes)
+
+
+def _spec(loaded: Loaded, around: Surroundings) -> Any:
+    """The robot's with all geoms named, without sensors and what boxes stand for, and with the boxes."""
+    import mujoco
+
+    spec = loaded.spec()
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # sensors do not need them
+    for i, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"{geom.parent.name or 'base'}#{i}"
+    _take_out(spec, around.collision.boxed)
+    for box in around.box:
+        turn = [math.cos(0.5 * box.turn), 0.0, 0.0, math.sin(0.5 * box.turn)]
+        half = [0.5 * edge for edge in box.size]
+        # contacts are none of its business: it takes part through sensors alone
+        kind = mujoco.mjtGeom.mjGEOM_BOX
+        spec.worldbody.add_geom(
+            name=BOX + box.name, type=kind, size=half, pos=box.centre, quat=turn, contype=0, conaffinity=0
+        )
+    return spec
+
+
+def _take_out(spec: Any, boxed: Sequence[str]) -> None:
+    shapes = {geom.name: geom for geom in spec.geoms}
+    lost = [name for name in boxed if name not in shapes]
+    if lost:
+        raise UsageError(
+            f"the model file has no shape {', '.join(lost)}",
+            where="collision.boxed",
+            next_step="Take out of it what boxes no longer stand for.",
+        )
+    for name in boxed:
+        spec.delete(shapes[name])
+
+
+def _compiled(spec: Any, loaded: Loaded) -> Any:
+    try:
+        return spec.compile()
+    except ValueError as problem:
+        raise refused(problem, loaded.source) from None
+
+
+def excluded_links(skeleton: Skeleton, loaded: Loaded) -> tuple[tuple[str, str], ...]:
+    """Links that a joint can bring together and an MJCF excludes from contact."""
+    pairs = {frozenset(pair) for pair in loaded.excluded}
+    shapes = [(skeleton.shapes[i], skeleton.shapes[k]) for i, k in _meeting(skeleton)]
+    left = [(one.link, other.link) for one, other in shapes if frozenset((one.name, other.name)) in pairs]
+    return tuple(dict.fromkeys(left))
+
+
+def _own(skeleton: Skeleton, excluded: Collection[frozenset[str]]) -> list[Gap]:
+    """Pairs of the robot's shapes that a joint can bring together."""
+    found = []
+    for i, k in _meeting(skeleton):
+        one, other = skeleton.shapes[i], skeleton.shapes[k]
+        if frozenset((one.name, other.name)) not in excluded:
+            first, second = sorted((one.part, other.part))
+            found.append(Gap(i, k, (one.link, other.link), (skeleton.parts[second], skeleton.parts[first])))
+    return found
+
+
+def _meeting(skeleton: Skeleton) -> Iterator[tuple[int, int]]:
+    """Numbers of shapes, none of them a box, of parts that neither are one nor hang on one another."""
+    for (i, one), (k, other) in combinations(enumerate(skeleton.shapes), 2):
+        a, b = one.part, other.part
+        if a == b or skeleton.parent[a] == b or skeleton.parent[b] == a:
+            continue
+        if not (one.box or other.box):
+            yield i, k
+
+
+def _boxed(skeleton: Skeleton) -> list[Gap]:
+    boxes = [(k, shape.link) for k, shape in enumerate(skeleton.shapes) if shape.box]
+    return [_with_thing(skeleton, i, k, name) for i in _moving(skeleton) for k, name in boxes]
+
+
+def _walled(skeleton: Skeleton, around: Surroundings) -> list[tuple[Gap, tuple[Wall, ...] | Column]]:
+    things: dict[str, tuple[Wall, ...] | Column] = {}
+    for wall in around.walls:
+        before = things.get(wall.name, ())
+        things[wall.name] = (*before, wall) if isinstance(before, tuple) else before
+    if around.column is not None:
+        things["column"] = around.column
+    return [
+        (_with_thing(skeleton, i, -1, name), planes)
+        for i in _moving(skeleton)
+        for name, planes in things.items()
+    ]
+
+
+def _moving(skeleton: Skeleton) -> list[int]:
+    """Numbers of the shapes that some joint moves."""
+    return [i for i, shape in enumerate(skeleton.shapes) if shape.part]
+
+
+def _with_thing(skeleton: Skeleton, i: int, other: int, name: str) -> Gap:
+    shape, name = skeleton.shapes[i], skeleton.called(name)
+    return Gap(i, other, (shape.link, name), (skeleton.parts[shape.part], name))
+
+
+def _add_sensor(spec: Any, skeleton: Skeleton, gap: Gap) -> None:
+    import mujoco
+
+    ends = [skeleton.shapes[i] for i in (gap.one, gap.other)]
+    cutoff = CUTOFF + sum(end.grown for end in ends)
+    geom, kind = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtSensor.mjSENS_GEOMDIST
+    names = {"objname": ends[0].name, "refname": ends[1].name}
+    spec.add_sensor(type=kind, objtype=geom, reftype=geom, cutoff=cutoff, **names)
+
+
+def _is_ignored(gap: Gap, ignored: set[frozenset[str]]) -> bool:
+    return frozenset(gap.names) in ignored or frozenset(gap.row) in ignored
+
+
+def _check_names(skeleton: Skeleton, around: Surroundings) -> None:
+    things = [box.name for box in around.box] + [wall.name for wall in around.walls]
+    things += ["floor", "room", "column"]
+    links = {shape.link for shape in skeleton.shapes if not shape.box}
+    known = links | set(skeleton.parts) | set(map(skeleton.called, things))
+    unknown = sorted({name for pair in around.collision.ignore for name in pair} - known)
+    if unknown:
+        raise UsageError(
+            f"nothing is called {', '.join(unknown)}",
+            where="collision.ignore",
+            next_step=f"Links with shapes, and what stands around: {', '.join(sorted(known))}.",
+        )

@@ -1,0 +1,226 @@
+"""The parts of a robot that move as one, their convex shapes, and how far joints can carry them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.contracts import Array, Index, Mask
+from etude.errors import UsageError
+from etude_arm.loading.names import free_name
+from etude_arm.space.reach import reaches
+
+if TYPE_CHECKING:
+    import mujoco
+
+BASE = "base"
+"""Name of all that no joint moves, unless a link that moves is called so."""
+BOX = "box: "
+"""Starts the names of geoms that are boxes around the robot."""
+STANDING = " of robot.toml"
+"""Ends the name of what stands around, where a link has that name too: who ignores one means that one."""
+NOTHING: Mapping[str, float] = MappingProxyType({})
+SIDES = 128
+"""Of the prism around a cylinder, which is thicker by 0.3 thousandths."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A convex part of the robot: all points within `radius` of the hull of `points`; it holds its geom.
+
+    Attributes:
+        name: of its geom, "link#k" or the link's name.
+        geom: number in the model. part: number of the rigid part that it belongs to.
+        points: (V, 3) m in the geom's frame. radius: m.
+        smooth: whether the geom has no corners of its own, so that points only hold it loosely.
+        grown: m of the radius that the geom does not have: the hull of fewer points, which stands for more.
+        box: whether it is a box around the robot. A link may be called like one.
+    """
+
+    name: str
+    geom: int
+    part: int
+    points: Array
+    radius: float
+    smooth: bool = False
+    grown: float = 0.0
+    box: bool = False
+
+    @property
+    def link(self) -> str:
+        """The link of the model file, or the box; links that are fixed to one another are one part."""
+        return self.name.removeprefix(BOX) if self.box else self.name.rpartition("#")[0] or self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A compiled model seen as rigid parts between joints.
+
+    Attributes:
+        model: with one degree of freedom for each joint and no others.
+        joints: (k,) the model's numbers of the joints, in the order of the robot's axes.
+        lower, upper: (k,) position limits, rad (m); how far slides can carry something follows from them.
+        parts: names; 0 is what no joint moves.
+        parent: (B,) the part that each hangs on, -1 for the first.
+        moves: (B, k) whether that joint moves that part.
+        shapes: of all parts.
+    """
+
+    model: mujoco.MjModel
+    joints: Index
+    lower: Array
+    upper: Array
+    parts: tuple[str, ...]
+    parent: Index
+    moves: Mask
+    shapes: tuple[Shape, ...]
+
+    def called(self, thing: str) -> str:
+        """What stands around, by a name that no link has."""
+        return f"{thing}{STANDING}" if thing in self._links else thing
+
+    @cached_property
+    def _links(self) -> frozenset[str]:
+        return frozenset((*self.parts, *(shape.link for shape in self.shapes if not shape.box)))
+
+    @property
+    def addresses(self) -> Index:
+        """(k,) places of the joints in qpos."""
+        return np.asarray(self.model.jnt_qposadr[self.joints], dtype=np.int64)
+
+    @cached_property
+    def slides(self) -> Mask:
+        """(k,) which joints slide."""
+        import mujoco
+
+        return np.asarray(self.model.jnt_type[self.joints] == int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+    @cached_property
+    def reaches(self) -> Array:
+        """(G, k) L: no point of that shape is ever farther from that joint's axis, or 0."""
+        import mujoco
+
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        anchors, axes = data.xanchor[self.joints], data.xaxis[self.joints]
+        start = data.qpos[self.addresses]
+        added = np.where(self.slides, np.maximum(np.abs(self.lower - start), np.abs(self.upper - start)), 0.0)
+        found = []
+        for shape in self.shapes:
+            world = shape.points @ data.geom_xmat[shape.geom].reshape(3, 3).T + data.geom_xpos[shape.geom]
+            beyond = np.full(len(world), shape.radius)
+            found.append(reaches(world, beyond, self.chain(shape.part), (anchors, axes), self.slides, added))
+        return np.reshape(found, (len(self.shapes), len(self.joints)))
+
+    def chain(self, part: int) -> list[int]:
+        """Places of the joints that move a part, the innermost first."""
+        return self._chains[part]
+
+    @cached_property
+    def _chains(self) -> list[list[int]]:
+        # in a model, joints of outer bodies come after those of inner ones
+        order = np.argsort(self.joints)
+        return [[int(j) for j in order if moved[j]] for moved in self.moves]
+
+    def between(self, one: int, other: int) -> Mask:
+        """(k,) joints that move one of two parts and not the other: on them alone their distance depends."""
+        return np.asarray(self.moves[one] ^ self.moves[other])
+
+    def random_poses(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, k) uniform inside the limits."""
+        return rng.uniform(self.lower, self.upper, (count, len(self.joints)))
+
+
+def skeleton_of(
+    model: mujoco.MjModel,
+    names: tuple[str, ...],
+    lower: Array,
+    upper: Array,
+    grown: Mapping[str, float] = NOTHING,
+) -> Skeleton:
+    """The skeleton of a model with exactly these joints.
+
+    Args:
+        model: compiled. names: of the joints. lower, upper: (k,) their limits.
+        grown: by the names of geoms m by which their shapes are thicker.
+
+    Raises:
+        UsageError: the model has another number of degrees of freedom, or lacks a joint.
+    """
+    import mujoco
+
+    numbers = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in names]
+    if -1 in numbers or model.nq != len(names) or model.nv != len(names):
+        raise UsageError(
+            f"the model moves {model.nv} ways, the robot file names {len(names)} joints: {', '.join(names)}",
+            next_step="Distances need the same joints in both; others must be held.",
+        )
+    welds = sorted({int(body) for body in model.body_weldid})
+    place = {weld: i for i, weld in enumerate(welds)}
+    parent = [-1 if weld == 0 else place[int(model.body_weldid[model.body_parentid[weld]])] for weld in welds]
+    moves = np.zeros((len(welds), len(names)), dtype=np.bool_)
+    for part, weld in enumerate(welds):
+        if weld:
+            moves[part] = moves[parent[part]]  # parents come first
+            moves[part] |= np.array([int(model.jnt_bodyid[number]) == weld for number in numbers])
+    moving = [model.body(weld).name or f"body {weld}" for weld in welds if weld]
+    parts = (free_name(BASE, moving), *moving)
+    shapes = tuple(_shapes(model, place, grown))
+    joints, parents = np.array(numbers, dtype=np.int64), np.array(parent, dtype=np.int64)
+    return Skeleton(model, joints, np.asarray(lower), np.asarray(upper), parts, parents, moves, shapes)
+
+
+def _shapes(model: mujoco.MjModel, place: Mapping[int, int], grown: Mapping[str, float]) -> list[Shape]:
+    import mujoco
+
+    found = []
+    for geom in range(model.ngeom):
+        name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
+        solid = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        if solid or name.startswith(BOX):
+            points, radius = _points(model, geom)
+            if len(points):
+                part = place[int(model.body_weldid[body])]
+                smooth = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+                more = grown.get(name, 0.0)
+                found.append(Shape(name, geom, part, points, radius + more, smooth, more, not solid))
+    return found
+
+
+def _points(model: mujoco.MjModel, geom: int) -> tuple[Array, float]:
+    """Points (V, 3) and radius of a shape around a geom; no points for what has no convex hull of its own."""
+    import mujoco
+
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.zeros((1, 3)), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        angles = 2.0 * math.pi * np.arange(SIDES) / SIDES
+        ring = size[0] / math.cos(math.pi / SIDES) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ends = [np.column_stack([ring, np.full(SIDES, z)]) for z in (-size[1], size[1])]
+        return np.concatenate(ends), 0.0
+    if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+        return signs * size, 0.0
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        return _corners(model, mesh), 0.0
+    return np.zeros((0, 3)), 0.0
+
+
+def _corners(model: mujoco.MjModel, mesh: int) -> Array:
+    """Those of a mesh's points that its hull needs, as MuJoCo has found them; all if it has no hull."""
+    first, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
+    points: Array = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
+    if graph < 0:
+        return points
+    count = int(model.mesh_graph[graph])  # then the number of faces, places of edges, numbers of points
+    return np.asarray(points[np.sort(model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count])])

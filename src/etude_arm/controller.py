@@ -1,0 +1,93 @@
+"""What is added to an arm's feedback: a learned command, or the exact one of a simulated arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from etude.contracts import Array, Inputs, Log, Motion, Row
+from etude.errors import NumericalError, UsageError
+from etude_arm.plant.following import Following
+from etude_arm.spec import MEMORY, TURNING, ArmSpec
+
+
+class Fading(Protocol):
+    """A model whose command fades where it knows nothing, or does not (`LearnedModel`)."""
+
+    @property
+    def inputs(self) -> Inputs: ...
+    def predict(self, log: Log, *, fade: bool = True) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class ModelController:
+    """The model's mean command, clipped, and faded out where the model knows no better than before any data.
+
+    It fades to the physics that the model stands on, or to a level (implements `contracts.Controller`).
+
+    Attributes:
+        model: predicts the command's mean and variance from states.
+        spec: its command limits clip.
+        fade: False applies the mean everywhere.
+    """
+
+    model: Fading
+    spec: ArmSpec
+    fade: bool = True
+
+    def planned(self, motion: Motion) -> Array | None:
+        """Commands (T, J) of a perfect run. NumericalError if the model predicts what is not finite."""
+        return self._commands(self.model.inputs.states(motion))[0]
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:
+        """The command at one instant, and its standard deviation."""
+        states = self.model.inputs.states(Motion(np.zeros(1), np.zeros((3, 1, self.spec.dof))))
+        channels = {**states.channels, TURNING: self.spec.turning(), MEMORY: self.spec.memory()}
+        values = {name: row[name][None] for name in channels if name in row}
+        log = Log(np.array([t]), {name: channels[name] for name in values}, values)
+        command, deviation = self._commands(log)
+        return command[0], deviation[0]
+
+    def observe(self, t: float, row: Row) -> None:
+        """Nothing is learned on the way."""
+
+    def _commands(self, log: Log) -> tuple[Array, Array]:
+        mean, variance = self.model.predict(log, fade=self.fade)
+        if mean.shape[1] != self.spec.dof:
+            raise UsageError(
+                f"the model has {mean.shape[1]} commands, the robot {self.spec.name} {self.spec.dof} joints",
+                next_step="Use the model that was trained for this robot.",
+            )
+        self._require_finite(mean, variance)
+        return np.clip(mean, -self.spec.command, self.spec.command), np.sqrt(variance)
+
+    def _require_finite(self, mean: Array, variance: Array) -> None:
+        bad = ~np.logical_and.reduce(np.isfinite(mean) & np.isfinite(variance), axis=0)
+        if bad.any():
+            joints = ", ".join(name for name, is_bad in zip(self.spec.names, bad, strict=True) if is_bad)
+            raise NumericalError(
+                "the model's prediction is not finite",
+                where=joints,
+                next_step="Train it again; do not run this feedforward.",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PerfectController:
+    """The simulated robot's exact inverse, clipped to its commands: what no model can do better."""
+
+    robot: Following
+
+    def planned(self, motion: Motion) -> Array | None:
+        limit = self.robot.spec.command
+        return np.clip(self.robot.inverse_along(*motion.orders[:3]), -limit, limit)
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:  # noqa: ARG002
+        limit = self.robot.spec.command
+        steady = self.robot.inverse(*(row[name][None] for name in ("q_des", "qd_des", "qdd_des")))[0]
+        return np.clip(steady, -limit, limit), np.zeros_like(steady)
+
+    def observe(self, t: float, row: Row) -> None:
+        """Nothing is learned on the way."""

@@ -1,0 +1,169 @@
+"""`etude export --to urdf`: the robot's model file with identified inertias, and what is known of each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Delivered, Kind, Samples
+from etude.errors import UsageError
+from etude.logs.table_text import text_cell
+from etude.options import taken
+from etude_arm.identified.files import written
+from etude_arm.identified.fit import Identified, identified
+from etude_arm.identified.pseudo_inertia import is_possible
+from etude_arm.physics.geometry import has_masses
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.spec import FORCES, ArmSpec
+
+NAMES = ("mass", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
+MEASURED, PARTLY = 0.99, 0.75
+"""Shares of the variance before the logs that they took away, from which a parameter is called so: a
+tenth, or half, of its deviation is left."""
+NOTHING = 0.05
+"""Of an error: a smaller change is none."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the campaign supplies."""
+
+    samples: Samples
+    model_hash: str = ""
+
+
+class Urdf:
+    """The target `urdf` (`contracts.Target`)."""
+
+    needs = ("samples",)
+
+    def __call__(self, model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:  # noqa: ARG002
+        """Errors: UsageError: not an arm, no model file, or commands that are no forces."""
+        _require_forces(spec)
+        samples = taken(options, Told, "urdf").samples
+        found = identified(samples, spec, ArmPhysics(spec)(samples))
+        bodies = {name: found.result.phi[place] for name, place in found.links.told_of}
+        name, data = written(spec.model_file, bodies, found.terms(spec))
+        rows = _rows(found)
+        facts = {"told": found.result.told, "segments": found.errors.segments, "parameters": rows}
+        files = {
+            name: data,
+            "identifiability.csv": _table(rows).encode(),
+            "identifiability.json": (json.dumps(rows, indent=1) + "\n").encode(),
+            "README.md": _readme(name, found, spec, rows).encode(),
+        }
+        return Delivered(files, tuple(_said(found, spec, rows)), facts)
+
+
+URDF = Urdf()
+
+
+def _require_forces(spec: Any) -> None:
+    if not isinstance(spec, ArmSpec) or not has_masses(spec):
+        raise UsageError(
+            f"robot '{spec.name}' has no model file with inertias to write back",
+            next_step="Export the model itself: --to c.",
+        )
+    if spec.command_unit not in FORCES:
+        raise UsageError(
+            f"commands of '{spec.name}' are in {spec.command_unit}: without the motors' constants no inertia "
+            "in kg m^2 follows from them",
+            next_step="Record torques (N m) instead, or export the model itself: --to c.",
+        )
+
+
+def _rows(found: Identified) -> list[dict[str, Any]]:
+    result, rows = found.result, []
+    for body, place in found.links.told_of:
+        after, before = (np.sqrt(np.diag(C)[place]) for C in (result.covariance, result.prior))
+        for k, name in enumerate(NAMES):
+            share = max(0.0, float(1.0 - (after[k] / before[k]) ** 2))
+            known = "measured" if share >= MEASURED else "partly" if share >= PARTLY else "from the file"
+            rows.append(
+                {
+                    "link": body,
+                    "parameter": name,
+                    "unit": UNITS[k],
+                    "file": float(found.links.nominal[place][k]),
+                    "found": float(result.phi[place][k]),
+                    "deviation": float(after[k]),
+                    "share": share,
+                    "known": known,
+                }
+            )
+    return rows
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    lines = [",".join(rows[0])]
+    lines += [",".join(text_cell(v) if isinstance(v, str) else repr(v) for v in row.values()) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _count(rows: list[dict[str, Any]], known: str) -> int:
+    return sum(row["known"] == known for row in rows)
+
+
+def _said(found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> list[str]:
+    errors, told = found.errors, found.result.told
+    said = [
+        f"The logs tell {told} combination{'s'[: told != 1]} of {len(rows)} inertial parameters; of the "
+        f"single ones {_count(rows, 'measured')} are measured, {_count(rows, 'partly')} partly, "
+        f"{_count(rows, 'from the file')} are the file's.",
+    ]
+    if errors.segments:
+        pairs = zip(spec.names, spec.command_units, errors.file, errors.found, strict=True)
+        parts = ", ".join(
+            f"{name} {_digits(before)} -> {_digits(after)} {unit}" for name, unit, before, after in pairs
+        )
+        said.append(f"Error on segments left out: {parts}.")
+        ratios = dict(zip(spec.names, errors.found / errors.file, strict=True))
+        worse = [name for name, ratio in ratios.items() if ratio > 1.0 + NOTHING]
+        if worse:
+            said.append(f"On {', '.join(worse)} the file's own inertias predict better: do not use these.")
+        elif all(ratio > 1.0 - NOTHING for ratio in ratios.values()):
+            said.append("The file's own inertias predict as well.")
+    else:
+        said.append("One segment alone: whether these inertias are better than the file's is not known.")
+    carried = [name for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one is not None]
+    if carried:
+        said.append(f"What robot.toml adds, {' and '.join(carried)}, is not in the file, as before.")
+    return said
+
+
+def _digits(value: float) -> str:
+    return f"{value:#.3g}".removesuffix(".")
+
+
+def _readme(name: str, found: Identified, spec: ArmSpec, rows: list[dict[str, Any]]) -> str:
+    sentences = "\n".join(f"- {sentence}" for sentence in _said(found, spec, rows))
+    possible = all(is_possible(found.result.phi[place]) for _, place in found.links.told_of)
+    head = "| link | parameter | unit | file | found | +- | known |\n|---|---|---|---|---|---|---|\n"
+    lines = "".join(
+        f"| {r['link']} | {r['parameter']} | {r['unit']} | {r['file']:.4g} | {r['found']:.4g} "
+        f"| {r['deviation']:.2g} | {r['known']} |\n"
+        for r in rows
+    )
+    return f"""# {name}: {spec.name} with identified inertias
+
+{sentences}
+- Every link's inertia is one that a body can have{"" if possible else ": NO, do not use this file"}.
+- Only combinations of parameters show in the joints' forces. What they leave open is as near to the model
+  file as it can be; `share` in identifiability.csv is the part of a parameter's variance that the logs took
+  away (measured: above {MEASURED:g}, partly: above {PARTLY:g}).
+- Friction and damping of the joints are written too; a URDF has no place for armature:
+  {_armature(found, spec)}.
+
+m c and I are about the link's own origin, along its axes.
+
+{head}{lines}"""
+
+
+def _armature(found: Identified, spec: ArmSpec) -> str:
+    terms = found.terms(spec)
+    return ", ".join(f"{name} {_digits(t.armature)} kg m^2" for name, t in terms.items()) or "none was found"

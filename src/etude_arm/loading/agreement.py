@@ -1,0 +1,266 @@
+"""The compiled model, held against what the description says (`expected`), whenever a robot is loaded.
+
+A name that means something to MuJoCo, or a part that a writer forgets, gives a model of another robot: one
+that stands upright although it hangs on a wall, or carries nothing. Whatever is learned, designed and proved
+with it is wrong, and nothing else would show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.contracts import Array, Index
+from etude.errors import UnsafeModelError
+from etude_arm.loading.expected import Expected, Place
+
+if TYPE_CHECKING:
+    import mujoco
+
+LENGTH = 1e-6
+"""m: both evaluations are in double precision, but a mesh's own frame comes of single precision."""
+TURN = 1e-6
+"""Of the entries of rotations, and of unit vectors."""
+SHARE = 1e-6
+"""Of masses, moments of inertia and torques."""
+LEAST = 1e-6
+"""kg, kg m^2, N m and N: lighter frames are left out (`inertia.NO_MASS`)."""
+SHOWN = 3
+"""Differences that a message names."""
+HINGE, SLIDE, MESH = 3, 2, 7  # mjtJoint, mjtGeom
+KINDS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
+GUESSED = "capsule"
+"""What stands in for a mesh that is missing has no place in the description."""
+
+
+def check_agreement(
+    model: mujoco.MjModel, expected: Expected, where: str, *, shapes: bool, whole: bool = True
+) -> None:
+    """Compares them at one pose.
+
+    Args:
+        model: compiled. expected: of the description. where: the file, for messages.
+        shapes: whether the model was to have any. whole: whether it was to have all of them.
+
+    Raises:
+        UnsafeModelError: they differ; it names what, by how much, and where.
+    """
+    found = list(_joints(model, expected))
+    if not found:
+        found = _at_pose(model, expected, shapes, whole)
+    refuse(found, where)
+
+
+def refuse(found: list[str], where: str) -> None:
+    """UnsafeModelError that names the first differences; nothing if there are none."""
+    if found:
+        more = f"; and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+        raise UnsafeModelError(
+            f"the compiled model is another robot than its description: {'; '.join(found[:SHOWN])}{more}",
+            where=where,
+            next_step="Nothing is made of such a model: its forces and distances would be wrong. Please "
+            "report it with the model file and robot.toml.",
+        )
+
+
+def _joints(model: mujoco.MjModel, expected: Expected) -> Iterator[str]:
+    """Number, names and types."""
+    names = [model.joint(j).name for j in range(model.njnt)]
+    if sorted(names) != sorted(expected.joints):
+        yield f"its joints are {', '.join(names) or 'none'}, to be {', '.join(expected.joints)}"
+        return
+    for name, slides in zip(expected.joints, expected.slides, strict=True):
+        if int(model.jnt_type[model.joint(name).id]) != (SLIDE if slides else HINGE):
+            yield f"joint '{name}' is to be a {'slide' if slides else 'hinge'}"
+
+
+def _at_pose(model: mujoco.MjModel, expected: Expected, shapes: bool, whole: bool) -> list[str]:
+    import mujoco
+
+    data, joints = mujoco.MjData(model), np.array([model.joint(name).id for name in expected.joints])
+    data.qpos[model.jnt_qposadr[joints]] = expected.q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    frame = np.tile(np.eye(4), (len(joints), 1, 1))
+    bodies = model.jnt_bodyid[joints]
+    frame[:, :3, :3], frame[:, :3, 3] = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
+    found = list(_base(model, frame, expected))
+    if found:  # all that follows would only say so again, link by link
+        return found + list(_masses(model, data, joints, expected, placed=False))
+    found += _frames(frame, data.xanchor[joints], data.xaxis[joints], expected)
+    found += _masses(model, data, joints, expected, placed=True)
+    found += [] if found else _weights(model, data, joints, expected)
+    return found + (list(_shapes(model, data, expected, whole)) if shapes else [])
+
+
+def _base(model: mujoco.MjModel, frame: Array, expected: Expected) -> Iterator[str]:
+    """Where the base is by the joint next to it, and how gravity pulls at it."""
+    first = int(np.flatnonzero(expected.moves.sum(axis=1) == 1)[0])
+    base = frame[first] @ np.linalg.inv(expected.frame[first]) @ expected.base
+    if not alike(base, expected.base):
+        yield f"the base is {apart(base, expected.base)} where it should be"
+    pull, wanted = base[:3, :3].T @ _gravity(model), expected.base[:3, :3].T @ expected.gravity
+    if np.abs(pull - wanted).max() > TURN * max(float(np.linalg.norm(wanted)), 1.0):
+        yield f"gravity in the frame of the base is {_text(pull)} m/s^2, to be {_text(wanted)}"
+
+
+def _gravity(model: mujoco.MjModel) -> Array:
+    import mujoco
+
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return np.zeros(3) if off else np.array(model.opt.gravity)
+
+
+def _frames(frame: Array, anchor: Array, axis: Array, expected: Expected) -> Iterator[str]:
+    for j, name in enumerate(expected.joints):
+        if not alike(frame[j], expected.frame[j]):
+            yield f"what joint '{name}' moves is {apart(frame[j], expected.frame[j])} where it should be"
+        elif np.abs(axis[j] - expected.axis[j]).max() > TURN:
+            yield f"the axis of joint '{name}' is {_text(axis[j])}, to be {_text(expected.axis[j])}"
+        elif not expected.slides[j] and _off_axis(anchor[j] - expected.anchor[j], axis[j]) > LENGTH:
+            yield f"joint '{name}' turns about {_text(anchor[j])} m, to be {_text(expected.anchor[j])}"
+
+
+def _off_axis(away: Array, axis: Array) -> float:
+    return float(np.linalg.norm(away - axis * (axis @ away)))
+
+
+def _parts(model: mujoco.MjModel, joints: Index) -> Array:
+    """(B,) of each body the place of the last joint that moves it, -1 of the world's."""
+    place = {int(j): k for k, j in enumerate(joints)}
+    part = np.full(model.nbody, -1)
+    for b in range(1, model.nbody):
+        first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
+        part[b] = place[first + count - 1] if count else part[model.body_parentid[b]]
+    return part
+
+
+def _masses(
+    model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected: Expected, *, placed: bool
+) -> Iterator[str]:
+    """Mass of what each joint moves as one; if `placed`, its centre and inertia too."""
+    part = _parts(model, joints)
+    for j, name in enumerate(expected.joints):
+        own = part == j
+        mass, wanted = float(model.body_mass[own].sum()), float(expected.mass[j])
+        if abs(mass - wanted) > LEAST + SHARE * wanted:
+            why = _lost(wanted - mass, expected)
+            yield f"what joint '{name}' moves weighs {mass:.6g} kg, to be {wanted:.6g}{why}"
+            continue
+        if not placed or wanted <= LEAST:
+            continue
+        weights = model.body_mass[own]
+        centre = weights @ data.xipos[own] / mass
+        if np.abs(centre - expected.centre[j]).max() > LENGTH * max(1.0, LEAST * 1e3 / wanted):
+            away = float(np.linalg.norm(centre - expected.centre[j]))
+            yield f"the centre of mass of what joint '{name}' moves is off by {away:.3g} m"
+            continue
+        inertia = _inertia(model, data, np.flatnonzero(own), centre)
+        off = float(np.abs(inertia - expected.inertia[j]).max())  # NaN where the file's is none
+        if off > LEAST * 1e-2 + SHARE * float(np.trace(expected.inertia[j])):
+            yield f"the inertia of what joint '{name}' moves is off by {off:.3g} kg m^2"
+
+
+def _inertia(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, centre: Array) -> Array:
+    found = np.zeros((3, 3))
+    for b in bodies:
+        turn, away = data.ximat[b].reshape(3, 3), data.xipos[b] - centre
+        found += turn * model.body_inertia[b] @ turn.T
+        found += model.body_mass[b] * (away @ away * np.eye(3) - np.outer(away, away))
+    return found
+
+
+def _lost(less: float, expected: Expected) -> str:
+    """What of tool and payload weighs as much as is missing."""
+    for what, mass in expected.carried.items():
+        if abs(less - mass) < LEAST + 1e-3 * mass:
+            return f": the {what} ({mass:g} kg) is not there"
+    return ""
+
+
+def _weights(model: mujoco.MjModel, data: mujoco.MjData, joints: Index, expected: Expected) -> Iterator[str]:
+    """Torques of gravity, by MuJoCo's recursion and by masses and levers."""
+    import mujoco
+
+    held = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 0, held)
+    yield from weight_differences(held[model.jnt_dofadr[joints]], expected)
+
+
+def weight_differences(own: Array, expected: Expected) -> Iterator[str]:
+    """A sentence for each torque of gravity (J,) that is not the expected one."""
+    wanted = expected.weight
+    scale = float(np.abs(wanted).max(initial=0.0)) + 9.81 * float(expected.mass.sum())
+    for j, name in enumerate(expected.joints):
+        if abs(own[j] - wanted[j]) > LEAST + SHARE * scale:
+            unit = "N" if expected.slides[j] else "N m"
+            yield f"gravity asks {own[j]:.6g} {unit} of joint '{name}', to be {wanted[j]:.6g}"
+
+
+def _shapes(model: mujoco.MjModel, data: mujoco.MjData, expected: Expected, whole: bool) -> Iterator[str]:
+    """Every shape, called "link#k", is where its link has one, and none that must be is missing."""
+    left: dict[str, list[Place]] = {link: list(own) for link, own in expected.shapes.items()}
+    seen: set[int] = set()
+    for g in range(model.ngeom):
+        link, numbered, _ = str(model.geom(g).name).rpartition("#")
+        if not numbered or link not in left:
+            continue
+        own = _place(model, data, g)
+        same = [place for place in left[link] if _alike(place, own)]
+        if same:
+            best = min(same, key=lambda place: not place.needed)
+            if own.kind == "mesh":  # a bent mesh has several, of one place
+                seen.add(id(best))
+            else:
+                left[link].remove(best)
+        elif own.kind != GUESSED or all(place.kind != "mesh" for place in expected.shapes[link]):
+            yield f"a {own.kind} of '{link}' stands at {_text(own.centre)} m, where the description has none"
+    if whole:
+        for link, places in left.items():
+            gone = [place for place in places if place.needed and id(place) not in seen]
+            if gone:
+                yield f"a {gone[0].kind} of '{link}' is missing, at {_text(gone[0].centre)} m"
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Place:
+    """Of a geom; of a mesh in the frame of its file, which MuJoCo turns into that of its own moments."""
+    import mujoco
+
+    kind, turn, centre = int(model.geom_type[g]), data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g]
+    if kind == MESH:
+        mesh, own = int(model.geom_dataid[g]), np.zeros(9)
+        mujoco.mju_quat2Mat(own, model.mesh_quat[mesh])
+        turn = turn @ own.reshape(3, 3).T
+        centre = centre - turn @ model.mesh_pos[mesh]
+    return Place(KINDS.get(kind, ""), centre, turn, tuple(model.geom_size[g].tolist()))
+
+
+def _alike(place: Place, own: Place) -> bool:
+    """Whether a geom is that shape; a sphere has no directions."""
+    size = np.array(own.size[: len(place.size)]) - place.size
+    return (
+        place.kind == own.kind
+        and float(np.abs(place.centre - own.centre).max())
+        < LENGTH * max(1.0, float(np.abs(own.centre).max()))
+        and (place.kind == "sphere" or float(np.abs(place.turn - own.turn).max()) < TURN)
+        and float(np.abs(size).max(initial=0.0)) < LENGTH
+    )
+
+
+def alike(one: Array, other: Array) -> bool:
+    """Whether two poses (4, 4) are one."""
+    far = max(1.0, float(np.abs(other[:3, 3]).max()))
+    turned = float(np.abs(one[:3, :3] - other[:3, :3]).max())
+    return turned < TURN and float(np.abs(one[:3, 3] - other[:3, 3]).max()) < LENGTH * far
+
+
+def apart(one: Array, other: Array) -> str:
+    away = float(np.linalg.norm(one[:3, 3] - other[:3, 3]))
+    turn = float(np.clip(0.5 * (np.trace(one[:3, :3].T @ other[:3, :3]) - 1.0), -1.0, 1.0))
+    return f"{away:.4g} m and {np.degrees(np.arccos(turn)):.4g} deg away from"
+
+
+def _text(values: Array) -> str:
+    return ", ".join(f"{value + 0.0:.4g}" for value in values)

@@ -1,0 +1,83 @@
+"""Links whose shapes often touch others: those are worth finer shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.contracts import Array
+from etude_arm.loading.loaded import Loaded
+
+if TYPE_CHECKING:
+    import mujoco
+
+POSES = 100
+OFTEN = 0.05
+"""Share of poses: pairs that overlap more often are looked at."""
+REACH = 1.0
+"""m: distances beyond do not matter."""
+
+
+MOST = 0.5
+"""Share from which a pair leaves motions little room."""
+Crowds = Mapping[tuple[str, str], float]
+"""Pairs of links -> share of poses in which shapes of theirs overlap."""
+
+
+def crowds(loaded: Loaded, lower: Array, upper: Array) -> Crowds:
+    """Pairs whose shapes overlap in some of POSES even poses within the limits (J,).
+
+    Shapes of one moving part, and of neighbours across one joint, are not compared.
+    """
+    import mujoco
+
+    model = loaded.model()
+    data = mujoco.MjData(model)
+    pairs = list(_pairs(model))
+    columns = loaded.columns(model)
+    hits = np.zeros(len(pairs))
+    for q in np.random.default_rng(0).uniform(lower, upper, (POSES, len(columns))):
+        data.qpos[columns] = q
+        mujoco.mj_kinematics(model, data)
+        hits += [mujoco.mj_geomDistance(model, data, a, b, REACH, None) < 0 for a, b in pairs]
+    found: dict[tuple[str, str], float] = {}
+    for (a, b), share in zip(pairs, (hits / POSES).tolist(), strict=True):
+        links = _link(model, a), _link(model, b)
+        if share:
+            found[links] = max(share, found.get(links, 0.0))
+    return found
+
+
+def crowded_links(found: Crowds) -> set[str]:
+    """Links of pairs that overlap in more than OFTEN of the poses."""
+    return {link for pair, share in found.items() if share > OFTEN for link in pair}
+
+
+def hemmed_in(found: Crowds, ignored: Collection[tuple[str, str]]) -> tuple[str, ...]:
+    """A sentence for pairs that overlap in more than MOST of the poses and are looked at all the same."""
+    left = {
+        pair: share for pair, share in found.items() if share > MOST and not {pair, pair[::-1]} & set(ignored)
+    }
+    if not left:
+        return ()
+    words = ", ".join(f"{one} and {other} in {share:.0%}" for (one, other), share in left.items())
+    return (
+        f"Shapes overlap in most poses, which leaves motions little room: {words}. If these links do not "
+        "meet on the robot, their shapes are too large or out of place in the model file: correct them, or "
+        "name the pair in ignore of [collision].",
+    )
+
+
+def _link(model: mujoco.MjModel, geom: int) -> str:
+    return str(model.geom(geom).name).rpartition("#")[0]
+
+
+def _pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int]]:
+    body, parent = model.geom_bodyid, model.body_parentid
+    for a in range(model.ngeom):
+        for b in range(a + 1, model.ngeom):
+            one, other = int(body[a]), int(body[b])
+            if one != other and parent[one] != other and parent[other] != one:
+                yield a, b

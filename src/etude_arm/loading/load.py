@@ -1,0 +1,74 @@
+"""The one way to load a robot: path in, `Loaded` out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from etude.errors import UsageError
+from etude_arm.loading.attached import Additions
+from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.parsing import parsed
+from etude_arm.spec import ArmSpec
+
+NOTHING = Additions()
+
+
+def load(
+    path: Path,
+    joints: Sequence[str] | None = None,
+    *,
+    held: Mapping[str, float] | None = None,
+    mesh_roots: Sequence[Path] = (),
+    shapes: bool = True,
+    drives: bool = False,
+    added: Additions = NOTHING,
+) -> Loaded:
+    """The model of a URDF or MJCF file's arm.
+
+    Args:
+        path: the file.
+        joints: the joints that move, names or patterns such as "arm_*"; None: those of the one arm that the
+            file has.
+        held: positions of others, rad or m; the rest are held at 0, or at their limit next to it.
+        mesh_roots: folders to look for meshes in first; of a URDF.
+        shapes: False: masses alone, without reading any mesh of a URDF.
+        drives: keep an MJCF's actuators, and the tendons that they pull.
+        added: mounting of the base, tool and payload.
+
+    Raises:
+        UsageError: no such file, not loadable, no arm or several, a floating base, a joint that does not
+            exist, a held position outside its limits.
+        UnsafeModelError: the compiled model is not what the file and the additions say (`agreement`).
+    """
+    root = parsed(path)
+    given = dict(held or {})
+    if root.tag == "robot":
+        from etude_arm.loading.urdf import load_urdf
+
+        loaded = load_urdf(root, path, joints, given, mesh_roots, shapes, added)
+    else:
+        from etude_arm.loading.mjcf import load_mjcf
+
+        loaded = load_mjcf(path, joints, given, drives, added)
+    loaded.model()  # is held against the description now, whatever is made of it later
+    return loaded
+
+
+def load_arm(
+    spec: ArmSpec, *, shapes: bool = True, drives: bool = False, mesh_roots: Sequence[Path] = ()
+) -> Loaded:
+    """The robot's own model, of its `model_file`: its axes move, the others are held where it says.
+
+    Raises:
+        UsageError: as `load`; or the robot has no model file.
+    """
+    if spec.model_file is None:
+        raise UsageError(
+            f"robot '{spec.name}' has no model_file",
+            next_step="Add a URDF or MJCF, or choose a model without one.",
+        )
+    carried = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
+    added = Additions(spec.mounting, tuple(carried))
+    how = {"held": spec.held, "mesh_roots": mesh_roots, "shapes": shapes, "drives": drives}
+    return load(spec.model_file, spec.names, **how, added=added)  # type: ignore[arg-type]

@@ -1,0 +1,143 @@
+"""Where the meshes are that a model file names, without ROS.
+
+`package://arm_description/meshes/a.stl` names a package, which is looked for by its name (`packages`). Where
+there is none, a file of the same path on the way up from the model file may be what is meant: a folder that
+was renamed. Or it is another package's mesh, of which many are called meshes/base.stl. So it is taken only if
+there is one, which no other name means, and it is said which. `meshes/a.stl` without a package is meant from
+the model file; where it is not there, the same holds of files of that path on the way up.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from etude.errors import UsageError
+from etude_arm.loading.mesh_readers import READERS
+from etude_arm.loading.packages import declared, folders_below, folders_of
+
+FEW = 5
+"""Names that are written out."""
+
+
+@dataclass
+class MeshPaths:
+    """The meshes of one model file.
+
+    Attributes:
+        model: the file. roots: folders that a person named, which come first.
+        names: of all its meshes: a file that one of them names is not guessed to be another.
+    """
+
+    model: Path
+    roots: Sequence[Path] = ()
+    names: Iterable[str] = ()
+    _guessed: dict[str, Path] = field(default_factory=dict)
+    _several: dict[str, list[Path]] = field(default_factory=dict)
+
+    def find(self, name: str) -> Path | None:
+        """The file that `name` means, or its converted copy; None if there is none, or several may be."""
+        found = self._named(name) or self._guess(name)
+        return None if found is None else _readable(found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which files were taken though their package was not found, a sentence for each folder."""
+        by_folder: dict[tuple[str, Path], list[str]] = {}
+        for name, path in self._guessed.items():
+            scheme, package, inside = _parts(name)
+            key = f"{scheme}://{package}" if scheme else "", _holder(path, inside)
+            by_folder.setdefault(key, []).append(inside)
+        return tuple(
+            f"{_lacking(package, self.model)} {_few(list(dict.fromkeys(inside)))} what lies below {folder} "
+            "is taken. If that is another's, name the folder that is meant with --mesh-root."
+            for (package, folder), inside in by_folder.items()
+        )
+
+    def in_words(self, name: str) -> str:
+        """The name of a mesh that was not found, with the files that it could be if there are several."""
+        several = self._several.get(name, [])
+        return f"{name} ({' or '.join(map(str, several))})" if several else name
+
+    def _named(self, name: str) -> Path | None:
+        """By the package's name; a path without one beside the model file, or above it."""
+        scheme, package, inside = _parts(name)
+        absolute = Path(name.partition("://")[2] or name)
+        if absolute.is_absolute() and absolute.is_file():
+            return absolute
+        if not scheme:
+            starts = (*self.roots, self.model.resolve().parent)
+            return next((start / name for start in starts if (start / name).is_file()), None)
+        for root in self.roots if package else ():
+            self._require_one(package, inside, root)
+        folders = folders_of(package, self.model, self.roots) if package else ()
+        return next((one / inside for one in folders if (one / inside).is_file()), None)
+
+    @staticmethod
+    def _require_one(package: str, inside: str, root: Path) -> None:
+        """UsageError if several packages of one name below a root have the mesh: either may be meant."""
+        found = [one for one in folders_below(package, root) if (one / inside).is_file()]
+        if len(found) > 1:
+            raise UsageError(
+                f"several packages below {root} are called {package}: {', '.join(map(str, found))}",
+                where=f"{package}/{inside}",
+                next_step=f"Name the folder that is meant: --mesh-root {shlex.quote(str(found[0]))}",
+            )
+
+    def _guess(self, name: str) -> Path | None:
+        """The one file of that path, with its package or without, below a root or on the way up."""
+        scheme, package, inside = _parts(name)
+        if scheme and any(declared(one) == package for one in folders_of(package, self.model, self.roots)):
+            return None  # the package is there, and such a mesh is not in it
+        tails = dict.fromkeys((f"{package}/{inside}" if package else inside, inside))
+        for starts in (self.roots, self.model.resolve().parents):
+            places = [start / tail for start in starts for tail in tails if tail]
+            files = {path.resolve(): path for path in places if path.is_file()}
+            free = [path for own, path in files.items() if own not in self._meant]
+            if len(free) > 1:
+                self._several[name] = free
+                return None
+            if free:
+                if starts is not self.roots or declared(_holder(free[0], inside)):
+                    self._guessed[name] = free[0]
+                return free[0]
+        return None
+
+    @cached_property
+    def _meant(self) -> set[Path]:
+        """Files that a name of the model file means, and no guess may take."""
+        return {path.resolve() for name in self.names if (path := self._named(name)) is not None}
+
+
+def _lacking(package: str, model: Path) -> str:
+    """What is not where a name says, as the beginning of a sentence."""
+    return f"{package} is not found: for its" if package else f"Not found from {model.name} itself: for"
+
+
+def _few(names: list[str]) -> str:
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return f"{', '.join(names[:FEW])}{more}"
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    """Scheme, package and path of "scheme://package/path"; a path without scheme has no package."""
+    scheme, found, rest = name.partition("://")
+    if not found:
+        return "", "", name
+    package, _, inside = rest.lstrip("/").partition("/")
+    return scheme, package, inside
+
+
+def _holder(path: Path, inside: str) -> Path:
+    """The folder that the path `inside` begins in."""
+    return Path(str(path).removesuffix(str(Path(inside))))
+
+
+def _readable(path: Path) -> Path:
+    """The file, or where its form is not read one that lies beside it, converted."""
+    if path.suffix.lower() in READERS:
+        return path
+    return next((one for form in READERS if (one := path.with_suffix(form)).is_file()), path)

@@ -1,0 +1,112 @@
+"""Motions of an arm: which may be proposed, what limits them, the ways there, and tests."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from etude.contracts import Array, Limit, Margins, Model, Trajectory
+from etude.limits.library import AxisLimit
+from etude.trajectories.extremes import ROOM
+from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
+from etude.trajectories.moves import PointToPoint, random_moves
+from etude_arm.clearance.of_robot import clearance_of, ranges_of, search_of
+from etude_arm.commands import commands_of
+from etude_arm.space.of_robot import space_of
+from etude_arm.spec import ArmSpec
+
+MOVES = 12
+TEST_DURATION = 60.0
+"""s, of the test series."""
+TEST_RAMP = 2.0
+"""s, of its phase ramps."""
+WAY = 0.8
+"""Part of its range, a turn at most, that a joint goes through in a segment about a clear pose, about."""
+UNHURRIED = 0.5
+"""Part of the limits of velocity and acceleration that approach and return use."""
+
+
+def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
+    """Fourier series of every joint; if omega0 was left open, one period of what suits the way that it is
+    likely to go.
+    """
+    lower, upper = way_of(spec)
+    suited = suited_to(config, lower, upper, spec.velocity, spec.acceleration)
+    return FourierFamily.of(suited, axes=spec.dof)
+
+
+def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
+    """Position, velocity and acceleration of every joint, rest at both ends; jerk, commands, clearance
+    and limits in space if any.
+    """
+    clearance = clearance_of(spec, margins)
+    space = space_of(spec)
+    commands = commands_of(spec, model, search_of(spec)[0])
+    jerked = tuple(int(j) for j in np.flatnonzero(np.isfinite(spec.jerk)))
+    own = [spec.names[j] for j in jerked], spec.jerk[list(jerked)]
+    return (
+        AxisLimit("position", 0, spec.names, spec.lower, spec.upper, margins=margins),
+        AxisLimit("velocity", 1, spec.names, -spec.velocity, spec.velocity, margins=margins, rest=True),
+        AxisLimit("acceleration", 2, spec.names, -spec.acceleration, spec.acceleration, margins=margins),
+        *((AxisLimit("jerk", 3, tuple(own[0]), -own[1], own[1], jerked),) if jerked else ()),
+        *(() if commands is None else (commands,)),
+        *(() if space is None else (space,)),
+        *(() if clearance is None else (clearance,)),
+    )
+
+
+def way_of(spec: ArmSpec) -> tuple[Array, Array]:
+    """(k,) ends of the way of each joint in a motion: of an arm that keeps clear of something, a part of its
+    range; else the whole.
+    """
+    home, lower, upper = search_of(spec)
+    if clearance_of(spec, {}) is None:
+        return lower, upper
+    low, high = ranges_of(spec)
+    half = 0.5 * WAY * (high - low)
+    return home - half, home + half
+
+
+def largest_error(spec: ArmSpec) -> Array:
+    """(J,) rad (m): at an extremum of the error its rate is zero, so all of the command is kp e; NaN where
+    the gains are not known. A simulated arm's are.
+    """
+    gains = None if spec.gains is None else spec.gains.kp
+    if gains is None and spec.plant is not None:
+        from etude_arm.plant.parameters import load_parameters, plant_names
+
+        gains = load_parameters(spec.plant).controller.kp if spec.plant in plant_names() else None
+    return np.full(spec.dof, np.nan) if gains is None else spec.command / np.array(gains)
+
+
+def ways(spec: ArmSpec, motion: Trajectory, pose: Array) -> tuple[PointToPoint, PointToPoint]:
+    """Straight moves in joint space, from the pose to the start and from the end back."""
+    first, last = motion.motion(np.array([0.0, motion.duration]), 1).orders[0]
+    speeds = UNHURRIED * spec.velocity, UNHURRIED * spec.acceleration
+    return tuple(  # type: ignore[return-value]
+        PointToPoint(np.stack(ends), speeds[0], peak_acceleration=speeds[1], peak_jerk=ROOM * spec.jerk)
+        for ends in ((pose, first), (last, pose))
+    )
+
+
+def tests(spec: ArmSpec, rng: np.random.Generator) -> dict[str, Trajectory]:
+    """Motions that are never trained on.
+
+    They do not depend on which family a campaign trains on, so that settings can be compared: the thesis's
+    own form (3.5) with N = 2, one to two periods long, and point-to-point moves. Where a robot may touch
+    something they stay in the box that is nearly all clear of it.
+    """
+    from etude.limits.feasible import FeasibleSet
+    from etude.limits.samplers import scaled
+
+    period = 2.0 * math.pi / TEST_DURATION
+    thesis = FourierConfig(2, TEST_DURATION, (period, 2.0 * period), rest="ramp", ramp=TEST_RAMP)
+    drawn = family(spec, thesis).drawn(rng)
+    home, lower, upper = search_of(spec)
+    room = FeasibleSet.of(limits(spec, {}), drawn, home)
+    box = lower, upper, spec.velocity, spec.acceleration
+    return {
+        "fourier": drawn.trajectory(scaled(rng, room)[0]),
+        "moves": random_moves(rng, *box, count=MOVES, jerk=spec.jerk),
+    }

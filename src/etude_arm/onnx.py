@@ -1,0 +1,44 @@
+"""An arm's inputs in the operators of ONNX, and what friction remembers from one instant to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from etude.contracts import Array
+from etude.operators import Piece, Value, joined
+from etude_arm.memory import MEMORY_RATE
+
+
+def inputs_piece(inputs: Any) -> Piece:
+    """`ArmInputs`; memory of each joint: what friction remembers, the position behind the play, begun."""
+    reads, J = inputs.names, len(inputs.stick_velocity)
+    remembers = inputs.presliding is not None
+
+    def draw(states: Mapping[str, Value], memory: Value | None) -> tuple[Value, Value | None]:
+        q, qd, qdd = (states[name] for name in reads)
+        columns, after = [q, qd, qdd, *((qd / threshold).of("Tanh") for threshold in inputs.thresholds)], None
+        if remembers:
+            rest = (-(abs(qd) / inputs.slow)).of("Exp")
+            held = rest * 0.0
+            if memory is not None:
+                sigma, after = followed(q, memory, inputs.play, inputs.presliding)
+                held = sigma * rest
+            columns += [held, rest]
+        return joined(columns), after
+
+    return Piece(reads, draw, 2 * J + 1 if remembers else 0, MEMORY_RATE if remembers else 0.0)
+
+
+def followed(q: Value, memory: Value, play: Array, length: Array) -> tuple[Value, Value]:
+    """What friction remembers (n, J) at q (n, J), and the memory after (n, 2 J + 1): Dahl's law, as
+    `memory.remembered`.
+    """
+    J = len(length)
+    before, begun = memory.at(range(J, 2 * J)), memory.at([2 * J])
+    p = begun * before + (1.0 - begun) * q
+    behind = p.most(q - play).least(q + play)
+    way = behind - p
+    side = way.of("Sign")
+    sigma = side + (memory.at(range(J)) - side) * (-(abs(way) / length)).of("Exp")
+    return sigma, joined([sigma, behind, begun * 0.0 + 1.0])

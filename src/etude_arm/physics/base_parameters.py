@@ -1,0 +1,79 @@
+"""Base parameters: the combinations of inertial parameters that motion reveals, found numerically.
+
+Gautier 1991 does it by rank-revealing QR on the regressor at random states; here the singular value
+decomposition of the regressor whitened by a physical prior, so that every direction that is kept has the
+same prior, N(0, 1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude_arm.physics.kinematics import KinematicTree
+from etude_arm.spec import ArmSpec
+
+Array = NDArray[np.float64]
+
+RANK_TOLERANCE = (
+    1e-9  # relative to the largest singular value; rounding leaves the unrevealed ones near 1e-16
+)
+
+
+def spread_states(spec: ArmSpec, count: int) -> tuple[Array, Array, Array]:
+    """q, qd, qdd (count, dof) that fill the robot's limits evenly: a Kronecker sequence, the same at every
+    call.
+    """
+    primes = _primes(3 * spec.dof)
+    unit = np.mod(np.outer(np.arange(1, count + 1), np.sqrt(primes)), 1.0)
+    a, b, c = np.split(unit, 3, axis=1)
+    q = spec.lower + a * (spec.upper - spec.lower)
+    return q, (2 * b - 1) * spec.velocity, (2 * c - 1) * spec.acceleration
+
+
+def _primes(count: int) -> Array:
+    found: list[int] = []
+    number = 2
+    while len(found) < count:
+        if all(number % p for p in found):
+            found.append(number)
+        number += 1
+    return np.array(found, dtype=float)
+
+
+def parameter_scale(tree: KinematicTree) -> Array:
+    """(10 (B - 1),): how far each inertial parameter may be from its nominal value, in its own unit.
+
+    A body's mass, times its reach once for first moments and twice for inertias. A massless body (a frame
+    that a URDF left without an inertial element) gets the mean mass, because only its owner knows whether it
+    is a placeholder.
+    """
+    mass = tree.nominal[1:, 0]
+    typical = float(np.mean(mass[mass > 0])) if np.any(mass > 0) else 1.0
+    mass = np.where(mass > 1e-3 * typical, mass, typical)
+    reach = np.array([_reach(tree, body) for body in range(1, tree.bodies)])
+    powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+    return np.asarray(mass[:, None] * reach[:, None] ** powers).reshape(-1)
+
+
+def _reach(tree: KinematicTree, body: int) -> float:
+    """Distance over which a body's mass may lie: to its centre of mass, its radius of gyration and its
+    children.
+    """
+    mass = tree.nominal[body, 0]
+    gyration = np.sqrt(np.sum(tree.nominal[body, 4:7]) / mass) if mass > 0 else 0.0
+    children = [
+        np.linalg.norm(tree.position[child]) for child in range(tree.bodies) if tree.parent[child] == body
+    ]
+    return float(max([gyration, *children, 1e-2]))
+
+
+def base_directions(rows: Array, scale: Array) -> Array:
+    """Directions (P, r) in parameter space, phi = phi_0 + D z with z ~ N(0, I), that `rows` (N, P) can tell
+    apart.
+
+    The columns of D are orthonormal in the metric of `scale` (P,); what they leave out changes no torque.
+    """
+    _, singular, right = np.linalg.svd(rows * scale, full_matrices=False)
+    rank = int(np.sum(singular > RANK_TOLERANCE * max(float(singular[0]), np.finfo(float).tiny)))
+    return np.asarray(scale[:, None] * right[:rank].T)

@@ -1,0 +1,224 @@
+"""Identification: maximum a posteriori least squares of each output, and how its friction turns round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Mask, Samples
+from etude.errors import DataError, UsageError
+from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
+from etude_arm.physics.kinematics import KinematicTree
+from etude_arm.physics.regressor import nominal_parameters
+from etude_arm.physics.rigid_body import (
+    NARROW,
+    SPEED,
+    Regressors,
+    RigidBody,
+    RigidBodyModel,
+    command_regressors,
+    turned,
+)
+from etude_arm.physics.transmission import Drive
+from etude_arm.spec import WAYS
+
+if TYPE_CHECKING:
+    from etude_arm.spec import ArmSpec
+
+Array = NDArray[np.float64]
+
+
+def require_axes(samples: Samples, spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...]) -> None:
+    """UsageError unless robot, model file and samples have the same axes."""
+    axes = samples.command.shape[1]
+    if tree.joints != spec.dof or len(drives) != spec.dof or axes != spec.dof:
+        raise UsageError(
+            "Robot, model file and samples must have the same axes",
+            where=f"robot {spec.dof}, model file {tree.joints}, samples {axes}",
+        )
+
+
+def fitted(
+    samples: Samples,
+    regressors: Regressors,
+    priors: Sequence[IdentificationPrior],
+    names: Sequence[str],
+    body: RigidBody,
+) -> RigidBodyModel:
+    """Masked maximum a posteriori least squares of every output's parameters.
+
+    Args:
+        samples: commands and masks.
+        regressors: of the samples.
+        priors: of the outputs, as `output_priors`. names: of their axes.
+        body: which all that is of.
+
+    Raises:
+        DataError: an axis never moved.
+    """
+    weight = information_per_sample(samples)
+    fits = []
+    for j, (name, prior) in enumerate(zip(names, priors, strict=True)):
+        moving = samples.moving[:, j] & samples.usable[:, j]
+        if not np.any(moving):
+            raise DataError(
+                "An axis never moves, so nothing of it can be identified",
+                where=name,
+                next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
+            )
+        columns = _columns(regressors, moving, prior, body, j)
+        fits.append(_fit_output(columns, samples.command[moving, j], prior, weight))
+    inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
+    return RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
+
+
+CORRELATION_TIME = 0.5  # s; smoothed commands closer than this repeat each other
+
+
+def information_per_sample(samples: Samples) -> float:
+    """Weight of one sample against the prior: neighbours nearer than the correlation time share one vote."""
+    steps = np.diff(samples.t)[np.diff(samples.group) == 0]
+    step = float(np.median(steps)) if len(steps) else CORRELATION_TIME
+    return float(np.clip(step / CORRELATION_TIME, 1e-3, 1.0))
+
+
+@dataclass(frozen=True)
+class IdentificationPrior:
+    """What is known of one output before any data, from its physical scales.
+
+    Attributes:
+        nominal: (P,) the model file's parameters; directions: (P, r) base directions, z ~ N(0, 1) per unit
+        of gain.
+        gain: prior deviation of the command per N m; extra: (E,) of the extra terms.
+        command: the command limit.
+    """
+
+    nominal: Array
+    directions: Array
+    gain: float
+    extra: Array
+    command: float
+
+    @staticmethod
+    def of_output(tree: KinematicTree, rigid: Array, extra: Array, command: float) -> IdentificationPrior:
+        """Deviations such that no single term exceeds the command limit over the robot's limits."""
+        nominal = nominal_parameters(tree)
+        torque = float(np.sqrt(np.mean((rigid @ nominal) ** 2)))
+        largest = np.sqrt(np.mean(extra**2, axis=0))
+        return IdentificationPrior(
+            nominal,
+            base_directions(rigid, parameter_scale(tree)),
+            command / max(torque, np.finfo(float).tiny),
+            command / largest,
+            command,
+        )
+
+
+def output_priors(
+    spec: ArmSpec, tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array
+) -> tuple[IdentificationPrior, ...]:
+    """What is known of each output before any data, over states spread within the robot's limits."""
+    spread = spread_states(spec, 64 + 24 * tree.bodies)
+    rigid, extra = command_regressors(tree, drives, friction_velocity, *spread)
+    return tuple(
+        IdentificationPrior.of_output(tree, rigid[:, j], extra[:, j], float(spec.command[j]))
+        for j in range(spec.dof)
+    )
+
+
+def _columns(
+    regressors: Regressors, rows: Mask, prior: IdentificationPrior, body: RigidBody, j: int
+) -> Array:
+    """(n, 1 + E + r + W) of output j: nominal, extra, base directions, friction by the ways it may turn in;
+    without the last where no way is known.
+    """
+    rigid, extra, turning = regressors
+    drive, v0 = body.drives[j], float(body.friction_velocity[j])
+    own = rigid[rows, j]
+    parts = [own @ prior.nominal[:, None], extra[rows, j], own @ prior.directions]
+    if turning is not None and drive.side(j):
+        parts.append(turned(turning[rows, :, j], extra[rows, j, SPEED], drive, j, v0))
+    return np.concatenate(parts, axis=1)
+
+
+def _fit_output(
+    columns: Array, y: Array, prior: IdentificationPrior, weight: float
+) -> tuple[Array, Array, float, int, Array, float]:
+    """phi (P,), extra (E,), residual deviation, rank, deviations (E,) of extra and way of one output.
+
+    First the nominal model with a free gain; then every base parameter, as far from the nominal one as
+    `prior` allows. All of it once by speed and once by each way; the least noise wins.
+    """
+    moments, last = Moments.of(columns, y, weight), 1 + len(prior.extra)
+    rank = prior.directions.shape[1]
+    own = np.arange(last + rank)
+    fits = [(0.0, *_fit_turning(moments.at(own), prior))]
+    for number, way in enumerate(WAYS[: columns.shape[1] - last - rank]):
+        own[1 + NARROW] = last + rank + number
+        fits.append((way, *_fit_turning(moments.at(own), prior)))
+    way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else BY_SPEED))
+    phi = fine[0] * prior.nominal + prior.directions @ fine[last:]
+    return phi, fine[1:last], noise, rank, spread[1:last], way
+
+
+def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, Array, float]:
+    """Coefficients of nominal, extra and directions, their deviations, and the noise deviation."""
+    deviations = np.concatenate([[prior.gain], prior.extra])
+    coarse, spread, _ = moments.at(np.arange(len(deviations))).estimate(deviations, prior.command)
+    gain = float(np.hypot(coarse[0], spread[0]))
+    every = np.concatenate([deviations, np.full(prior.directions.shape[1], gain)])
+    return moments.estimate(every, prior.command)
+
+
+BY_SPEED = 1.05
+"""Factor by which the noise beside friction that turns over with speed counts more. Slow samples are masked,
+so that data may hardly tell; joints do slide before they slip, and only models turn over with speed."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Of weighted columns C (n, P) and commands y (n,).
+
+    Attributes:
+        square: (P, P) C^T C. target: (P,) C^T y. power: y^T y. count: n, weighted.
+    """
+
+    square: Array
+    target: Array
+    power: float
+    count: float
+
+    @staticmethod
+    def of(columns: Array, y: Array, weight: float) -> Moments:
+        """Each sample counts `weight`."""
+        square, target = weight * columns.T @ columns, weight * columns.T @ y
+        return Moments(square, target, weight * float(y @ y), weight * len(y))
+
+    def at(self, places: NDArray[np.int64]) -> Moments:
+        """Of those columns alone."""
+        return Moments(self.square[np.ix_(places, places)], self.target[places], self.power, self.count)
+
+    def estimate(self, deviations: Array, command: float) -> tuple[Array, Array, float]:
+        """Coefficients with independent priors N(0, deviations^2), their posterior deviations, and the noise
+        deviation.
+
+        The noise is found by fixed-point iteration on the residual (MacKay 1992), between 0.01 % and 10 % of
+        the command.
+        """
+        moment, target = self.square * np.outer(deviations, deviations), self.target * deviations
+        eigenvalues, vectors = np.linalg.eigh(moment)
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        rotated = vectors.T @ target
+        noise = (0.01 * command) ** 2
+        for _ in range(12):
+            z = rotated / (eigenvalues + noise)
+            determined = float(np.sum(eigenvalues / (eigenvalues + noise)))
+            freedom = max(self.count - determined, 1.0)
+            left = self.power - 2.0 * float(z @ rotated) + float(z @ (eigenvalues * z))
+            noise = float(np.clip(left / freedom, (1e-4 * command) ** 2, (0.1 * command) ** 2))
+        variance = (vectors**2) @ (noise / (eigenvalues + noise))
+        return deviations * (vectors @ z), deviations * np.sqrt(variance), float(np.sqrt(noise))

@@ -1,0 +1,52 @@
+"""The robot's geometry for identification: its tree and its drives, read from the model file once."""
+
+from __future__ import annotations
+
+from etude_arm.of_file import of_file
+from etude_arm.physics.transmission import Geometry
+from etude_arm.spec import ArmSpec
+
+_known: dict[str, bool] = {}
+"""Whether a file has masses."""
+
+
+def read_geometry(spec: ArmSpec) -> Geometry | None:
+    """Geometry from the robot's URDF or MJCF; None for a robot without a model file.
+
+    Raises:
+        UsageError: the file cannot be read, or lacks a joint of the robot.
+        UnsafeModelError: what is compiled is another robot than the file's (`loading.agreement`).
+    """
+    if spec.model_file is None:
+        return None
+    from etude_arm.loading.load import load_arm
+    from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+
+    loaded = load_arm(spec, shapes=False, drives=True)
+    model = loaded.model()
+    tree = tree_from_mujoco(model, spec.names)
+    if loaded.expected is not None:
+        from etude_arm.physics.tree_agreement import check_tree
+
+        check_tree(tree, loaded.expected, loaded.source)
+    return Geometry(tree, drives_from_mujoco(model, spec.names))
+
+
+def has_masses(spec: ArmSpec) -> bool:
+    """Whether the robot has a model file that says what its links weigh; without, nothing is known of forces.
+
+    MuJoCo is not asked: a saved model predicts without it, and without the file, which then had masses.
+    """
+    if spec.model_file is None or not spec.model_file.is_file():
+        return spec.model_file is not None
+    file = spec.model_file
+
+    def made() -> bool:
+        from etude_arm.loading.inertia import masses_of
+        from etude_arm.loading.parsing import parsed
+        from etude_arm.loading.urdf_tree import read_tree
+
+        root = parsed(file)  # an MJCF's bodies weigh what they state, or their shapes as water
+        return root.tag != "robot" or bool(masses_of(read_tree(root, str(file)), spec.names).elements)
+
+    return of_file(_known, spec, made)

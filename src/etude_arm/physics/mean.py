@@ -1,0 +1,192 @@
+"""The rungs of physics: the rigid body of the model file, nominal or identified, as means over logs."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etude.contracts import Array, Code, Index, Log, Samples
+from etude.errors import DataError, UsageError
+from etude.operators import Piece
+from etude_arm.inputs import FRICTION_SCALES, friction_speeds
+from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
+from etude_arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
+from etude_arm.physics.geometry import has_masses, read_geometry
+from etude_arm.physics.kinematics import KinematicTree
+from etude_arm.physics.rigid_body import (
+    EXTRA_TERMS,
+    Regressors,
+    RigidBody,
+    RigidBodyModel,
+    command_regressors,
+    nominal_model,
+)
+from etude_arm.physics.transmission import Drive, Geometry
+from etude_arm.spec import FORCES, PATH, PLAN, TURNING, WAYS, ArmSpec
+
+FRICTION_FRACTION = 0.02
+"""v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
+TREE = tuple(KinematicTree.__dataclass_fields__)
+DRIVE = tuple(Drive.__dataclass_fields__)
+OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in ("tree", "drives"))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyMean:
+    """Implements `contracts.Mean`: commands by a rigid-body model, of measured or desired states."""
+
+    model: RigidBodyModel
+    spec: ArmSpec
+    desired: bool = False
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """Terms of each drive in command units: armature, viscous, friction by its scale, offset."""
+        rows = zip(self.spec.names, self.model.extra, self.model.extra_deviation, strict=True)
+        return {
+            f"{joint} {term}": (float(value), float(deviation))
+            for joint, values, deviations in rows
+            for term, value, deviation in zip(EXTRA_TERMS, values, deviations, strict=True)
+        }
+
+    def predict(self, log: Log) -> Array:
+        """Commands (T, J); friction turns with speed where the log does not carry what it remembers.
+
+        KeyError where the log lacks a state.
+        """
+        q, qd, qdd = (log[name] for name in (PLAN if self.desired else PATH))
+        return self.model.predict(q, qd, qdd, remembered_of(log))
+
+    def static(self, log: Log) -> Array:
+        """Commands (T, J) at rest in the same positions: gravity and offset."""
+        q = log[(PLAN if self.desired else PATH)[0]]
+        return self.model.predict(q, np.zeros_like(q), np.zeros_like(q))
+
+    def arrays(self) -> dict[str, Array]:
+        """All that `restore` of the physics takes to make it again, bit for bit."""
+        model = self.model
+        found = {f"rigid.{name}": np.asarray(getattr(model, name)) for name in OWN}
+        found |= {f"tree.{name}": np.asarray(getattr(model.tree, name)) for name in TREE}
+        for j, drive in enumerate(model.drives):
+            found |= {f"drive{j}.{name}": np.asarray(getattr(drive, name)) for name in DRIVE}
+        return {**found, "desired": np.array(self.desired)}
+
+    def c(self, name: str) -> Code:
+        """C99 of it: Newton-Euler in the drives' coordinates."""
+        from etude_arm.c99 import rigid_body_code
+
+        return rigid_body_code(name, self, FRICTION_SCALES)
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude_arm.physics.rigid_body_graph import rigid_body_piece
+
+        return rigid_body_piece(self)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPhysics:
+    """Implements `contracts.Physics`: samples in, a mean out. The model file is read at the first call.
+
+    Attributes:
+        spec: the robot; it has a model file.
+        friction_fraction: v0 of the friction terms as a part of the velocity limits, above 0.
+        desired: whether states are the planned ones.
+        nominal: what the model file alone says, for commands that are forces.
+    """
+
+    spec: ArmSpec
+    friction_fraction: float = FRICTION_FRACTION
+    desired: bool = False
+    nominal: bool = False
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Tree and drives of the model file. UsageError if the robot has none."""
+        geometry = read_geometry(self.spec)
+        if geometry is None:
+            raise UsageError(
+                f"robot '{self.spec.name}' has no model_file, so it has no physics to learn from",
+                next_step="Add a URDF or MJCF to the robot file, or choose the rung gp.",
+            )
+        return geometry
+
+    @property
+    def friction_velocity(self) -> Array:
+        return friction_speeds(self.spec, self.friction_fraction)
+
+    def __call__(self, samples: Samples | None) -> RigidBodyMean:
+        """The mean. DataError: an axis never moved; UsageError: nothing to identify from."""
+        if self.nominal:
+            return self._mean(nominal_model(*self._body))
+        if samples is None:
+            raise UsageError("an identified model needs samples", next_step="Tell a log first.")
+        return self._mean(self._fitted(samples, self._regressors(samples)))
+
+    def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
+        """Capability `contracts.HeldOutPhysics`: samples are looked at once, not once for each fold."""
+        if self.nominal:
+            return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
+        regressors = self._regressors(samples)
+        found = {}
+        for number in np.unique(fold).tolist():
+            rest = fold != number
+            with contextlib.suppress(DataError):
+                found[number] = self._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
+        return found
+
+    def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
+        """The mean whose `arrays` these are; no model file is read."""
+        tree = KinematicTree(**{name: arrays[f"tree.{name}"] for name in TREE})
+        drives = tuple(
+            Drive(float(arrays[f"drive{j}.gear"]), *(arrays[f"drive{j}.{name}"] for name in DRIVE[1:]))
+            for j in range(tree.joints)
+        )
+        known = {"rigid.way": np.zeros(tree.joints), **arrays}  # older models know no way
+        model = RigidBodyModel(tree, drives, **{name: known[f"rigid.{name}"] for name in OWN})
+        return RigidBodyMean(model, self.spec, bool(arrays["desired"]))
+
+    def regressors(self) -> tuple[BaseRegressor, ...]:
+        """One per command: features of the inputs in which it is linear, weights N(0, 1) before any data."""
+        return base_regressors(self.spec, *self._body)
+
+    @cached_property
+    def _body(self) -> RigidBody:
+        return RigidBody(self.geometry.tree, self.geometry.drives, self.friction_velocity)
+
+    @cached_property
+    def _priors(self) -> tuple[IdentificationPrior, ...]:
+        return output_priors(self.spec, *self._body)
+
+    def _regressors(self, samples: Samples) -> Regressors:
+        """At the states of the samples, as models look at them."""
+        require_axes(samples, self.spec, self._body.tree, self._body.drives)
+        motion = (samples.log[name] for name in (PLAN if self.desired else PATH))
+        return Regressors(*command_regressors(*self._body, *motion), remembered_of(samples.log))
+
+    def _fitted(self, samples: Samples, regressors: Regressors) -> RigidBodyModel:
+        return fitted(samples, regressors, self._priors, self.spec.names, self._body)
+
+    def _mean(self, model: RigidBodyModel) -> RigidBodyMean:
+        return RigidBodyMean(model, self.spec, self.desired)
+
+
+def remembered_of(log: Log) -> Array | None:
+    """(T, W, J) what friction remembers by each way, if the log carries it."""
+    found = log.get(TURNING)
+    return None if found is None else found.reshape(len(log), len(WAYS), -1)
+
+
+def physics_of(spec: ArmSpec, friction_fraction: float, desired: bool) -> dict[str, ArmPhysics]:
+    """The rungs that the robot allows: none without a model file with masses, "nominal" only for forces."""
+    if not has_masses(spec):
+        return {}
+    fraction = friction_fraction or FRICTION_FRACTION
+    found = {"identified": ArmPhysics(spec, fraction, desired)}
+    if spec.command_unit in FORCES:
+        found["nominal"] = ArmPhysics(spec, fraction, desired, nominal=True)
+    return found

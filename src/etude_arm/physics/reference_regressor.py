@@ -1,0 +1,112 @@
+"""The identified model's regressor along a reference, as adaptive control wants it: Y(q, qd, qd_r, qdd_r).
+
+Coriolis and centrifugal terms are bilinear in the measured rate and the reference's, by the Christoffel
+symbols: with h(v) the terms that are quadratic in v, half of what they mix is (h(a + b) - h(a - b)) / 4. Only
+so is H' - 2 C skew-symmetric, on which the proof of Slotine and Li (1987) rests. The same polarisation holds
+for levers that turn, and leaves what is linear in the rate at the reference's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array
+from etude.errors import UsageError
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.rigid_body import EXTRA_TERMS, RigidBodyModel, command_regressors
+
+ARMATURE = EXTRA_TERMS.index("armature")
+FRICTION = [i for i, term in enumerate(EXTRA_TERMS) if term.startswith("friction")]
+AT_REFERENCE, AT_DIFFERENCE, AT_REST, RUBBING, UNITS = 0, 1, 2, 3, 4
+"""Rows of the states that one regressor is put together from; unit accelerations come last."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What is known at one instant; J joints, n features, each in command units.
+
+    Attributes:
+        features: (J, n), the command is (features * weights).sum(1).
+        inertia: (J, n, J), their derivatives in the reference's acceleration.
+        moment: (J, J), d length / d q of the drives.
+    """
+
+    features: Array
+    inertia: Array
+    moment: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceRegressor:
+    """Every command's own parameters, in its own unit, since the gains of the motors are unknown.
+
+    Attributes:
+        physics: the robot's tree, drives and friction velocity.
+        combinations: (J, P + E, n) of inertial parameters and of the drive's terms; weights are N(0, 1)
+            before any data. Commands with fewer features than n have zeros in the last ones.
+    """
+
+    physics: ArmPhysics
+    combinations: Array
+
+    @staticmethod
+    def of(physics: ArmPhysics) -> ReferenceRegressor:
+        """Of the robot's own regressors. UsageError if it has no model file."""
+        own = physics.regressors()
+        rigid, extra = own[0].rigid.shape[0], len(EXTRA_TERMS)
+        most = max(r.rigid.shape[1] for r in own) + extra
+        combinations = np.zeros((len(own), rigid + extra, most))
+        for j, regressor in enumerate(own):
+            count = regressor.rigid.shape[1]
+            combinations[j, :rigid, :count] = regressor.rigid
+            combinations[j, rigid:, count : count + extra] = np.diag(regressor.extra)
+        return ReferenceRegressor(physics, combinations)
+
+    @property
+    def zero(self) -> Array:
+        """(J, n) weights of a robot of which nothing is known."""
+        return np.zeros((len(self.combinations), self.combinations.shape[2]))
+
+    @property
+    def count(self) -> Array:
+        """(J,) features of each command."""
+        return np.asarray(np.any(self.combinations != 0.0, axis=1).sum(axis=1), dtype=np.float64)
+
+    def weights(self, model: RigidBodyModel) -> Array:
+        """(J, n), the least ones with the commands of `model`. UsageError: of other joints or bodies."""
+        parameters = np.concatenate([model.inertial, model.extra], axis=1)
+        if parameters.shape != self.combinations.shape[:2]:
+            raise UsageError(
+                f"the model has {parameters.shape[1]} parameters of each of {len(parameters)} joints, "
+                f"the robot {self.combinations.shape[1]} of each of {len(self.combinations)}",
+                where=self.physics.spec.name,
+                next_step="Identify a model of this robot.",
+            )
+        rows = zip(self.combinations, parameters, strict=True)
+        return np.array([np.linalg.pinv(own) @ values for own, values in rows])
+
+    def at(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Reference:
+        """At measured q, qd and a reference's qd_r, qdd_r, (J,) each; friction is that at qd_r."""
+        rows = self._rows(q, qd, qd_r, qdd_r)
+        bent = rows[AT_REFERENCE] - rows[AT_DIFFERENCE] + rows[AT_REST]
+        friction = [column - len(EXTRA_TERMS) for column in FRICTION]
+        bent[:, friction] = rows[RUBBING][:, friction]
+        units = rows[UNITS:] - rows[AT_REST]
+        return Reference(
+            features=np.einsum("jp,jpn->jn", bent, self.combinations),
+            inertia=np.einsum("ijp,jpn->jni", units, self.combinations),
+            moment=units[:, :, ARMATURE - len(EXTRA_TERMS)].T,
+        )
+
+    def _rows(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
+        """(UNITS + J, J, P + E) regressors at the states named above."""
+        dof = len(q)
+        rate, pull = np.zeros((2, UNITS + dof, dof))
+        rate[AT_REFERENCE], rate[AT_DIFFERENCE], rate[RUBBING] = 0.5 * (qd + qd_r), 0.5 * (qd - qd_r), qd_r
+        pull[AT_REFERENCE], pull[UNITS:] = qdd_r, np.eye(dof)
+        tree, drives = self.physics.geometry.tree, self.physics.geometry.drives
+        motion = np.tile(q, (UNITS + dof, 1)), rate, pull
+        rigid, extra = command_regressors(tree, drives, self.physics.friction_velocity, *motion)
+        return np.concatenate([rigid, extra], axis=2)

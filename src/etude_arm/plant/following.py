@@ -1,0 +1,231 @@
+"""Following: a simulated arm under its own feedback turns a trajectory and a controller into a Log."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from etude.contracts import Array, Controller, Log, Motion, Trajectory
+from etude.errors import DataError, UsageError
+from etude_arm.plant.led_in import LedIn, control_times, led_in
+from etude_arm.plant.trace import LoopInputs, Running, Trace
+from etude_arm.spec import COMMAND, ORDERS, PATH, PLAN, ArmSpec
+
+SHARE = "% of range"
+SENSOR = "sensor_"
+CHANGES = ("payload", "friction")
+FEEDFORWARD, FEEDBACK, TRUE = "command_ff", "command_fb", "q_true"
+
+
+class Following(ABC):
+    """What every simulated arm does alike (implements `contracts.Robot`).
+
+    A controller that plans nothing is asked at every tick (`asks_each_tick`).
+
+    Attributes:
+        name: the plant's name.
+        spec: what its owner would know of it.
+        lead_in: s at rest in the first desired position before t = 0, kept in the log.
+        sensor: (J,) command units that the logged command reads too much; (): nothing.
+    """
+
+    name: str
+    spec: ArmSpec
+    lead_in: float
+    sensor: tuple[float, ...]
+    asks_each_tick: ClassVar[bool] = True
+
+    @property
+    @abstractmethod
+    def physics(self) -> Any:
+        """What `Running.change` takes."""
+
+    @property
+    @abstractmethod
+    def substeps(self) -> int:
+        """Physics steps per control tick."""
+
+    @property
+    @abstractmethod
+    def deviation(self) -> float | Array:
+        """Of the encoder's noise, rad (m)."""
+
+    @abstractmethod
+    def whole(self, inputs: LoopInputs) -> Trace:
+        """A run whose feedforward is known ahead, from rest at its first desired position."""
+
+    @abstractmethod
+    def begin(self, q: Array) -> Running:
+        """A run from rest at q (J,), to be advanced tick by tick."""
+
+    @abstractmethod
+    def altered(self, name: str, value: float) -> Self:
+        """With that change of its physics, one of `CHANGES`. UsageError: it is impossible."""
+
+    @abstractmethod
+    def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """The exact inverse model: the command (T, J) that keeps up this motion (T, J each).
+
+        Friction is at its steady state for the given velocity, with sign(0) = 0, so a joint at rest is
+        described only up to its static friction.
+        """
+
+    def inverse_along(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """The same of rows that follow one another from rest, for robots whose friction is known to remember.
+
+        Of others the steady one.
+        """
+        return self.inverse(q, qd, qdd)
+
+    def run(
+        self,
+        trajectory: Trajectory,
+        controller: Controller | None,
+        rng: np.random.Generator | None,
+        changes: Mapping[float, Following] | None = None,
+    ) -> Log:
+        """Follows the trajectory by PD control and what the controller adds.
+
+        Args:
+            trajectory: of as many axes.
+            controller: None for feedback alone. What it plans is held at its first row during the lead-in.
+                One that plans nothing is asked at every tick: its row holds what a perfect run would
+                measure, and `observe` then gets what was measured.
+            rng: of the encoder noise, the same for every engine; None for an encoder without noise.
+            changes: time in s -> the robot whose physics this one has from then on.
+
+        Raises:
+            UsageError: other axes, values that are not finite, or an engine that cannot go tick by tick.
+        """
+        motion = self.planned(trajectory)
+        feedforward = None if controller is None else controller.planned(motion)
+        if controller is None:
+            feedforward = np.zeros_like(motion.orders[0])
+        if feedforward is not None:
+            self.check("the feedforward", feedforward, len(motion.t))
+        held = round(self.lead_in * self.spec.rate)
+        plan = led_in(motion, feedforward, held, self.spec.rate, self.deviation, rng)
+        if feedforward is not None and not changes:
+            return self._log(plan, plan.feedforward, self.whole(plan.inputs(self.substeps)))
+        return self._tick_by_tick(plan, controller, sorted((changes or {}).items(), key=lambda item: item[0]))
+
+    def planned(self, trajectory: Trajectory) -> Motion:
+        """The trajectory at the control ticks. UsageError if this robot has other axes."""
+        motion = trajectory.motion(control_times(trajectory.duration, self.spec.rate), ORDERS)
+        if motion.orders.shape[2] != self.spec.dof:
+            raise UsageError(
+                f"the trajectory has {motion.orders.shape[2]} joints, the robot {self.spec.dof}",
+                where=self.name,
+                next_step=f"Its joints are {', '.join(self.spec.names)}.",
+            )
+        for name, rows in zip(PLAN, motion.orders, strict=True):
+            self.check(name, rows, len(motion.t))
+        return motion
+
+    def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
+        """Mean |desired - actual| (J,) over t >= 0; actual is the true position if the log knows it.
+
+        In deg, in m where all joints slide, and in % of each joint's range where some do: a mean over m and
+        deg says nothing.
+
+        Raises:
+            DataError: the log has no desired positions, or nothing at t >= 0.
+        """
+        moving = log.t >= 0.0
+        wanted, actual = log.get(PLAN[0]), log.get(TRUE)
+        if wanted is None or not moving.any():
+            raise DataError(
+                "the tracking error needs desired positions at t >= 0",
+                where=log.source,
+                next_step="Log q_des beside q.",
+            )
+        actual = log[PATH[0]] if actual is None else actual
+        error = np.abs(wanted - actual)[moving].mean(axis=0)
+        turning = np.array([axis.unit == "rad" for axis in self.spec.axes])
+        if turning.any() and not turning.all():
+            return 100.0 * error / (self.spec.upper - self.spec.lower), (SHARE,) * len(turning)
+        return (
+            (np.rad2deg(error), ("deg",) * len(turning)) if turning.all() else (error, ("m",) * len(turning))
+        )
+
+    def changed(self, **what: float) -> Self:
+        """The robot with `payload` (kg) at its hand, `friction` times as large, or with so much added to the
+        logged command of a joint (`sensor_<joint>`, command units).
+
+        Raises:
+            UsageError: another change, or an impossible one.
+        """
+        joints = {f"{SENSOR}{name}": place for place, name in enumerate(self.spec.names)}
+        made, sensor = self, self._sensor()
+        for name, value in what.items():
+            if name in joints:
+                sensor[joints[name]] += value
+            elif name in CHANGES:
+                made = made.altered(name, value)
+            else:
+                raise UsageError(
+                    f"a simulated arm has no '{name}' to change",
+                    next_step=f"It has {', '.join([*CHANGES, *joints])}.",
+                )
+        if not np.isfinite(sensor).all():
+            raise UsageError("a sensor's offset must be a finite number")
+        return replace(made, sensor=tuple(sensor.tolist()))  # type: ignore[type-var]
+
+    def _sensor(self) -> Array:
+        return np.array(self.sensor or (0.0,) * self.spec.dof)
+
+    def _tick_by_tick(
+        self, plan: LedIn, controller: Controller | None, changes: list[tuple[float, Following]]
+    ) -> Log:
+        feedforward, traces = plan.feedforward.copy(), []
+        running, inputs = self.begin(plan.orders[0, 0]), plan.inputs(self.substeps)
+        asked = controller if controller is not None and not plan.fixed else None
+        for k, t in enumerate(plan.t.tolist()):
+            while changes and t >= changes[0][0]:
+                running.change(changes.pop(0)[1].physics)
+            row = plan.row(k)
+            if asked is not None:
+                feedforward[k] = np.clip(asked.command(t, row)[0], -self.spec.command, self.spec.command)
+            trace = running.advance(inputs.tick(k, feedforward[k]))
+            traces.append(trace)
+            if controller is not None:
+                measured = {
+                    PATH[0]: trace.q[0],
+                    COMMAND: trace.tau[0] + self._sensor(),
+                    FEEDBACK: trace.tau_fb[0],
+                }
+                plans = {name: row[name] for name in PLAN}
+                controller.observe(t, {**plans, **measured, FEEDFORWARD: feedforward[k]})
+        return self._log(plan, feedforward, Trace.joined(traces))
+
+    def _log(self, plan: LedIn, feedforward: Array, trace: Trace) -> Log:
+        values = {
+            PATH[0]: trace.q,
+            **dict(zip(PLAN, plan.orders, strict=True)),
+            COMMAND: trace.tau + self._sensor(),
+            FEEDFORWARD: feedforward,
+            FEEDBACK: trace.tau_fb,
+            TRUE: trace.q_true,
+        }
+        channels = {c.name: c for c in self.spec.channels() if c.name in values}
+        return Log(plan.t, channels, values, source=f"simulated {self.name}")
+
+    def check(self, name: str, rows: Array, count: int) -> None:
+        """UsageError unless `rows` are `count` finite rows, one column per joint."""
+        if np.shape(rows) != (count, self.spec.dof) or count == 0:
+            raise UsageError(
+                f"{name} has shape {np.shape(rows)}, not ({max(count, 1)}, {self.spec.dof})",
+                where=self.name,
+                next_step=f"Give one row per time and one column per joint: {', '.join(self.spec.names)}.",
+            )
+        if not np.isfinite(rows).all():
+            row, column = np.argwhere(~np.isfinite(rows))[0]
+            raise UsageError(
+                f"{name} is {rows[row, column]}",
+                where=f"{self.name}, row {row}, joint {self.spec.names[column]}",
+                next_step="Every desired value and every feedforward must be a finite number.",
+            )

@@ -1,0 +1,114 @@
+"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from etude.contracts import Array
+from etude.errors import UsageError
+from etude_arm.plant.changes import with_friction, with_payload
+from etude_arm.plant.following import Following
+from etude_arm.plant.parameters import ArmParameters, load_parameters, plant_names
+from etude_arm.plant.trace import LoopInputs, Running, Trace
+from etude_arm.spec import ArmSpec
+
+Engine = Literal["compiled", "mujoco"]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmRobot(Following):
+    """A simulated arm under its own PD control (implements `contracts.Robot`).
+
+    Attributes:
+        name: the plant's name.
+        spec: what its owner would know of it.
+        parameters: what it is.
+        engine: "compiled", or "mujoco", independent of it; they agree to 0.001 deg over a minute.
+        lead_in: s at rest in the first desired position before t = 0, kept in the log.
+        sensor: (J,) command units that the logged command reads too much; (): nothing.
+    """
+
+    name: str
+    spec: ArmSpec
+    parameters: ArmParameters
+    engine: Engine = "compiled"
+    lead_in: float = 2.0
+    sensor: tuple[float, ...] = ()
+
+    @property
+    def physics(self) -> ArmParameters:
+        return self.parameters
+
+    @property
+    def deviation(self) -> float:
+        """Of the encoder's noise, rad."""
+        return self.parameters.controller.encoder_noise
+
+    def altered(self, name: str, value: float) -> ArmRobot:
+        made = {"payload": with_payload, "friction": with_friction}[name](self.parameters, value)
+        return replace(self, parameters=made)
+
+    def inverse(self, q: Array, qd: Array, qdd: Array) -> Array:
+        from etude_arm.plant.compiled import inverse
+
+        for name, rows in (("q", q), ("qd", qd), ("qdd", qdd)):
+            self.check(name, rows, len(q))
+        return inverse(self.parameters, q, qd, qdd)
+
+    @property
+    def substeps(self) -> int:
+        return round(1.0 / (self.spec.rate * self.parameters.timestep))
+
+    def whole(self, inputs: LoopInputs) -> Trace:
+        """One engine's closed loop; its heavy package is imported only when chosen."""
+        if self.engine == "mujoco":
+            from etude_arm.plant.mujoco_engine import simulate as simulate_in_mujoco
+
+            return simulate_in_mujoco(self.parameters, inputs)
+        from etude_arm.plant.compiled import simulate
+
+        return simulate(self.parameters, inputs)
+
+    def begin(self, q: Array) -> Running:
+        if self.engine != "compiled":
+            raise UsageError(
+                "this engine runs a trajectory as a whole only", where=self.name, next_step='Use "compiled".'
+            )
+        from etude_arm.plant.running import RunningArm
+
+        return RunningArm(self.parameters, q)
+
+
+def simulated_robot(name: str, spec: ArmSpec, engine: Engine = "compiled") -> ArmRobot:
+    """The arm whose parameters are `plant/data/NAME.toml`, as `spec` describes it to its owner.
+
+    Raises:
+        UsageError: unknown plant or engine, other joints, or a rate that the physics cannot keep.
+    """
+    if name not in plant_names():
+        raise UsageError(
+            f"there is no simulated robot {name!r}", next_step=f"Choose one of: {', '.join(plant_names())}."
+        )
+    if engine not in ("compiled", "mujoco"):
+        raise UsageError(f"there is no engine {engine!r}", next_step="Choose one of: mujoco, compiled.")
+    parameters = load_parameters(name)
+    _check_spec(name, spec, parameters)
+    return ArmRobot(name, spec, parameters, engine)
+
+
+def _check_spec(name: str, spec: ArmSpec, arm: ArmParameters) -> None:
+    joints = tuple(motor.joint for motor in arm.motors)
+    if spec.names != joints:
+        raise UsageError(
+            f"the robot's joints {', '.join(spec.names)} are not those of the plant {name}",
+            where=spec.name,
+            next_step=f"Name them {', '.join(joints)}, in this order.",
+        )
+    steps = 1.0 / (spec.rate * arm.timestep)
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise UsageError(
+            f"a control rate of {spec.rate:g} Hz is no multiple of the plant's time step {arm.timestep:g} s",
+            where=spec.name,
+            next_step="Choose a rate such as 100 Hz.",
+        )

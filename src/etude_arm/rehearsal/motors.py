@@ -1,0 +1,173 @@
+"""The drives of a rehearsed robot as its joints feel them, and what is assumed where the owner says nothing.
+
+With M the diagonal of the mass matrix over random poses, G the torque against gravity, and the limits tau of
+torque, V of speed and A of acceleration:
+
+    armature   the file's, or max(0.15 median M, tau / 500), at most max(tau / (3 A), 0.15 median M)
+    friction   Coulomb 0.03 tau, viscous 0.03 tau / V, static 1.3 times Coulomb, Stribeck speed 0.02 rad/s
+    LuGre      sigma_0 = Coulomb / 2 mrad, sigma_1 = 0.6 sqrt(sigma_0 (least M + armature))
+    Kp         the larger of load / 1.5 deg and (10 rad/s)^2 (greatest M + armature), with
+               load = q95 |G| + Coulomb + viscous V / 2 + (0.3 armature + 0.5 median M) A
+    Kd         1.8 sqrt(Kp (greatest M + armature))
+
+so that the feedback alone tracks to about 1.5 deg: |e| <= |tau_fb| / Kp. Lengths of slides are a tenth of a
+hinge's angles in rad. With the loop outside a torque is held for a tick, and the limit is the smallest
+inertia that a joint can feel: Kd <= 0.8 M_felt rate, Kp <= 0.2 rate Kd, and
+Kp / M <= (0.35 / (1.5 / rate + delay))^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.contracts import Array
+from etude_arm.memory import bristles_along
+from etude_arm.rehearsal.overlay import MotorTable, Simulate
+from etude_arm.rehearsal.scales import Scales
+from etude_arm.spec import FORCES, ArmSpec
+
+WANTED = math.radians(1.5)
+"""rad that the load may pull a joint off."""
+BRISTLE = 0.002
+"""rad at which LuGre's bristles hold Coulomb friction."""
+STRIBECK = 0.02
+"""rad/s"""
+SPARE = 2.0
+"""Speed without load of a motor that is given volts or pwm, in parts of the velocity limit."""
+VOLTAGES = ("V", "pwm")
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """All drives, seen from the joints; (J,) each, in N m, rad and s (N, m).
+
+    Attributes:
+        armature, coulomb, static, viscous, stribeck, stiffness, micro_damping: see `overlay.MotorTable`.
+        torque: at the largest command, at rest.
+        gain: torque for one unit of command; braking: torque that a unit of speed costs a motor given volts.
+        kp, kd: of the feedback, N m/rad and N m s/rad.
+        tick: what the encoder tells apart, rad.
+    """
+
+    armature: Array
+    coulomb: Array
+    static: Array
+    viscous: Array
+    stribeck: Array
+    stiffness: Array
+    micro_damping: Array
+    torque: Array
+    gain: Array
+    braking: Array
+    kp: Array
+    kd: Array
+    tick: Array
+
+    def rougher(self, factor: float) -> Motors:
+        """With Coulomb, static and viscous friction times `factor`."""
+        rough = {name: factor * getattr(self, name) for name in ("coulomb", "static", "viscous")}
+        return replace(self, **rough)
+
+    def friction(self, qd: Array, kind: str) -> Array:
+        """Steady friction and braking (T, J) at qd (T, J), N m; none of Coulomb's at rest."""
+        level = self._stribeck_level(qd) if kind == "lugre" else self.coulomb
+        dry = 0.0 if kind == "none" else np.sign(qd) * level
+        return np.asarray(dry + (self.viscous + self.braking) * qd)
+
+    def bristles(self, q: Array, qd: Array) -> Array:
+        """LuGre friction and braking (T, J) along a motion from rest, N m (Canudas de Wit 1995, eq. 1 to 4).
+
+        At the speed of each row its bristles bend over the way since the row before.
+        """
+        bend = np.maximum(self._stribeck_level(qd), 1e-9) / self.stiffness
+        bent = bristles_along(q, bend)
+        rate = qd - np.abs(qd) * bent / bend
+        force = self.stiffness * bent + self.micro_damping * rate
+        return np.asarray(force + (self.viscous + self.braking) * qd)
+
+    def _stribeck_level(self, qd: Array) -> Array:
+        """(T, J) at which friction slips: static at rest, Coulomb's at speed, N m."""
+        return np.asarray(self.coulomb + (self.static - self.coulomb) * np.exp(-((qd / self.stribeck) ** 2)))
+
+
+class Given:
+    """What the owner says of the drives, seen from the joints; a default where nothing is said."""
+
+    def __init__(self, spec: ArmSpec) -> None:
+        tables = {table.name: table for table in spec.motors}
+        self.tables = [tables.get(name, MotorTable(name=name)) for name in spec.names]
+
+    def __call__(self, name: str, default: Array) -> Array:
+        said = [table.at_joint(name) for table in self.tables]
+        return np.array([d if s is None else s for s, d in zip(said, default.tolist(), strict=True)])
+
+    @property
+    def tick(self) -> Array:
+        return np.array([2.0 * math.pi / 2**table.encoder_bits / table.gear for table in self.tables])
+
+
+def torque_limit(spec: ArmSpec, said: Mapping[str, Array], gravity: Array) -> Array:
+    """(J,) N m at the largest command: the owner's, the command limit itself, the file's effort, or 3 times
+    the largest torque that gravity asks for."""
+    if spec.command_unit in FORCES:
+        return Given(spec)("torque", spec.command)
+    known = np.where(np.isfinite(said["effort"]), said["effort"], 3.0 * np.abs(gravity).max(axis=0))
+    return Given(spec)("torque", known)
+
+
+def armature_of(spec: ArmSpec, said: Mapping[str, Array], median: Array, torque: Array) -> Array:
+    """(J,) kg m^2 of the rotors at the joints."""
+    floor = 0.15 * median
+    assumed = np.minimum(
+        np.maximum(floor, torque / 500.0), np.maximum(torque / (3.0 * spec.acceleration), floor)
+    )
+    return Given(spec)("armature", np.where(said["armature"] > 0.0, said["armature"], assumed))
+
+
+def motors_of(spec: ArmSpec, loop: Simulate, scales: Scales, torque: Array, armature: Array) -> Motors:
+    """Every drive; `loop` is settled (`settled`)."""
+    given, size = Given(spec), spec.presliding(1.0)
+    coulomb = given("coulomb", 0.03 * torque)
+    viscous = given("viscous", 0.03 * torque / spec.velocity)
+    stiffness = given("stiffness", np.maximum(coulomb, 1e-9) / (BRISTLE * size))
+    least = scales.inertia.min(axis=0) + armature
+    braking = np.zeros(spec.dof)
+    if spec.command_unit in VOLTAGES:
+        braking = torque / given("no_load", SPARE * spec.velocity)
+    kp, kd = gains(spec, loop, scales, armature, coulomb, viscous + braking)
+    return Motors(
+        armature=armature,
+        coulomb=coulomb,
+        static=np.maximum(given("static", 1.3 * coulomb), coulomb),
+        viscous=viscous,
+        stribeck=given("stribeck", STRIBECK * size),
+        stiffness=stiffness,
+        micro_damping=given("micro_damping", 0.6 * np.sqrt(stiffness * least)),
+        torque=torque,
+        gain=np.ones(spec.dof) if spec.command_unit in FORCES else torque / spec.command,
+        braking=braking,
+        kp=kp,
+        kd=kd,
+        tick=given.tick,
+    )
+
+
+def gains(
+    spec: ArmSpec, loop: Simulate, scales: Scales, armature: Array, coulomb: Array, drag: Array
+) -> tuple[Array, Array]:
+    """Kp and Kd (J,) of the feedback, N m/rad and N m s/rad."""
+    given, heaviest = Given(spec), scales.inertia.max(axis=0) + armature
+    load = np.quantile(np.abs(scales.gravity), 0.95, axis=0) + coulomb + 0.5 * drag * spec.velocity
+    load = load + (0.3 * armature + 0.5 * scales.median) * spec.acceleration
+    kp = np.maximum(load / (WANTED * spec.presliding(1.0)), 100.0 * heaviest)
+    rate, delay = (1.0 / loop.timestep, 0.0) if loop.loop == "inside" else (spec.rate, loop.delay)
+    kp = np.minimum(kp, heaviest * (0.35 / (1.5 / rate + delay)) ** 2)
+    kd = 1.8 * np.sqrt(kp * heaviest)
+    if loop.loop == "outside":
+        kd = np.minimum(kd, 0.8 * scales.felt * rate)
+        kp = np.minimum(kp, 0.2 * rate * kd)
+    return given("kp", kp), given("kd", kd)

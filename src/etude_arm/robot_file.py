@@ -1,0 +1,199 @@
+"""One TOML file per robot of joints: strict reading, exact writing.
+
+kind = "arm"                # optional
+name = "arm"
+command_unit = "N m"        # of the learned output: N m, N, A, V or pwm
+rate = 100.0                # logging and control rate, Hz
+model_file = "arm.urdf"     # optional, relative to this file
+plant = "arm4"              # optional, simulated stand-in
+confirm = ["..."]           # optional: what was assumed; take a line out once you know that it is right
+[simulate]                  # optional, as [[motor]]: of the stand-in made from model_file; rehearsal.overlay
+[[axis]]                    # one table per joint, in the order of every array's columns
+name = "elbow"
+lower = -1.0                # rad (m for a sliding joint)
+upper = 1.0
+velocity = 2.0              # largest |qd|, rad/s
+acceleration = 4.0          # largest |qdd|, rad/s^2
+command = 150.0             # largest |command|, in command_unit
+unit = "m"                  # optional: of a sliding joint
+jerk = 20.0                 # optional: largest |qddd|, rad/s^3
+torque = 60.0               # optional: largest |command| that a motion may ask, if less than `command`
+torque_rate = 1000.0        # optional: the same of its rate, command_unit/s
+[held]                      # optional: the model file's other joints, and where they stand, rad or m
+gripper = 0.02
+[mounting]                  # optional: the base in the room, z up
+position = [0.0, 0.0, 0.8]  # m
+rotation = [0.0, 0.0, 0.0]  # roll, pitch, yaw, rad
+[tool]                      # optional, and [payload] alike: fields of loading.attached.Attached
+mass = 0.9                  # kg
+centre = [0.0, 0.0, 0.06]   # of mass, m in the frame of the link that the last axis moves
+shape = "cylinder"          # box, cylinder or sphere; without inertia = [...] it gives the inertia
+size = [0.04, 0.12]         # radius and length, m
+[gains]                     # optional: of the robot's own feedback
+kp = [900.0]                # command units per rad (m), one for each joint
+[floor], [[box]], ...       # optional: what stands around, see `clearance.surroundings`
+[cartesian]                 # optional: speeds and places in space, see `space.table`
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from etude.errors import UsageError
+from etude.toml_tables import decoded, from_table, read_text, write_values
+from etude_arm.checks import check_spec, unit_suspicion
+from etude_arm.clearance.surroundings import (
+    ADD_FLOOR,
+    Box,
+    Collision,
+    Column,
+    Floor,
+    Room,
+    Search,
+    Surroundings,
+    Wall,
+)
+from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.rehearsal.overlay import MotorTable, Simulate
+from etude_arm.space.table import Cartesian
+from etude_arm.spec import ArmSpec, Axis, Gains
+
+KIND = "arm"
+KINDS = (KIND, "joints", "")
+"""What `kind` may say in a file: files of 0.1 say nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotTable:
+    """The whole file. `units_checked` vouches for limits that would otherwise be suspected to be degrees."""
+
+    kind: str = ""
+    name: str
+    command_unit: str
+    rate: float
+    model_file: str | None = None
+    plant: str | None = None
+    units_checked: bool = False
+    confirm: tuple[str, ...] = ()
+    axis: tuple[Axis, ...] = field(metadata={"label": "joint"})
+    held: dict[str, float] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    tool: Attached | None = None
+    payload: Attached | None = None
+    gains: Gains | None = None
+    collision: Collision | None = None
+    floor: Floor | None = None
+    box: tuple[Box, ...] = ()
+    wall: tuple[Wall, ...] = ()
+    room: Room | None = None
+    column: Column | None = None
+    search: Search | None = None
+    cartesian: Cartesian | None = None
+    simulate: Simulate | None = None
+    motor: tuple[MotorTable, ...] = ()
+
+
+def read_robot(path: Path) -> ArmSpec:
+    """The robot of a TOML file.
+
+    Raises:
+        UsageError: no such file, unknown key, missing or impossible limit, limits in degrees.
+    """
+    return parse_robot(read_text(path, "robot file"), where=path.name, folder=path.parent)
+
+
+def parse_robot(text: str, *, where: str, folder: Path) -> ArmSpec:
+    """The robot described by TOML text; a relative model_file starts at `folder`. Errors as read_robot."""
+    table = from_table(RobotTable, decoded(text, where), where)
+    if table.kind not in KINDS:
+        raise UsageError(
+            f"kind = '{table.kind}' is no robot of joints", where=where, next_step="Leave it out."
+        )
+    model_file = None if table.model_file is None else (folder / table.model_file).resolve()
+    if model_file is not None and not model_file.is_file():
+        raise UsageError(
+            f"model_file {model_file} does not exist",
+            where=where,
+            next_step="Correct the path (relative to this file), or leave model_file out.",
+        )
+    names = [one.name for one in fields(Surroundings)]
+    try:
+        given = {name: getattr(table, name) for name in names}
+        around = Surroundings(**{**given, "collision": table.collision or Collision()})
+    except UsageError as error:
+        raise UsageError(error.fact, where=where, next_step="Give each a name of its own.") from None
+    same = ("plant", "held", "mounting", "tool", "payload", "cartesian", "gains", "simulate")
+    own = {**{name: getattr(table, name) for name in same}, "motors": table.motor, "confirm": _open(table)}
+    head = (table.name, table.axis, table.command_unit, table.rate, model_file)
+    spec = ArmSpec(*head, **own, around=around)
+    _check_search(spec, where)
+    return check_spec(spec, where=where, units_checked=table.units_checked)
+
+
+def _open(table: RobotTable) -> tuple[str, ...]:
+    """What is still to be confirmed: a floor that was added since answers the line that asks for one."""
+    return tuple(line for line in table.confirm if table.floor is None or not line.endswith(ADD_FLOOR))
+
+
+def _check_search(spec: ArmSpec, where: str) -> None:
+    """UsageError unless home and box have a number for each joint, and home is inside its limits."""
+    search = spec.around.search
+    if search is None:
+        return
+    sides = {"home": search.home, "lower": search.lower or search.home, "upper": search.upper or search.home}
+    for name, values in sides.items():
+        if len(values) != spec.dof:
+            raise UsageError(
+                f"{name} has {len(values)} numbers, the robot has {spec.dof} joints",
+                where=f"{where} [search]",
+                next_step="Give one for each joint, or take [search] out: it will be found.",
+            )
+    for axis, low, pose, high in zip(spec.axes, sides["lower"], search.home, sides["upper"], strict=True):
+        if not (axis.lower <= low <= pose <= high <= axis.upper):
+            raise UsageError(
+                f"home or box of joint '{axis.name}' is outside its limits: {low:g}, {pose:g}, {high:g} in "
+                f"{axis.lower:g}..{axis.upper:g}",
+                where=f"{where} [search]",
+                next_step="Correct it, or take [search] out: it will be found.",
+            )
+
+
+def robot_to_toml(spec: ArmSpec, *, folder: Path | None = None) -> str:
+    """TOML text that `parse_robot` reads back to the same spec.
+
+    Args:
+        spec: the robot.
+        folder: where the text will be stored; a model_file below it is written as a relative path.
+    """
+    model_file = spec.model_file
+    if model_file is not None and folder is not None and model_file.is_relative_to(folder.resolve()):
+        model_file = model_file.relative_to(folder.resolve())
+    table = RobotTable(
+        kind=KIND,
+        name=spec.name,
+        command_unit=spec.command_unit,
+        rate=spec.rate,
+        model_file=None if model_file is None else str(model_file),
+        plant=spec.plant,
+        units_checked=bool(unit_suspicion(spec)),
+        axis=spec.axes,
+        held=dict(spec.held),
+        mounting=spec.mounting,
+        tool=spec.tool,
+        payload=spec.payload,
+        gains=spec.gains,
+        confirm=spec.confirm,
+        **_tables(spec.around),
+        cartesian=spec.cartesian,
+        simulate=spec.simulate,
+        motor=spec.motors,
+    )
+    return write_values(table)
+
+
+def _tables(around: Surroundings) -> dict[str, Any]:
+    """What stands around, by the names of its tables; None for what is as it is without one."""
+    found = {one.name: getattr(around, one.name) for one in fields(Surroundings)}
+    return found | {"collision": None if around.collision == Collision() else around.collision}

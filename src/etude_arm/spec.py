@@ -1,0 +1,209 @@
+"""ArmSpec: what a campaign has to know of a robot of joints. Axes by name, SI units, limits, rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from etude.contracts import Array, Channel
+from etude_arm.clearance.surroundings import Surroundings
+from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.rehearsal.overlay import MotorTable, Simulate
+from etude_arm.space.table import Cartesian
+
+COMMAND = "command"
+PATH = ("q", "qd", "qdd")
+PLAN = ("q_des", "qd_des", "qdd_des")
+MEMORY = "friction_memory"
+"""What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
+TURNING = "friction_turning"
+"""The same for each of the ways over which friction may turn round in identified physics."""
+WAYS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
+"""rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip; the
+first stands for friction that turns round at once."""
+FORCES = ("N m", "N")
+"""Command units that inertial parameters predict by themselves."""
+ORDERS = 3
+"""Position, velocity and acceleration: what an inverse dynamics model looks at."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One actuated joint and its limits.
+
+    Attributes:
+        name: the joint's name, as in logs and in the URDF or MJCF.
+        lower, upper: position limits, rad (m for a sliding joint).
+        velocity: largest |qd|, rad/s (m/s).
+        acceleration: largest |qdd|, rad/s^2 (m/s^2).
+        command: largest |command| in the robot's command unit.
+        unit: of the position: "rad", or "m" for a sliding joint.
+        jerk: largest |qddd|, rad/s^3 (m/s^3); None where the robot has no such limit.
+        torque: largest |command| that a motion may ask, where that is less than the drive can give.
+        torque_rate: the same of its rate, in command units per s; None without such a limit.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    command: float
+    unit: Literal["rad", "m"] = "rad"
+    jerk: float | None = None
+    torque: float | None = None
+    torque_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Of the robot's own feedback, where they are known.
+
+    Attributes:
+        kp: command units per rad (m), one for each joint: at rest of the error all of the command is kp e.
+    """
+
+    kp: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """A robot as its owner describes it, one TOML file per robot (see `robot_file`).
+
+    Attributes:
+        name: short name.
+        axes: the actuated joints, in the order of every array's columns.
+        command_unit: unit of the learned output: "N m", "N", "A", "V" or "pwm"; see `command_units`.
+        rate: logging and control rate, Hz.
+        model_file: URDF or MJCF with the rigid-body model, or None.
+        plant: name of the simulated plant that stands in for the robot, or None.
+        held: joints of the model file that are no axes, and where they stand, rad or m.
+        mounting: of the model file's base in the room; None: as in the file.
+        tool, payload: what it carries beyond the model file, or None.
+        around: what stands around it, and how far it keeps from that and from itself.
+        cartesian: how fast it may move through space, and where its tool stays; None: anyhow.
+        simulate, motors: of the stand-in made from the model file, where there is no such plant.
+        gains: of its feedback, or None where they are not known.
+        confirm: what was assumed of it, a sentence each, until a person has confirmed it.
+    """
+
+    name: str
+    axes: tuple[Axis, ...]
+    command_unit: str
+    rate: float
+    model_file: Path | None = None
+    plant: str | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
+    mounting: Mounting | None = None
+    tool: Attached | None = None
+    payload: Attached | None = None
+    around: Surroundings = field(default_factory=Surroundings)
+    cartesian: Cartesian | None = None
+    simulate: Simulate | None = None
+    motors: tuple[MotorTable, ...] = ()
+    gains: Gains | None = None
+    confirm: tuple[str, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        return len(self.axes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def lower(self) -> Array:
+        return np.array([axis.lower for axis in self.axes])
+
+    @property
+    def upper(self) -> Array:
+        return np.array([axis.upper for axis in self.axes])
+
+    @property
+    def velocity(self) -> Array:
+        return np.array([axis.velocity for axis in self.axes])
+
+    @property
+    def acceleration(self) -> Array:
+        return np.array([axis.acceleration for axis in self.axes])
+
+    @property
+    def jerk(self) -> Array:
+        """(J,) infinite where there is no limit."""
+        return np.array([math.inf if axis.jerk is None else axis.jerk for axis in self.axes])
+
+    @property
+    def command(self) -> Array:
+        """Largest command of each joint."""
+        return np.array([axis.command for axis in self.axes])
+
+    @property
+    def torque(self) -> Array:
+        """(J,) that motions may ask of each joint, infinite where it is all that the drive can give."""
+        return np.array([math.inf if axis.torque is None else axis.torque for axis in self.axes])
+
+    @property
+    def torque_rate(self) -> Array:
+        """(J,) per s, infinite where there is no limit."""
+        return np.array([math.inf if axis.torque_rate is None else axis.torque_rate for axis in self.axes])
+
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """(J,) of the commands: forces of slides are in N, torques of hinges in N m."""
+        forces = {"rad": "N m", "m": "N"}
+        return tuple(forces[a.unit] if self.command_unit in FORCES else self.command_unit for a in self.axes)
+
+    def presliding(self, hinge: float) -> Array:
+        """Way over which friction turns round: `hinge` rad, a tenth of it in m for a slide."""
+        return np.array([hinge if axis.unit == "rad" else 0.1 * hinge for axis in self.axes])
+
+    def ways(self) -> Array:
+        """(W, J) `WAYS` of each joint, rad or m."""
+        return np.array([self.presliding(way) for way in WAYS])
+
+    def memory(self) -> Channel:
+        """The channel of what friction remembers."""
+        return Channel(MEMORY, self.names, ("1",) * self.dof)
+
+    def turning(self) -> Channel:
+        """The channel of what friction remembers by `WAYS`: all joints by the first, then by the next."""
+        parts = tuple(f"{name} within {way:g}" for way in WAYS for name in self.names)
+        return Channel(TURNING, parts, ("1",) * len(parts))
+
+    def channels(self) -> tuple[Channel, ...]:
+        """What a log of this robot may hold; only positions and commands must be in it."""
+        return (*self.motion(PATH, "state"), *self.motion(PLAN, "plan"), *self._commands(), self._truth())
+
+    def motion(self, names: tuple[str, ...], role: Literal["state", "plan"]) -> tuple[Channel, ...]:
+        """Position, velocity and acceleration of the joints under these names."""
+        reach = (np.maximum(np.abs(self.lower), np.abs(self.upper)), self.velocity, self.acceleration)
+        return tuple(
+            Channel(
+                name,
+                self.names,
+                tuple(axis.unit + ("", "/s", "/s^2")[order] for axis in self.axes),
+                role,
+                required=name == PATH[0],
+                derivative_of=names[order - 1] if order else "",
+                reach=tuple(reach[order].tolist()),
+            )
+            for order, name in enumerate(names)
+        )
+
+    def _commands(self) -> tuple[Channel, ...]:
+        units = self.command_units
+        reach = tuple(self.command.tolist())
+        return (
+            Channel(COMMAND, self.names, units, "command", required=True, acts_on=PATH[0], reach=reach),
+            Channel("command_ff", self.names, units, "aside"),
+            Channel("command_fb", self.names, units, "aside"),
+        )
+
+    def _truth(self) -> Channel:
+        return Channel("q_true", self.names, tuple(axis.unit for axis in self.axes), "truth")

@@ -1,0 +1,268 @@
+"""All commands of a robot together, given the entries that count (implements `contracts.Process`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from etude.blas import dpotrs
+from etude.contracts import Array, Code, Column, FitData, Index, Mask, Posterior
+from etude.errors import DataError, UsageError
+from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
+from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.models.gp.kernel_algebra import Kernel
+from etude.models.gp.single_point import PointMean
+from etude.threads import threads_for
+from etude_lagrangian.likelihood import JointHyperparameters
+from etude_lagrangian.prior import JointPrior
+
+BLOCK = 64
+"""Inputs predicted at once: a few megabytes of covariances."""
+
+
+class Expansion(NamedTuple):
+    """Mean of an addition: what `PointMean` takes."""
+
+    kernel: Kernel
+    theta: Array
+    X: Array
+    alpha: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointProcess:
+    """One energy for J commands, and additions of each.
+
+    Attributes:
+        prior: see there. at: its hyperparameters.
+        X: (n, D) inputs that it is conditioned on. Y: (n, J). counts: (n, J) which entries of Y count.
+        columns, commands: what the prior was made for.
+        fit, rows: what it learned from, and the positions of X there; None of a stored process.
+    """
+
+    prior: JointPrior
+    at: JointHyperparameters
+    X: Array
+    Y: Array
+    counts: Mask
+    columns: tuple[Column, ...]
+    commands: tuple[str, ...]
+    fit: FitData | None = field(default=None, repr=False)
+    rows: Index | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.counts.any():
+            raise DataError("no entry of any command counts", next_step="Record a longer motion.")
+
+    @property
+    def noise_variance(self) -> Array:
+        """(J,) sn²."""
+        return self.at.noise_variance
+
+    @property
+    def conditioned_on(self) -> Array:
+        """(n, D) X."""
+        return self.X
+
+    @cached_property
+    def signal_variance(self) -> Array:
+        """(J,) mean of the prior variances over the inputs."""
+        return np.asarray(self.prior.diagonal(self.at.theta, self.X).mean(axis=0))
+
+    @cached_property
+    def used(self) -> Index:
+        """(u,) positions of the entries that count, by command and then by instant."""
+        return np.flatnonzero(self.counts.T)
+
+    @cached_property
+    def L(self) -> Array:
+        """(u, u) lower Cholesky factor of the covariance of the entries, noise included."""
+        with threads_for(len(self.used)):
+            K = self.prior.gram(self.at.theta, self.X, self.used)
+            K[np.diag_indices(len(K))] += self.noise_variance[self.used // len(self.X)]
+            return factorise(K, 0.0)[0]
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(u, u) of that covariance."""
+        with threads_for(len(self.used)):
+            W = inverse_lower(self.L.copy(order="F"))
+            return W + np.tril(W, -1).T
+
+    @cached_property
+    def L_inverse(self) -> Array:
+        """(u, u), lower."""
+        return triangular_inverse(self.L)
+
+    @cached_property
+    def alpha(self) -> Array:
+        """(J, n) weights of the entries in every mean, 0 where an entry does not count."""
+        return self._spread(dpotrs(self.L, self._entries(self.Y), lower=1)[0])
+
+    def predict(self, X: Array) -> tuple[Array, Array]:
+        """Means and latent variances (T, J) at X (T, D)."""
+        J, variance = len(self.commands), np.empty((len(X), len(self.commands)))
+        with threads_for(len(self.used)):
+            prior = self.prior.diagonal(self.at.theta, X)
+            for first in range(0, len(X), BLOCK):
+                here = slice(first, first + BLOCK)
+                K = self.prior.cross(self.at.theta, X[here], self.X, self.used)
+                V = K @ self.L_inverse.T
+                reduced = np.einsum("tu,tu->t", V, V).reshape(J, -1).T
+                variance[here] = np.maximum(prior[here] - reduced, 0.0)
+        return self.mean(X), variance
+
+    def mean(self, X: Array) -> Array:
+        """Means (T, J) alone: O(J²) for each pair of inputs."""
+        out = self._lagrangian_means(self.prior.joints.packed(X))
+        for j, (kernel, own) in enumerate(zip(self.prior.additions, self._rest, strict=True)):
+            out[j] += kernel.value(own, X, self.X) @ self.alpha[j]
+        return out.T
+
+    def point(self) -> Callable[[Array], Array]:
+        """x (D,) -> means (J,), compiled: for a controller's tick; not for several threads at once."""
+        pairs = zip(self.prior.additions, self._rest, self.alpha, strict=True)
+        additions = PointMean([Expansion(kernel, own, self.X, alpha) for kernel, own, alpha in pairs])
+
+        def mean(x: Array) -> Array:
+            found = additions(x)  # refuses another shape
+            return found + self._lagrangian_means(self.prior.joints.packed(x[None]))[:, 0]
+
+        return mean
+
+    def latents(self) -> Sequence[tuple[Posterior, tuple[int, ...]]]:
+        """A process of each command alone, with the shared hyperparameters: what designs can afford."""
+        return [(posterior, (j,)) for j, posterior in enumerate(self.own)]
+
+    @cached_property
+    def own(self) -> tuple[ExactPosterior, ...]:
+        """Those processes. DataError if no entry of a command counts."""
+        found = []
+        for j in range(len(self.commands)):
+            kernel, theta = self.prior.one(self.at.theta, j)
+            rows, noise = self.counts[:, j], float(self.noise_variance[j])
+            found.append(posterior_given(kernel, theta, noise, self.X[rows], self.Y[rows, j]))
+        return tuple(found)
+
+    def held_out(self, own: Index, Y: Array | None = None) -> tuple[Array, Array]:
+        """Means and variances with noise (k, J) at the samples `own` from those of other folds, closed form.
+
+        Entries that it is not conditioned on are predicted too: those of instants that were thinned out or of
+        joints at rest.
+
+        Args:
+            own: positions of samples that were kept, all in one fold.
+            Y: (n, J) outputs to predict from, if not those that it was taught.
+
+        Raises:
+            UsageError: a stored process, which keeps only what it predicts from.
+        """
+        if self.fit is None or self.rows is None:
+            raise UsageError("a stored process cannot be held out", next_step="Learn the logs again.")
+        J, n = len(self.commands), len(self.X)
+        folds = np.unique(self.fit.fold[own])
+        entry_row = self.rows[self.used % n]  # of each entry that counts
+        out = np.flatnonzero(np.isin(self.fit.fold[entry_row], folds))
+        with threads_for(len(self.used)):
+            left = self._without(out, None if Y is None else Y[self.rows])
+        mean, variance = np.full((J, len(own)), np.nan), np.full((J, len(own)), np.nan)
+        command, place = self.used[out] // n, _places(own, entry_row[out])
+        known = place >= 0
+        mean[command[known], place[known]] = left.mean[known]
+        variance[command[known], place[known]] = left.variance[known]
+        rest = np.flatnonzero(np.isnan(mean).any(axis=0))
+        if len(rest):
+            told = np.isnan(mean[:, rest])
+            more = self._elsewhere(self.fit.X[own[rest]], left)
+            mean[:, rest] = np.where(told, more[0].T, mean[:, rest])
+            variance[:, rest] = np.where(told, more[1].T, variance[:, rest])
+        return mean.T, variance.T
+
+    def arrays(self) -> Mapping[str, Array]:
+        """Everything that it predicts from; the words are JSON in bytes."""
+        words = {"columns": [list(column) for column in self.columns], "commands": list(self.commands)}
+        return {
+            "words": cast("Array", np.frombuffer(json.dumps(words).encode(), dtype=np.uint8)),
+            "theta": self.at.theta,
+            "log_noise": self.at.log_noise,
+            "floor": self.at.floor,
+            "X": self.X,
+            "Y": self.Y,
+            "counts": cast("Array", self.counts),
+        }
+
+    def c(self, name: str) -> Code:
+        """C99 of it, with variances. UnwritableError if an addition has none."""
+        from etude_lagrangian.c99 import joint_code
+
+        return joint_code(name, self)
+
+    @cached_property
+    def _rest(self) -> list[Array]:
+        return self.prior.split(self.at.theta)[1]
+
+    @cached_property
+    def _packed(self) -> tuple[Array, Array]:
+        return self.prior.split(self.at.theta)[0], self.prior.joints.packed(self.X)
+
+    def _lagrangian_means(self, F: Array) -> Array:
+        from etude_lagrangian.all_outputs import means_all
+
+        p, fixed = self._packed
+        out = np.empty((len(self.commands), F.shape[2]))
+        means_all(p, F, fixed, self.alpha, out)
+        return out
+
+    def _entries(self, Y: Array) -> Array:
+        return np.ascontiguousarray(Y.T).ravel()[self.used]
+
+    def _spread(self, entries: Array) -> Array:
+        out = np.zeros(len(self.commands) * len(self.X))
+        out[self.used] = entries
+        return out.reshape(len(self.commands), len(self.X))
+
+    def _without(self, out: Index, Y: Array | None) -> _Without:
+        """The entries at the positions `out` of `used`, from all others."""
+        W, y = self.inverse, self._entries(self.Y if Y is None else Y)
+        alpha = W @ y
+        if not len(out):
+            return _Without(np.zeros(0), np.zeros(0), alpha, np.zeros((0, len(W))))
+        block, _ = factorise(np.asfortranarray(W[np.ix_(out, out)]), 0.0)
+        half = triangular_inverse(block)
+        error = half.T @ (half @ alpha[out])
+        variance = np.einsum("ij,ij->j", half, half)
+        return _Without(y[out] - error, variance, alpha - W[:, out] @ error, half @ W[out])
+
+    def _elsewhere(self, X: Array, left: _Without) -> tuple[Array, Array]:
+        """Means and variances with noise (k, J) at X (k, D) from the entries that were not left out."""
+        J = len(self.commands)
+        K = self.prior.cross(self.at.theta, X, self.X, self.used)
+        reduced = np.einsum("tu,tu->t", K @ self.inverse, K)
+        regained = K @ left.half.T
+        known = (reduced - np.einsum("ta,ta->t", regained, regained)).reshape(J, -1).T
+        latent = np.maximum(self.prior.diagonal(self.at.theta, X) - known, 0.0)
+        return (K @ left.alpha).reshape(J, -1).T, latent + self.noise_variance
+
+
+class _Without(NamedTuple):
+    """Entries left out, (a,) each, and what predicts elsewhere without them.
+
+    With W the inverse, A those left out, B the others: K_BB^-1 y_B = α - W_:A W_AA^-1 α_A (0 at A), and
+    K_BB^-1 = W - W_:A W_AA^-1 W_A: (0 outside B).
+    """
+
+    mean: Array
+    variance: Array
+    alpha: Array
+    half: Array
+
+
+def _places(own: Index, rows: Index) -> Index:
+    """Where each of `rows` stands in `own`, increasing; -1 where it does not."""
+    place = np.minimum(np.searchsorted(own, rows), len(own) - 1)
+    return np.where(own[place] == rows, place, -1)

@@ -1,0 +1,157 @@
+"""The guard of a model that learns while the robot runs: what is believed, and how much of it drives.
+
+Two walls, each of which holds nearly alone. The gate compares the measured command with what was sent and
+what the feedback added; the hedge judges the learners by the feedback's effort, which no sensor of the
+command can falsify. For both the guard has to know the feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Row
+from etude_online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks
+from etude_online.guard_gate import Gate
+from etude_online.guard_hedge import TRIP as FAR_TRIP
+from etude_online.guard_hedge import Hedge
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SLEW = 5.0
+"""1/s: how fast a weight may change, so that no command steps."""
+REST_S = 3.0
+"""A learner that was set back is left alone for this long."""
+
+
+class Guard:
+    """Weights for J commands, and what was sent, decision by decision.
+
+    Args:
+        feedback: of the robot. limits: lower and upper (J,). noise: (J,) deviation of the commands.
+        names: of the commands. rate: of the ticks, Hz.
+        say: receives one sentence for each reaction.
+
+    Attributes:
+        weight: (J,) in [0, 1] that drives now. lost: (J,) learners without finite numbers.
+    """
+
+    MOVES = (
+        "hedge",
+        "gate",
+        "weight",
+        "lost",
+        *("_goal", "_tick", "_rows", "_pending", "_middle", "_left_alone"),
+    )
+
+    def __init__(
+        self,
+        feedback: Feedback,
+        limits: tuple[Array, Array],
+        noise: Array,
+        names: Sequence[str],
+        rate: float,
+        say: Callable[[str], None],
+    ) -> None:
+        self.feedback, self._limits, self._names, self._say = feedback, limits, names, say
+        self._ticks, self._period = decision_ticks(rate), 1.0 / rate
+        self.hedge = Hedge(noise, self._ticks * self._period)
+        self.gate = Gate(feedback.sigma, limits, self._ticks * self._period)
+        self.weight, self._goal = np.zeros(len(noise)), np.zeros(len(noise))
+        self.lost = np.zeros(len(noise), dtype=np.bool_)
+        self._left_alone = np.zeros(len(noise))
+        self._tick = 0
+        self._rows: list[list[Array]] = []
+        self._pending: list[Array] = []
+        self._middle: list[Array] = []
+
+    @property
+    def asks(self) -> bool:
+        """Whether the learners have to be asked in this tick, though they may have no weight."""
+        return bool(self._tick == self._ticks // 2 or self.weight.any() or self._goal.any())
+
+    def play(self, frozen: Array, raw: Array, share: Array) -> Array:
+        """The command (J,) to send: never further from the frozen one than the authority, or the limits.
+
+        Args:
+            frozen: (J,) of the trained model. raw: (J,) correction that the learners ask for.
+            share: (J,) in [0, 1], how much of it past samples support.
+        """
+        step = SLEW * self._period
+        self.weight = self.weight + np.clip(self._goal - self.weight, -step, step)
+        most = self.hedge.authority
+        offered = np.clip(np.nan_to_num(share * raw, nan=0.0), -most, most)
+        self.lost |= ~np.isfinite(raw)
+        sent = np.clip(frozen + self.weight * offered, *self._limits)
+        self._pending = [frozen, offered, raw, sent]
+        if self._tick == self._ticks // 2:
+            self._middle = self._pending
+        return np.asarray(sent)
+
+    @property
+    def judges_by(self) -> tuple[str, ...]:
+        """Channels that measured rows have to hold."""
+        return (*self.feedback.channels, COMMAND)
+
+    def collect(self, row: Row | None) -> None:
+        """One tick's measurement; None where it is not believed. Call `decide` after it where `due`."""
+        if row is not None and self._pending:
+            self._rows.append([*(np.array(row[n], dtype=float) for n in self.judges_by), self._pending[3]])
+        self._pending = []
+        self._tick += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether a decision is complete."""
+        return self._tick >= self._ticks
+
+    def skip(self) -> None:
+        """The ticks so far are no decision: there was a gap in them."""
+        self._tick, self._rows, self._middle = 0, [], []
+
+    def decide(self) -> tuple[bool, Mask]:
+        """Judges the decision that is complete: whether it is believed, and which learners (J,) go back."""
+        rows, middle = self._rows, self._middle
+        self.skip()
+        self._left_alone = self._left_alone - self._ticks * self._period
+        none = np.zeros(len(self.weight), dtype=np.bool_)
+        if not middle:  # nothing was sent, so there is nothing to judge
+            return True, none
+        if len(rows) < FEWEST:
+            self._strike(True, "measurements are missing or impossible")
+            return False, self._going_back(none)
+        *told, measured, sent = (np.stack(part) for part in zip(*rows, strict=True))
+        named: Mapping[str, Array] = dict(zip(self.feedback.channels, told, strict=True))
+        fed_back = self.feedback.effort(named, self._period)
+        off = self.gate.contradicted(measured, sent, fed_back)
+        self._strike(bool(off.any()), self._contradiction(off))
+        frozen, offered, raw, played = middle
+        if not self.gate.faded:
+            error = played + fed_back.mean(axis=0) - frozen
+            self.hedge.decide(error, offered, raw, clean=not off.any())
+        self._goal = np.zeros(len(none)) if self.gate.faded else self.hedge.weight
+        return not off.any(), self._going_back(self.hedge.far > FAR_TRIP)
+
+    def _strike(self, bad: bool, why: str) -> None:
+        turned = self.gate.take(bad)
+        if turned:
+            self._goal = np.zeros(len(self.weight))
+            self._say(f"The trained model drives alone and nothing is learned: {why}.")
+        elif turned is False:
+            self._say("Measurements have agreed for a second: learning goes on.")
+
+    def _contradiction(self, off: Mask) -> str:
+        which = ", ".join(name for name, bad in zip(self._names, off, strict=True) if bad)
+        return f"the measured command of {which} is not what was sent and fed back"
+
+    def _going_back(self, far: Mask) -> Mask:
+        """Learners that are wrong by far, or lost, and were not set back just now."""
+        found = np.asarray((far | self.lost) & (self._left_alone <= 0.0))
+        self.hedge.distrust(found)
+        self._left_alone = np.where(found, REST_S, self._left_alone)
+        self._goal = np.where(found, 0.0, self._goal)
+        self.lost = self.lost & ~found
+        return found

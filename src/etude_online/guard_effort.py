@@ -1,0 +1,162 @@
+"""What the feedback added, by a law that logs told or as the controller says it: who judges the learners.
+
+The sent command plus the feedback's is what the motion needed, whatever the sensor of the command says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Channel, Kind, Log
+from etude.errors import DataError
+from etude_online.guard_why import why
+
+Array = NDArray[np.float64]
+
+COMMAND, FED_FORWARD, FED_BACK, PLANNED = "command", "command_ff", "command_fb", "_des"
+DECISION_S, FEWEST = 0.1, 5
+"""Length of a decision, which averages rounding and noise; in ticks, at least."""
+EXPLAINED = 0.9
+"""Least part of the command's variation that a law must explain."""
+FLOOR = 1e-3
+"""Least deviation of a law, a part of the command's limit."""
+TAIL, TAIL_PART = 5.0, 99.5
+"""Deviation from the tail: that percentile of what is left, over so many."""
+
+
+def decision_ticks(rate: float) -> int:
+    """Control ticks of one decision."""
+    return max(FEWEST, round(DECISION_S * rate))
+
+
+class Feedback(Protocol):
+    """Where the feedback's command comes from. sigma (J,): deviation of command - sent - feedback's."""
+
+    @property
+    def sigma(self) -> Array: ...
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array: ...  # (n, J) of n ticks, in a row
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackLaw:
+    """kp e + kd de/dt, each command by its own coordinate of the path.
+
+    Attributes:
+        kp, kd: (J,) command unit per rad (m), and s of it. sigma: (J,) command unit.
+        path: the channel of the path; its plan is that name with _des.
+    """
+
+    kp: Array
+    kd: Array
+    sigma: Array
+    path: str
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (self.path, self.path + PLANNED)
+
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array:
+        """The slope of the error is that over all the ticks."""
+        error = rows[self.path + PLANNED] - rows[self.path]
+        slope = (error[-1] - error[0]) / (period * max(len(error) - 1, 1))
+        return np.asarray(self.kp * error + self.kd * slope)
+
+
+@dataclass(frozen=True, eq=False)
+class ToldFeedback:
+    """A controller that says what it adds: the channel `command_fb` of every measured row."""
+
+    sigma: Array
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (FED_BACK,)
+
+    def effort(self, rows: Mapping[str, Array], period: float) -> Array:  # noqa: ARG002
+        return rows[FED_BACK]
+
+
+def command_limits(kind: Kind, spec: Any) -> tuple[Array, Array]:
+    """Lower and upper (J,) of a robot's commands, in their unit."""
+    reach = np.asarray(kind.limit(spec), dtype=float)
+    return kind.expected(spec).limits.get(COMMAND, (-reach, reach))
+
+
+def feedback_of(
+    logs: Sequence[Log], channels: Sequence[Channel], path: str, limits: tuple[Array, Array], rate: float
+) -> Feedback:
+    """The feedback of a robot, from logs of its own runs.
+
+    A command that acts on a coordinate of the path has a law, by least squares over decisions; what was fed
+    forward is taken off. Of other robots the controller has to say it, in rows with `command_fb`.
+
+    Args:
+        logs: of runs under the feedback that there will be, at the rate of control.
+        limits: lower and upper (J,) of the commands.
+        rate: Hz of the logs.
+
+    Raises:
+        DataError: the logs hold no plan, or the command does not follow from the error along the path: the
+            sensor's sign is wrong, or the controller is another (an integral, gravity in the drive).
+    """
+    command = next(c for c in channels if c.role == "command")
+    least = FLOOR * np.maximum(*np.abs(limits))
+    if command.acts_on != path:
+        return ToldFeedback(least)
+    each = [_decisions(log, path, limits, rate) for log in logs]
+    parts = [part for found in each for part in found]
+    if not parts:
+        raise DataError(
+            f"no log holds {path}{PLANNED}, so the robot's feedback is not known",
+            next_step="Log the desired positions; without them nothing judges what is learned.",
+        )
+    told = np.stack([np.stack(part) for part in parts], axis=1)  # (4, n, J)
+    group = np.repeat(np.arange(len(each)), [len(found) for found in each])
+    laws = [_law(told[:, :, j], group, name) for j, name in enumerate(command.parts)]
+    kp, kd, sigma = np.array(laws).T
+    return FeedbackLaw(kp, kd, np.maximum(sigma, least), path)
+
+
+def _decisions(
+    log: Log, path: str, limits: tuple[Array, Array], rate: float
+) -> list[tuple[Array, Array, Array, Array]]:
+    """Mean error, its slope, mean of what was fed back and of the error's integral since the log's start, of
+    stretches as long as a decision.
+    """
+    wanted, n = log.get(path + PLANNED), decision_ticks(rate)
+    if wanted is None:
+        return []
+    error, sent = wanted - log[path], log.get(FED_FORWARD)
+    u = log[COMMAND] - (0.0 if sent is None else sent)
+    beyond = (log[COMMAND] <= 0.99 * limits[0]) | (log[COMMAND] >= 0.99 * limits[1])
+    good = np.asarray(~beyond.any(axis=1) & np.isfinite(error).all(axis=1) & np.isfinite(u).all(axis=1))
+    total = np.cumsum(np.nan_to_num(error, posinf=0.0, neginf=0.0), axis=0) / rate
+    spans = [slice(k, k + n) for k in range(0, len(log) - n + 1, n) if good[k : k + n].all()]
+    slopes = [(error[s][-1] - error[s][0]) * rate / (n - 1) for s in spans]
+    means = [tuple(values[s].mean(axis=0) for values in (error, u, total)) for s in spans]
+    return [(e, slope, sent, sums) for slope, (e, sent, sums) in zip(slopes, means, strict=True)]
+
+
+def _law(told: Array, group: NDArray[np.int64], name: str) -> tuple[float, float, float]:
+    """kp, kd, sigma of one command, from its decisions (4, n); group: (n,) which log each is of."""
+    error, slope, u, total = told
+    A = np.column_stack([error, slope])
+    (kp, kd), *_ = np.linalg.lstsq(A, u, rcond=None)
+    left = u - A @ (kp, kd)
+    part = 1.0 - float(left @ left) / max(float(u @ u), np.finfo(float).tiny)
+    if not (part >= EXPLAINED and kp > 0.0):
+        raise DataError(
+            f"the command of {name} does not follow from its tracking error "
+            f"({100 * max(part, 0.0):.0f} % of it explained, gain {kp:.3g})",
+            where=name,
+            next_step=why(error, slope, total, u, group),
+        )
+    spread = 1.4826 * float(np.median(np.abs(left)))
+    return float(kp), float(kd), max(spread, float(np.percentile(np.abs(left), TAIL_PART)) / TAIL)

@@ -1,0 +1,66 @@
+"""What the battery's voltage says of the commands beside the motion: an empty one takes more of full scale.
+
+Under load a battery's voltage falls at once, so a quick dip tells the command and not the other way round;
+only its slow part may be looked at. Of a single flight that is as good as the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etude.contracts import Array, Log, Samples
+from etude_quadrotor.channels import BATTERY
+from etude_quadrotor.physics.linear_inverse import OPTIONAL, physical_features
+
+SLOW_S = 10.0
+"""s over which the voltage is averaged: longer than what a motion does to it."""
+VARIES = 0.01
+"""Of the voltage: what a model can learn from."""
+SHRINKAGE = 1e-3
+"""Of the weights, per sample."""
+
+
+def slow_voltage(log: Log) -> Log:
+    """The log with its voltage averaged over `SLOW_S` about each instant; as it is without one."""
+    if BATTERY.name not in log:
+        return log
+    total = np.concatenate([[0.0], np.cumsum(log[BATTERY.name][:, 0])])
+    first = np.searchsorted(log.t, log.t - 0.5 * SLOW_S, side="left")
+    last = np.searchsorted(log.t, log.t + 0.5 * SLOW_S, side="right")
+    return log.put(BATTERY, ((total[last] - total[first]) / (last - first))[:, None])
+
+
+def usual_voltage(samples: Samples) -> float | None:
+    """V that a plan may assume, the median; None where the voltage is to be no input.
+
+    That is where not every flight logs it, where it does not vary, and where it does not help: linear
+    regression on physical features must predict each flight from the others better with it than without, in
+    sum and on most flights. A single flight cannot tell.
+    """
+    if BATTERY.name not in samples.log:
+        return None
+    voltage = samples.log[BATTERY.name][:, 0]
+    usual = float(np.median(voltage))
+    if usual <= 0.0 or np.ptp(voltage) < VARIES * usual or len(np.unique(samples.group)) < 2:
+        return None
+    uses = tuple(name for name in OPTIONAL if name in samples.log)
+    without = physical_features(samples.log, uses)
+    charge = (voltage / usual - 1.0)[:, None]
+    beside = np.hstack([without, charge, charge * samples.log["specific_force"][:, 2:]])
+    plain, more = _errors(without, samples), _errors(beside, samples)
+    helps = more.sum() < plain.sum() and (more < plain).mean() > 0.5
+    return usual if helps else None
+
+
+def _errors(features: Array, samples: Samples) -> Array:
+    """(G,) squared error of each flight, predicted from the others, in variances of the commands."""
+    y = samples.command / np.maximum(samples.command.std(axis=0), 1e-300)
+    spread = features.std(axis=0)
+    X = np.column_stack([np.ones(len(y)), features / np.where(spread > 0.0, spread, 1.0)])
+    found = []
+    for number in np.unique(samples.group):
+        own = samples.group == number
+        A, b = X[~own], y[~own]
+        weights = np.linalg.solve(A.T @ A + SHRINKAGE * len(A) * np.eye(A.shape[1]), A.T @ b)
+        found.append(float(np.sum((y[own] - X[own] @ weights) ** 2)))
+    return np.array(found)

@@ -1,0 +1,180 @@
+"""What is fed forward in a flight, beside the feedback, computed before take-off from the plan alone.
+
+Three parts, each optional: the reference's own acceleration; the drag, which the vehicle leans against; and
+the voltage that an inverse model plans. The feedback commands voltages itself, so the last is the planned
+voltage less the voltage that the controller's own map gives for the planned thrust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Controller, Log, Model, Motion, Row, Trajectory
+from etude.errors import DataError, NumericalError
+from etude_quadrotor.channels import BATTERY, STATES
+from etude_quadrotor.flatness import ORDERS, FlatMotion, flat_motion
+from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
+from etude_quadrotor.physics.vehicle_inverse import nominal_inverse
+from etude_quadrotor.plant.plan import FlightPlan, plan_on_grid
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import Vehicle
+from etude_quadrotor.voltages import GatedVoltages, LateralDrag, LinearDrag, Voltages
+
+GRID = 100.0
+"""Hz at which models are asked; between, feedforwards are linear."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlightFeedforward:
+    """What is fed forward. Implements `contracts.Controller`.
+
+    Attributes:
+        acceleration: whether the reference's acceleration is.
+        drag: of the lean, or None for the thesis's drag-free attitude.
+        voltages: planned, gated and clipped; or None.
+    """
+
+    acceleration: bool = True
+    drag: LateralDrag | None = None
+    voltages: Voltages | None = None
+
+    def flat(self, motion: Motion) -> FlatMotion:
+        """The motion as it is flown, leaning against the drag. UnsafeTrajectoryError where it is singular."""
+        return flat_motion(motion, (self.drag or LinearDrag()).coefficients)
+
+    def planned(self, motion: Motion) -> Array | None:
+        """Voltages (T, 4) of the plan; None where they are left to the feedback."""
+        return None if self.voltages is None else self.voltages.predict(states_of(self.flat(motion)))
+
+    def accelerated(self, flat: FlatMotion) -> Array | None:
+        """(T, 3) added to the feedback's acceleration, world frame; None where nothing is."""
+        if not self.acceleration:
+            return None
+        force, _ = (self.drag or LinearDrag()).predict(flat.states["body_velocity"])
+        lean = -np.einsum("tij,tj->ti", flat.R_world_body[:, :, :2], force)
+        return np.asarray(flat.motion.orders[2] + lean)
+
+    def accelerations(self, motion: Motion) -> Array | None:
+        """What the feedback is to be told, (T, 3) m/s^2, world frame: the reference's own acceleration and
+        what holds against the drag. None where no drag is known. UnsafeTrajectoryError: a singular motion.
+        """
+        return None if self.drag is None else self.accelerated(self.flat(motion))
+
+    def command(self, t: float, row: Row) -> tuple[Array, Array]:
+        """Voltages (4,) in a measured state, without their deviation.
+
+        Raises:
+            DataError: nothing plans voltages here.
+        """
+        if self.voltages is None:
+            raise DataError(
+                "this feedforward has no command of the motors: of a vehicle that nobody described, only "
+                "accelerations are planned",
+                next_step="Describe it under [vehicle] in robot.toml, or export the model itself: --to c.",
+            )
+        channels = {c.name: c for c in (*STATES, BATTERY) if c.name in row}
+        log = Log(np.array([t]), channels, {name: np.atleast_2d(row[name]) for name in channels})
+        return self.voltages.predict(log)[0], np.full(COMMANDS, np.nan)
+
+    def observe(self, t: float, row: Row) -> None:
+        """Nothing is learned on the way."""
+
+
+PID_ALONE = FlightFeedforward(acceleration=False)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedBy:
+    """The plan of any controller as `Voltages`."""
+
+    commands: Array
+
+    def predict(self, log: Log) -> Array:  # noqa: ARG002
+        """What was planned, (T, 4)."""
+        return self.commands
+
+
+def flight_plan(
+    trajectory: Trajectory, controller: Controller | None, vehicle: Vehicle, rate: float
+) -> FlightPlan:
+    """The plan of a flight on the control grid, with its feedforward.
+
+    Args:
+        trajectory: a Fourier flight.
+        controller: a feedforward, None for feedback alone; of another kind of controller what it plans is
+            taken for voltages, beside the reference's acceleration.
+        vehicle: the nominal body and motors that the controller's own map is made of.
+        rate: of the control, Hz.
+
+    Raises:
+        UnsafeTrajectoryError: the plan is singular (see `flat_motion`).
+        NumericalError: a planned feedforward is not finite.
+    """
+    count = int(np.floor(trajectory.duration * GRID + 1e-9)) + 1
+    times = np.minimum(np.arange(count) / GRID, trajectory.duration)
+    motion = trajectory.motion(times, ORDERS)
+    feedforward = _feedforward(controller, motion)
+    flat = feedforward.flat(motion)
+    acceleration = feedforward.accelerated(flat)
+    voltage = None
+    if feedforward.voltages is not None:
+        own = thrust_voltage(vehicle, flat.thrust)[:, None]
+        voltage = feedforward.voltages.predict(states_of(flat)) - own
+    for name, rows in (("acceleration", acceleration), ("voltage", voltage)):
+        if rows is not None and not np.isfinite(rows).all():
+            raise NumericalError(f"the planned {name} is not finite", next_step="Train the model again.")
+    return plan_on_grid(times, motion.orders[0], motion.orders[1], acceleration, voltage, rate)
+
+
+def _feedforward(controller: Controller | None, motion: Motion) -> FlightFeedforward:
+    if controller is None:
+        return PID_ALONE
+    if isinstance(controller, FlightFeedforward):
+        return controller
+    planned = controller.planned(motion)
+    return FlightFeedforward(voltages=None if planned is None else PlannedBy(planned))
+
+
+def states_of(flat: FlatMotion) -> Log:
+    """The planned states as a log."""
+    channels = {channel.name: channel for channel in STATES}
+    return Log(flat.motion.t, channels, {name: flat.states[name] for name in channels}, "planned")
+
+
+def thrust_voltage(vehicle: Vehicle, thrust: Array) -> Array:
+    """Voltage (T,) at which four equal steady motors give a thrust per mass (T,), m/s^2."""
+    speed = np.sqrt(np.maximum(vehicle.mass * thrust / (4.0 * vehicle.thrust_constant), 0.0))
+    return np.asarray(vehicle.steady_voltage(speed))
+
+
+def learned(spec: QuadrotorSpec, model: Model) -> FlightFeedforward:
+    """Acceleration, learned drag, and the model's voltages, gated.
+
+    Of a vehicle that is commanded by attitude and thrust, or whose motors nobody described, the first two.
+    """
+    inputs = model.inputs
+    drag = inputs.lateral if isinstance(inputs, QuadrotorInputs) else None
+    if spec.body is None:
+        return FlightFeedforward(drag=drag)
+    return FlightFeedforward(drag=drag, voltages=GatedVoltages(model, nominal_inverse(spec.body)))
+
+
+def leaning(model: Model) -> FlightFeedforward:
+    """Acceleration and learned drag; the voltages stay the feedback's, so that they go on teaching."""
+    inputs = model.inputs
+    return FlightFeedforward(drag=inputs.lateral if isinstance(inputs, QuadrotorInputs) else None)
+
+
+def baselines(spec: QuadrotorSpec) -> Mapping[str, Controller | None]:
+    """What there is without learning, and the exact drag of a simulated vehicle."""
+    nominal = None if spec.body is None else nominal_inverse(spec.body)
+    found: dict[str, Controller | None] = {"pid": None, "analytic": FlightFeedforward(voltages=nominal)}
+    if spec.plant is not None:
+        from etude_quadrotor.plant.registry import simulated_vehicle
+
+        dx, dy, dz = simulated_vehicle(spec.plant).parameters.drag_per_mass.tolist()
+        found["exact_drag"] = FlightFeedforward(drag=LinearDrag((dx, dy, dz)), voltages=nominal)
+    return found

@@ -1,0 +1,222 @@
+"""Vehicles with four rotors as a kind: the nouns of one vehicle, made of its description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from etude.contracts import (
+    Array,
+    Channel,
+    Controller,
+    Described,
+    Expected,
+    Family,
+    Finding,
+    Index,
+    Limit,
+    Log,
+    Margins,
+    Model,
+    Physics,
+    Robot,
+    Samples,
+    Trajectory,
+)
+
+if TYPE_CHECKING:
+    from etude_quadrotor.inputs import QuadrotorInputs
+    from etude_quadrotor.spec import QuadrotorSpec
+
+HERE = Path(__file__).parent
+
+
+class QuadrotorKind:
+    """Implements `contracts.Kind`. Modules are loaded when needed: most commands need few of them."""
+
+    @property
+    def name(self) -> str:
+        return "quadrotor"
+
+    @property
+    def path(self) -> str:
+        return "position"
+
+    @property
+    def tables(self) -> Mapping[str, type]:
+        from etude_quadrotor.family import FlightConfig
+        from etude_quadrotor.recipe import FlightData
+
+        return {"trajectory": FlightConfig, "data": FlightData}
+
+    @property
+    def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+        from etude.toml_tables import decoded, read_text
+
+        path = HERE / "presets.toml"
+        return decoded(read_text(path), path.name)
+
+    @property
+    def comments(self) -> Mapping[str, Mapping[str, str]]:
+        from etude_quadrotor.comments import COMMENTS
+
+        return COMMENTS
+
+    @property
+    def states_in_words(self) -> str:
+        from etude_quadrotor.channels import IN_WORDS
+
+        return IN_WORDS
+
+    def built_in(self) -> Mapping[str, Path]:
+        """The vehicles in `data/`, by name."""
+        return {path.stem: path for path in sorted((HERE / "data").glob("*.toml"))}
+
+    def recognises(self, path: Path) -> bool:
+        """A robot file that names this kind, or a vehicle."""
+        from etude.errors import UsageError
+        from etude.toml_tables import decoded, read_text
+        from etude_quadrotor.spec_file import KINDS
+
+        try:
+            return path.suffix.lower() == ".toml" and decoded(read_text(path), "").get("kind") in KINDS
+        except UsageError:
+            return False
+
+    def described(self, path: Path) -> Described:
+        """robot.toml alone: a vehicle has no other files."""
+        from etude_quadrotor.spec_file import spec_to_toml
+
+        return Described({"robot.toml": spec_to_toml(self.spec(path)).encode()})
+
+    def spec(self, path: Path) -> QuadrotorSpec:
+        """The vehicle of a robot file. UsageError if it cannot be one."""
+        from etude_quadrotor.spec_file import read_spec
+
+        return read_spec(path)
+
+    def home(self, spec: QuadrotorSpec) -> Array:
+        """(3,) the middle of the room, m."""
+        from etude_quadrotor.room import home
+
+        return home(spec)
+
+    def limit(self, spec: QuadrotorSpec) -> Array:
+        """(4,) how far each command reaches from the middle of its range."""
+        return spec.reach
+
+    def channels(self, spec: QuadrotorSpec) -> Sequence[Channel]:
+        from etude_quadrotor.channels import readable
+
+        return readable(spec)
+
+    def expected(self, spec: QuadrotorSpec) -> Expected:
+        """Room, speed and commands; what is flown before and after the trajectory is cut away."""
+        from etude_quadrotor.channels import expected
+
+        return expected(spec)
+
+    def family(self, spec: QuadrotorSpec, config: Any) -> Family:  # noqa: ARG002
+        """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
+        from etude_quadrotor.family import flight_family
+
+        return flight_family(config.trajectory)
+
+    def limits(
+        self,
+        spec: QuadrotorSpec,
+        config: Any,
+        model: Model | None,  # noqa: ARG002
+        margins: Margins,
+    ) -> Sequence[Limit]:
+        """Box, cylinder, speed, lift, thrust and tilt, less what tracking was seen to overshoot."""
+        from etude_quadrotor.room import limits
+
+        return limits(spec, config.trajectory, margins)
+
+    def ways(
+        self,
+        spec: QuadrotorSpec,
+        motion: Trajectory,
+        pose: Array,
+    ) -> tuple[Trajectory, Trajectory] | None:
+        """From rest to where the plan begins, in motion or not, and back from where it ends; with take-off
+        and landing from a pose on the ground.
+        """
+        from etude_quadrotor.room import ways
+
+        return ways(spec, motion, pose)
+
+    def poses(self, spec: QuadrotorSpec) -> Mapping[str, Array]:
+        """On the ground, below the middle of the room."""
+        from etude_quadrotor.room import home
+        from etude_quadrotor.ways import standing
+
+        return {"ground": standing(spec, home(spec))}
+
+    def from_rest(self, spec: QuadrotorSpec) -> bool:
+        """Of a real vehicle: it hovers before its first set-point and after its last. The simulated ones that
+        come with Etude begin as the thesis has it.
+        """
+        return spec.plant is None
+
+    def inputs(self, spec: QuadrotorSpec, config: Any) -> QuadrotorInputs:  # noqa: ARG002
+        return config.data.inputs()  # type: ignore[no-any-return]
+
+    def physics(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Physics]:
+        """ "nominal" only where the motors are described and commands are V."""
+        from etude_quadrotor.physics.rungs import Identified, Nominal
+
+        found: dict[str, Physics] = {"identified": Identified(spec.body, config.data.trims)}
+        return found if spec.body is None else {"nominal": Nominal(spec.body), **found}
+
+    def checks(self, spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
+        """Time on the ground, commands of another scale."""
+        from etude_quadrotor.checks import findings
+
+        return findings(spec, log)
+
+    def samples(
+        self, spec: QuadrotorSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]
+    ) -> Samples:
+        from etude_quadrotor.recipe import flight_samples
+
+        return flight_samples(spec, config.data, logs, groups)
+
+    def robot(self, spec: QuadrotorSpec, config: Any) -> Robot | None:
+        """The simulated stand-in that the robot file names; None if it names none."""
+        if spec.plant is None:
+            return None
+        from etude_quadrotor.plant.robot import simulated_robot
+
+        return simulated_robot(spec, config)
+
+    def tests(self, spec: QuadrotorSpec, config: Any, rng: np.random.Generator) -> Mapping[str, Trajectory]:
+        """A flight uniform on the safe ones of the thesis's form, and one on their edge."""
+        from etude_quadrotor.room import trial_flights
+
+        return trial_flights(spec, config.trajectory, rng)
+
+    def baselines(self, spec: QuadrotorSpec, config: Any) -> Mapping[str, Controller | None]:  # noqa: ARG002
+        """What there is without learning, and the exact drag, which no model can know better."""
+        from etude_quadrotor.controller import baselines
+
+        return baselines(spec)
+
+    def collecting(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller | None:  # noqa: ARG002
+        """What simulated flights are flown with once something was learned: the drag, leant against."""
+        from etude_quadrotor.controller import leaning
+
+        return leaning(model) if config.trajectory.lean else None
+
+    def controller(self, spec: QuadrotorSpec, config: Any, model: Model) -> Controller:  # noqa: ARG002
+        """Acceleration, learned drag, and the model's voltages, gated."""
+        from etude_quadrotor.controller import learned
+
+        return learned(spec, model)
+
+
+KIND = QuadrotorKind()

@@ -1,0 +1,136 @@
+"""Inverse model of a vehicle whose motors nobody described: linear least squares on physical features.
+
+For normalised set-points and for commands that are thrust and attitude. Rotor speeds go with the root of
+thrust, and moments change a root by moment / (2 root): both columns are there, the data weigh them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.contracts import Array, Code, Column, Log, Mask
+from etude.errors import DataError
+from etude.operators import Piece
+from etude_quadrotor.channels import STATES
+from etude_quadrotor.physics.hover import hovering
+from etude_quadrotor.physics.map_fit import map_fit
+from etude_quadrotor.vehicle import GRAVITY
+
+OPTIONAL = ("altitude", "body_velocity", "body_acceleration")
+LEAST_LIFT = 0.05
+"""Parts of gravity: the root's feature stays smooth in free fall."""
+HUGE = 1e300
+
+
+@dataclass(frozen=True)
+class LinearInverse:
+    """command = offset + ((features - centre) / spread) weights. A `contracts.Mean`.
+
+    Attributes:
+        uses: names of the optional channels among the features.
+        centre, spread: (F,) of the features in the data.
+        weights: (F, 4). offset: (4,). Command units.
+    """
+
+    uses: tuple[str, ...]
+    centre: Array
+    spread: Array
+    weights: Array
+    offset: Array
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Of `uses`, which a model's inputs need not hold."""
+        used = (channel for channel in STATES if channel.name in self.uses)
+        return tuple(
+            (c.name, part, unit, "") for c in used for part, unit in zip(c.parts, c.units, strict=True)
+        )
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """None that has a physical meaning."""
+        return {}
+
+    def arrays(self) -> Mapping[str, Array]:
+        """What it was identified to be; `uses` as 0 or 1 for each of `OPTIONAL`."""
+        uses = np.array([float(name in self.uses) for name in OPTIONAL])
+        own = {name: getattr(self, name) for name in ("centre", "spread", "weights", "offset")}
+        return {"uses": uses, **own}
+
+    def predict(self, log: Log) -> Array:
+        """Commands (T, 4); DataError if the log lacks a quantity that the model was identified with."""
+        return self.offset + (physical_features(log, self.uses) - self.centre) / self.spread @ self.weights
+
+    def static(self, log: Log) -> Array:
+        """Commands (T, 4) that would hold the vehicle where it is."""
+        return self.predict(hovering(log))
+
+    def c(self, name: str) -> Code:
+        """C99 of it."""
+        from etude_quadrotor.c99 import features_code
+
+        return features_code(name, self, LEAST_LIFT)
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude_quadrotor.onnx import features_piece
+
+        return features_piece(self, LEAST_LIFT)
+
+
+def physical_features(log: Log, uses: tuple[str, ...]) -> Array:
+    """(T, F): specific force, root of lift, rates, products of rates, angular acceleration, those of `uses`.
+
+    Raises:
+        DataError: the log lacks a channel that `uses` names.
+    """
+    force, rates, alpha = log["specific_force"], log["rates"], log["angular_acceleration"]
+    root = np.sqrt(np.maximum(force[:, 2] / GRAVITY, LEAST_LIFT))
+    columns = [
+        force,
+        root[:, None],
+        rates,
+        rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]],  # ω × J ω is linear in these
+        alpha,
+        alpha / root[:, None],
+    ]
+    for name in uses:
+        if name not in log:
+            raise DataError(
+                f"the flight does not say its {name}, which the model was identified with",
+                next_step="Use flights that all have it.",
+            )
+        columns.append(log[name])
+    return np.concatenate(columns, axis=1)
+
+
+def identify_linear(log: Log, weight: float = 0.2, use: Mask | None = None) -> LinearInverse:
+    """Weights of all features that the states have, shrunk towards a constant command.
+
+    Args:
+        weight: votes of one sample against the prior.
+        use: (T, 4) which commands say something; None: all.
+
+    Raises:
+        DataError: no sample, or NaN in states or command.
+    """
+    command, every = log["command"], np.ones(log["command"].shape, dtype=np.bool_)
+    use = every if use is None else use
+    uses = tuple(name for name in OPTIONAL if name in log)
+    features = physical_features(log, uses)
+    if not len(features) or not use.any(axis=0).all():
+        raise DataError("there is no sample to identify a model from", next_step="Tell a flight first.")
+    centre, spread = features.mean(axis=0), features.std(axis=0)
+    # a constant column says nothing, whatever it is later
+    spread = np.where(spread > 1e-9 * (1.0 + np.abs(centre)), spread, HUGE)
+    offset = np.array([command[use[:, j], j].mean() for j in range(4)])
+    scaled = (features - centre) / spread
+    columns = [_weights(scaled[use[:, j]], command[use[:, j], j] - offset[j], weight) for j in range(4)]
+    return LinearInverse(uses, centre, spread, np.column_stack(columns), offset)
+
+
+def _weights(scaled: Array, y: Array, weight: float) -> Array:
+    deviation = np.full(scaled.shape[1], max(float(y.std()), 1e-12))
+    return map_fit(lambda w: ((scaled @ w)[:, None], scaled[:, None, :]), y[:, None], deviation, weight)[0]

@@ -1,0 +1,187 @@
+"""Inverse model of a quadrotor from its physics: motor voltages from states, nominal or with coefficients.
+
+    thrust = m f_z,  moments = J α + ω × J ω,  W² = A⁻¹ [thrust, moments],  V = (R kq / Ke) W² + Ke W
+
+with A the vehicle's allocation: the map from states to voltages of thesis 5, steady in the motors. The term
+of the rotors' own acceleration, (R Jr / Ke) dW/dt, is left out: dW/dt needs the jerk, which is no part of a
+state, and in slow flight the term is about a thousandth of a volt. Nothing here knows a simulator's formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude.contracts import Array, Code, Log, Mask
+from etude.operators import Piece
+from etude_quadrotor.physics.hover import hovering
+from etude_quadrotor.physics.map_fit import map_fit
+from etude_quadrotor.vehicle import GRAVITY, Vehicle
+
+COEFFICIENTS = (
+    "drag_lateral",
+    "drag_vertical",
+    "ground_near",
+    "ground_far",
+    "back_emf",
+    "thrust",
+    "moment_x",
+    "moment_y",
+    "moment_z",
+    "trim_1",
+    "trim_2",
+    "trim_3",
+    "trim_4",
+)
+"""What least squares may change, each 0 in the nominal model.
+
+drag_lateral: moment of the drag of body x and y, which acts off the centre, N m per m/s. drag_vertical: N per
+m/s. ground_near, ground_far: part of the thrust that the ground gives at altitude 0. The next five are
+relative: the back-EMF constant, the thrust's deviation from the weight, the moments. trim: a constant of each
+motor, V, for motors that differ and a payload off the centre. Near hover a back-EMF and four equal trims look
+alike: the prior shares the effect between them, the prediction is the same.
+"""
+BACK_EMF = COEFFICIENTS.index("back_emf")
+TRIM = COEFFICIENTS.index("trim_1")
+NEAR, FAR = 1.5, 5.0
+"""Heights over which the ground effect decays by a factor e, in arm lengths. A generic form: two
+exponentials, whatever the vehicle's true curve."""
+
+
+@dataclass(frozen=True)
+class VehicleInverse:
+    """Voltages of a vehicle whose constants are known, corrected by `coefficients`. A `contracts.Mean`.
+
+    Attributes:
+        vehicle: nominal body and motors.
+        coefficients: (13,) in the order of `COEFFICIENTS`; zero for the nominal model.
+        deviation: (13,) of the coefficients, infinite where data do not tell; None for the nominal model.
+    """
+
+    vehicle: Vehicle
+    coefficients: Array
+    deviation: Array | None = None
+
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """Identified coefficients and their deviations; none for the nominal model."""
+        if self.deviation is None:
+            return {}
+        pairs = zip(self.coefficients.tolist(), self.deviation.tolist(), strict=True)
+        return dict(zip(COEFFICIENTS, pairs, strict=True))
+
+    def arrays(self) -> Mapping[str, Array]:
+        """What it was identified to be."""
+        stored = {"coefficients": self.coefficients}
+        return stored if self.deviation is None else stored | {"deviation": self.deviation}
+
+    def predict(self, log: Log) -> Array:
+        """Voltages (T, 4); terms of a velocity or altitude that the log lacks drop out."""
+        return self.linearised(log)[0]
+
+    def static(self, log: Log) -> Array:
+        """Voltages (T, 4) that would hold the vehicle where it is."""
+        return self.predict(hovering(log))
+
+    def c(self, name: str) -> Code:
+        """C99 of it."""
+        from etude_quadrotor.c99 import vehicle_code
+
+        return vehicle_code(name, self, (NEAR, FAR))
+
+    def onnx(self) -> Piece:
+        """In operators of ONNX."""
+        from etude_quadrotor.onnx import vehicle_piece
+
+        return vehicle_piece(self, (NEAR, FAR))
+
+    def linearised(self, log: Log) -> tuple[Array, Array]:
+        """Voltages (T, 4) and their derivative (T, 4, 13) in the coefficients."""
+        vehicle, theta = self.vehicle, self.coefficients
+        load, change = load_terms(vehicle, log)
+        inverse = np.linalg.inv(vehicle.allocation())
+        squared = (load + change @ theta) @ inverse.T
+        speed = np.sqrt(np.maximum(squared, 0.0))
+        by_speed = vehicle.motor_constant * (1.0 + theta[BACK_EMF])
+        voltage = vehicle.steady_voltage(speed) + vehicle.motor_constant * theta[BACK_EMF] * speed
+        voltage += theta[TRIM:]
+        slope = vehicle.resistance * vehicle.torque_constant / vehicle.motor_constant
+        flows = squared > 0.0  # a rotor that cannot turn backwards stands, whatever the coefficients
+        gain = np.where(flows, slope + 0.5 * by_speed / np.where(flows, speed, 1.0), 0.0)
+        jacobian = gain[:, :, None] * np.einsum("rl,tlp->trp", inverse, change)
+        jacobian[:, :, BACK_EMF] = vehicle.motor_constant * speed
+        jacobian[:, :, TRIM:] = np.eye(4)
+        return voltage, jacobian
+
+
+def nominal_inverse(vehicle: Vehicle) -> VehicleInverse:
+    """The model without drag and ground effect: thesis 5's analytic baseline."""
+    return VehicleInverse(vehicle, np.zeros(len(COEFFICIENTS)))
+
+
+def unreachable(vehicle: Vehicle, log: Log) -> NDArray[np.bool_]:
+    """(T,) samples whose thrust and moments ask a negative W² of some rotor; its voltage is then set to 0."""
+    load, _ = load_terms(vehicle, log)
+    return np.asarray((load @ np.linalg.inv(vehicle.allocation()).T < 0.0).any(axis=1))
+
+
+def identify_vehicle(
+    vehicle: Vehicle,
+    log: Log,
+    weight: float = 0.2,
+    *,
+    trims: bool = True,
+    use: Mask | None = None,
+) -> VehicleInverse:
+    """The coefficients (MAP least squares) that explain the voltages in a log.
+
+    Free gains let least squares shrink what noisy accelerations say. A coefficient without data stays 0.
+
+    Args:
+        weight: votes of one sample against the prior: neighbours within a correlation time share one.
+        trims: whether each motor has a constant of its own.
+        use: (T, 4) which voltages say something; None: all.
+
+    Raises:
+        DataError: NaN in states or command, or no sample.
+    """
+    free = len(COEFFICIENTS) if trims else TRIM
+
+    none = np.zeros(len(COEFFICIENTS) - free)
+
+    def linearised(theta: Array) -> tuple[Array, Array]:
+        voltage, jacobian = VehicleInverse(vehicle, np.append(theta, none)).linearised(log)
+        return voltage, jacobian[:, :, :free]
+
+    theta, left = map_fit(linearised, log["command"], prior_deviation(vehicle)[:free], weight, use)
+    return VehicleInverse(vehicle, np.append(theta, none), np.append(left, none + np.inf))
+
+
+def prior_deviation(vehicle: Vehicle) -> Array:
+    """(13,) how far each coefficient may be from nominal, in physical scale."""
+    drag = vehicle.mass  # N per m/s: the drag would stop the vehicle within about a second
+    trim = 0.1 * vehicle.hover_voltage
+    return np.array([drag * vehicle.arm, drag, 0.5, 0.5, 0.2, 1.0, 1.0, 1.0, 1.0, *[trim] * 4])
+
+
+def load_terms(vehicle: Vehicle, log: Log) -> tuple[Array, Array]:
+    """Thrust and moments (T, 4) of the nominal model, and their derivative (T, 4, 13) in the coefficients."""
+    inertia = np.array(vehicle.inertia)
+    lift, rates = vehicle.mass * log["specific_force"][:, 2], log["rates"]
+    # Euler's equation in the body frame
+    moments = inertia * log["angular_acceleration"] + np.cross(rates, inertia * rates)
+    change = np.zeros((len(lift), 4, len(COEFFICIENTS)))
+    velocity, altitude = log.get("body_velocity"), log.get("altitude")
+    if velocity is not None:
+        # drag -D v at height h above the centre turns it by h D (v_y, -v_x), which the rotors hold
+        change[:, 1, 0], change[:, 2, 0] = -velocity[:, 1], velocity[:, 0]
+        change[:, 0, 1] = velocity[:, 2]
+    if altitude is not None:
+        height = np.maximum(altitude[:, 0], 0.0) / vehicle.arm
+        change[:, 0, 2], change[:, 0, 3] = -lift * np.exp(-height / NEAR), -lift * np.exp(-height / FAR)
+    change[:, 0, 5] = lift - vehicle.mass * GRAVITY
+    for axis in range(3):
+        change[:, 1 + axis, 6 + axis] = moments[:, axis]
+    return np.column_stack([lift, moments]), change

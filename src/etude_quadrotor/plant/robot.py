@@ -1,0 +1,135 @@
+"""The simulated vehicle as a robot: it turns a trajectory into a log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from etude.contracts import Array, Controller, Log, Trajectory
+from etude.errors import UsageError
+from etude_quadrotor.controller import flight_plan
+from etude_quadrotor.plant.disturbance import Disturbance
+from etude_quadrotor.plant.record import flight_log
+from etude_quadrotor.plant.registry import PLANTS, simulated_vehicle
+from etude_quadrotor.plant.simulated import SimulatedVehicle, Start
+from etude_quadrotor.room import TEST_DURATION
+from etude_quadrotor.spec import QuadrotorSpec
+
+SETTLED_S = 5.0
+"""Tracking is judged after the transient of the start."""
+CHANGES = ("payload", "drag", "sag", "wind")
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedFlights:
+    """Implements `contracts.Robot`.
+
+    Attributes:
+        vehicle: the truth, and its controller.
+        spec: the owner's description: room and rate of the log.
+        start: how flights begin.
+        averaged: whether the log has means over its intervals, as an anti-aliasing filter gives them.
+        duration: of test flights, s; one that ended early goes on with its last error.
+        air: what no model knows.
+    """
+
+    vehicle: SimulatedVehicle
+    spec: QuadrotorSpec
+    start: Start = "hover"
+    averaged: bool = True
+    duration: float = 30.0
+    air: Disturbance = field(default_factory=Disturbance)
+
+    def run(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        """The flight's log; it ends where the vehicle leaves its room.
+
+        Raises:
+            UnsafeTrajectoryError: the plan is singular. NumericalError: a planned feedforward is not finite.
+            DataError: it ended before the first sample, or stood at a command's limit all the time.
+        """
+        return self._flown(trajectory, controller, rng, self.spec)
+
+    def test(self, trajectory: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
+        """The log of a flight that goes on outside the room, to judge a controller by all of it."""
+        return self._flown(trajectory, controller, rng, None)
+
+    def _flown(
+        self,
+        trajectory: Trajectory,
+        controller: Controller | None,
+        rng: np.random.Generator,
+        room: QuadrotorSpec | None,
+    ) -> Log:
+        plan = flight_plan(trajectory, controller, self.vehicle.vehicle, self.vehicle.rate)
+        flown = self.vehicle.fly(plan, rng, start=self.start, disturbance=self.air, room=room)
+        return flight_log(flown, plan, self.spec.rate, self.averaged)
+
+    def error(self, log: Log) -> tuple[Array, tuple[str, ...]]:
+        """Mean |desired - actual| after the start's transient: along x, y, z, and the distance, (4,) m."""
+        error = log["position_des"] - log["position"]
+        step = (log.t[-1] - log.t[0]) / max(len(log) - 1, 1)
+        missing = max(0, round((self.duration - log.t[-1]) / step) - 1) if step > 0.0 else 0
+        t = np.append(log.t, log.t[-1] + step * np.arange(1, missing + 1))
+        error = np.concatenate([error, np.repeat(error[-1:], missing, axis=0)])
+        settled = error[t >= min(SETTLED_S, 0.5 * self.duration)]
+        distance = np.linalg.norm(settled, axis=1).mean()
+        return np.append(np.abs(settled).mean(axis=0), distance), ("m",) * 4
+
+    def changed(self, **what: float) -> SimulatedFlights:
+        """The vehicle with a payload (kg, at its centre), its drag times a factor, a battery that has lost
+        a share of its voltage (sag), or in wind along x (m/s).
+
+        Raises:
+            UsageError: another change, or an impossible one.
+        """
+        for name in what:
+            if name not in CHANGES:
+                raise UsageError(
+                    f"a simulated vehicle cannot change its {name}", next_step=f"It has {', '.join(CHANGES)}."
+                )
+        parameters, air = self.vehicle.parameters, self.air
+        if "payload" in what:
+            mass = _not_negative("payload", what["payload"]) + parameters.payload.mass
+            parameters = _with(parameters, "payload", mass=mass)
+        if "drag" in what:
+            factor = _not_negative("drag", what["drag"])
+            drag = tuple(factor * d for d in parameters.air.drag)
+            parameters = _with(parameters, "air", drag=drag, quadratic=factor * parameters.air.quadratic)
+        if "sag" in what:
+            air = replace(air, sag=what["sag"])
+        if "wind" in what:
+            air = replace(air, wind=(what["wind"], 0.0, 0.0))
+        return replace(self, vehicle=replace(self.vehicle, parameters=parameters), air=air)
+
+
+def simulated_robot(spec: QuadrotorSpec, config: Any) -> SimulatedFlights:
+    """The stand-in that `spec` names, flown as the campaign's tables say.
+
+    Raises:
+        UsageError: there is no such simulated vehicle.
+    """
+    if spec.plant is None:
+        raise UsageError(
+            f"vehicle '{spec.name}' has no simulated plant",
+            where="robot.toml",
+            next_step=f'Write plant = "..." with one of {", ".join(PLANTS)}, or fly the real one.',
+        )
+    vehicle = simulated_vehicle(spec.plant, "robot.toml, plant")
+    trajectory, data = config.trajectory, config.data
+    return SimulatedFlights(vehicle, spec, trajectory.start, data.averaged, TEST_DURATION)
+
+
+def _with(parameters: Any, table: str, **changes: Any) -> Any:
+    """The parameters with changes in one of their tables."""
+    part = msgspec.structs.replace(getattr(parameters, table), **changes)
+    return msgspec.structs.replace(parameters, **{table: part})
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value >= 0.0):
+        raise UsageError(f"a {name} of {value} is not possible", next_step="Give 0 or more.")
+    return value

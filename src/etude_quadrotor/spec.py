@@ -1,0 +1,82 @@
+"""QuadrotorSpec: what a campaign has to know of a vehicle with four rotors and of the room it may use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etude_quadrotor.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class QuadrotorSpec:
+    """A vehicle as its owner describes it. World frame: z up; SI units.
+
+    Attributes:
+        name: short name.
+        lower, upper: corners of the box of the vehicle's centre, m.
+        speed: largest |v|, m/s.
+        command_names: the four learned outputs, for example the motors.
+        command_unit: "V", or "1" for normalised set-points.
+        command_lower, command_upper: limits of each command, in that unit.
+        rate: of the samples that a model learns from, Hz; logs may be faster.
+        radius: of a cylinder about the z axis inside the box, m; None without one.
+        tilt: largest angle of the thrust from the vertical, rad; None without limit.
+        thrust: least and largest thrust per mass, m/s^2; None without limits.
+        margin: room kept for the tracking error, off the side walls of box and cylinder, m.
+        vertical_margin: the same off floor and ceiling, m; None: as much.
+        ground: height of its centre where it stands, m; None: the bottom of the box.
+        climb, descent: fastest that its autopilot flies up and down, m/s: it cuts what is asked beyond, and
+            is left behind. The values are PX4's own, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN. Without meaning
+            for the simulated vehicles.
+        vehicle: nominal body and motors, for the analytic inverse model; None if unknown.
+        plant: name of the simulated vehicle that stands in for the real one, or None.
+    """
+
+    name: str
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    speed: float
+    command_names: tuple[str, str, str, str]
+    command_unit: str
+    command_lower: tuple[float, float, float, float]
+    command_upper: tuple[float, float, float, float]
+    rate: float
+    radius: float | None = None
+    tilt: float | None = None
+    thrust: tuple[float, float] | None = None
+    margin: float = 0.5
+    vertical_margin: float | None = None
+    ground: float | None = None
+    climb: float = 3.0
+    descent: float = 1.5
+    vehicle: Vehicle | None = None
+    plant: str | None = None
+
+    @property
+    def margins(self) -> tuple[float, float, float]:
+        """Along x, y and z, m."""
+        vertical = self.margin if self.vertical_margin is None else self.vertical_margin
+        return self.margin, self.margin, vertical
+
+    @property
+    def floor(self) -> float:
+        """m, of its centre where it stands."""
+        return self.lower[2] if self.ground is None else self.ground
+
+    @property
+    def table_rate(self) -> float:
+        """Hz of a table of set-points: what an autopilot takes them at."""
+        return 50.0
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """(4,) how far each command reaches from the middle of its range, in its unit."""
+        return np.asarray(0.5 * (np.array(self.command_upper) - np.array(self.command_lower)))
+
+    @property
+    def body(self) -> Vehicle | None:
+        """The vehicle whose motors explain the commands; None if nobody described it, or for set-points."""
+        return self.vehicle if self.command_unit == "V" else None

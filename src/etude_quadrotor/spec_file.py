@@ -1,0 +1,275 @@
+"""The TOML file of a vehicle with four rotors: strict reading, exact writing.
+
+kind = "quadrotor"               # or "vehicle"
+name = "quadrotor"
+commands = ["front_right", "back_right", "back_left", "front_left"]
+command_unit = "V"               # V, or 1 for normalised set-points
+command_lower = [0.0, 0.0, 0.0, 0.0]
+command_upper = [11.1, 11.1, 11.1, 11.1]
+rate = 10.0                      # Hz of the samples a model learns from; logs may be faster
+lower = [-10.0, -10.0, 0.3]      # box of the vehicle's centre, m, z up
+upper = [10.0, 10.0, 5.0]
+speed = 6.0                      # largest |v|, m/s
+margin = 0.5                     # m kept from every wall for the tracking error
+vertical_margin = 0.3            # optional: the same from floor and ceiling, m
+ground = 0.05                    # optional: height of its centre where it stands, m
+climb = 3.0                      # optional: fastest that the autopilot flies up, m/s (MPC_Z_VEL_MAX_UP)
+descent = 1.5                    # optional: and down (MPC_Z_VEL_MAX_DN)
+radius = 1.5                     # optional: of a cylinder about the z axis, m
+tilt = 0.5                       # optional: largest angle of the thrust from the vertical, rad
+thrust = [4.0, 16.0]             # optional: least and largest thrust per mass, m/s^2
+plant = "quadrotor"              # optional: simulated stand-in
+[vehicle]                        # optional: the fields of `vehicle.Vehicle`, for the analytic inverse model
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from etude.errors import UsageError
+from etude.toml_tables import decoded, read_text
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY, Vehicle
+
+KIND = "quadrotor"
+KINDS = (KIND, "vehicle")
+"""What a file may call it; "vehicle" is the older word."""
+MOTORS = 4
+UNITS = ("V", "1")
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+
+
+class QuadrotorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """The whole file. `units_checked` vouches for figures that would else be suspected of another unit."""
+
+    kind: str
+    name: str
+    commands: tuple[str, str, str, str]
+    command_unit: str
+    command_lower: Four
+    command_upper: Four
+    rate: float
+    lower: Three
+    upper: Three
+    speed: float
+    margin: float
+    vertical_margin: float | None = None
+    ground: float | None = None
+    climb: float = 3.0
+    descent: float = 1.5
+    radius: float | None = None
+    tilt: float | None = None
+    thrust: tuple[float, float] | None = None
+    plant: str | None = None
+    units_checked: bool = False
+    vehicle: dict[str, Any] | None = None
+
+
+def read_spec(path: Path) -> QuadrotorSpec:
+    """The vehicle in a TOML file. Errors as `spec_from_table`, and for a file that cannot be read."""
+    return spec_from_table(decoded(read_text(path, "robot file"), path.name), where=path.name)
+
+
+def spec_from_table(data: dict[str, Any], *, where: str) -> QuadrotorSpec:
+    """The vehicle described by a decoded TOML table, checked.
+
+    Raises:
+        UsageError: unknown or missing key, an impossible limit, a figure that looks like another unit.
+    """
+    if data.get("kind") not in KINDS:
+        raise UsageError(
+            f"kind = {data.get('kind')!r} is no {KIND}", where=where, next_step=f'Write kind = "{KIND}".'
+        )
+    motors = data.get("commands")
+    if isinstance(motors, list) and len(motors) != MOTORS:
+        raise UsageError(
+            f"a {KIND} has {MOTORS} motors, this vehicle has {len(motors)} commands",
+            where=where,
+            next_step="Other airframes (hexarotors, octorotors, VTOLs) are not supported.",
+        )
+    try:
+        table = msgspec.convert(data, QuadrotorTable)
+        vehicle = None if table.vehicle is None else msgspec.convert(table.vehicle, Vehicle)
+    except msgspec.ValidationError as problem:
+        named = ", ".join(field.name for field in msgspec.structs.fields(QuadrotorTable))
+        raise UsageError(
+            f"this describes no vehicle: {problem}", where=where, next_step=f"The keys are {named}."
+        ) from None
+    if table.vehicle is not None:
+        _refuse_unknown(table.vehicle, where)
+    spec = QuadrotorSpec(
+        name=table.name,
+        lower=table.lower,
+        upper=table.upper,
+        speed=table.speed,
+        command_names=table.commands,
+        command_unit=table.command_unit,
+        command_lower=table.command_lower,
+        command_upper=table.command_upper,
+        rate=table.rate,
+        radius=table.radius,
+        tilt=table.tilt,
+        thrust=table.thrust,
+        margin=table.margin,
+        vertical_margin=table.vertical_margin,
+        ground=table.ground,
+        climb=table.climb,
+        descent=table.descent,
+        vehicle=vehicle,
+        plant=table.plant,
+    )
+    check_spec(spec, where=where)
+    suspicion = unit_suspicion(spec)
+    if suspicion and not table.units_checked:
+        raise UsageError(
+            suspicion, where=where, next_step="If the figure is right, set units_checked = true."
+        )
+    return spec
+
+
+def _refuse_unknown(table: dict[str, Any], where: str) -> None:
+    known = [field.name for field in fields(Vehicle)]
+    for key in table:
+        if key not in known:
+            raise UsageError(
+                f"unknown key '{key}'",
+                where=f"{where} [vehicle]",
+                next_step=f"Valid keys: {', '.join(known)}.",
+            )
+
+
+def check_spec(spec: QuadrotorSpec, *, where: str = "") -> None:
+    """UsageError naming what is impossible: a limit, an empty room, a vehicle that cannot lift itself."""
+    numbers = {
+        "rate": spec.rate,
+        "speed": spec.speed,
+        "climb": spec.climb,
+        "descent": spec.descent,
+        "radius": spec.radius,
+        "tilt": spec.tilt,
+        **({} if spec.vehicle is None else _vehicle_numbers(spec.vehicle)),
+    }
+    for name, value in numbers.items():
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise UsageError(f"{name} must be a number above zero, not {value}", where=where)
+    for margin in spec.margins:
+        if not (math.isfinite(margin) and margin >= 0.0):
+            raise UsageError(f"a margin must be 0 or more, not {margin}", where=where)
+    if spec.command_unit not in UNITS:
+        raise UsageError(f"unknown command_unit '{spec.command_unit}'", where=where, next_step="Use V or 1.")
+    if len(set(spec.command_names)) < 4 or "" in spec.command_names:
+        raise UsageError("the four commands need four different names", where=f"{where} commands")
+    _check_room(spec, where)
+    for name, low, high in zip(spec.command_names, spec.command_lower, spec.command_upper, strict=True):
+        _check_order(f"command {name}", low, high, where)
+    if spec.thrust is not None:
+        _check_order("thrust", *spec.thrust, where)
+        if not spec.thrust[0] < GRAVITY < spec.thrust[1]:
+            raise UsageError(
+                f"with a thrust of {spec.thrust[0]:g} to {spec.thrust[1]:g} m/s^2 it cannot hover",
+                where=f"{where} thrust",
+                next_step=f"The limits are per mass and have {GRAVITY} between them.",
+            )
+    vehicle = spec.vehicle
+    if vehicle is not None and vehicle.hover_voltage >= vehicle.voltage_limit:
+        raise UsageError(
+            f"it would hover at {vehicle.hover_voltage:.3g} V, over its limit of {vehicle.voltage_limit:g} V",
+            where=f"{where} [vehicle]",
+            next_step="Check mass, thrust_constant, motor_constant and resistance; all are SI.",
+        )
+
+
+def _vehicle_numbers(vehicle: Vehicle) -> dict[str, float]:
+    plain = {k: v for k, v in vars(vehicle).items() if isinstance(v, float)}
+    return {**plain, **{f"inertia {axis}": value for axis, value in zip("xyz", vehicle.inertia, strict=True)}}
+
+
+def _check_room(spec: QuadrotorSpec, where: str) -> None:
+    for axis, low, high, margin in zip("xyz", spec.lower, spec.upper, spec.margins, strict=True):
+        _check_order(f"{axis} of the box", low, high, where)
+        if high - low <= 2.0 * margin:
+            raise UsageError(
+                f"the box is {high - low:g} m wide in {axis}, which two margins of {margin:g} m fill",
+                where=f"{where} margin",
+                next_step="Give it more room, or a smaller margin that its controller can keep.",
+            )
+    kept = spec.lower[2] + spec.margins[2]
+    if spec.ground is not None and not (math.isfinite(spec.ground) and spec.ground < kept):
+        raise UsageError(
+            f"the ground at {spec.ground:g} m is not below {kept:g} m, the lowest that a flight may be",
+            where=f"{where} ground",
+            next_step="It is the height of the vehicle's centre where it stands.",
+        )
+    if spec.radius is not None and spec.radius <= spec.margin:
+        raise UsageError(
+            f"the margin of {spec.margin:g} m fills the cylinder of radius {spec.radius:g} m",
+            where=f"{where} margin",
+            next_step="Give it more room, or a smaller margin that its controller can keep.",
+        )
+
+
+def _check_order(name: str, low: float, high: float, where: str) -> None:
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise UsageError(
+            f"{name} runs from {low} to {high}: the lower limit must be below the upper", where=where
+        )
+
+
+def unit_suspicion(spec: QuadrotorSpec) -> str:
+    """A sentence if a figure looks like degrees, millimetres, grams or millivolts, else an empty string."""
+    if spec.tilt is not None and spec.tilt > 0.5 * math.pi:
+        return f"a tilt of {spec.tilt:g} looks like degrees, not radians"
+    if max(map(abs, (*spec.lower, *spec.upper))) > 1000.0 or spec.speed > 100.0:
+        return "the box or the speed looks like millimetres, not metres"
+    if spec.command_unit == "V" and max(spec.command_upper) > 200.0:
+        return f"a command of {max(spec.command_upper):g} looks like millivolts, not volts"
+    vehicle = spec.vehicle
+    if vehicle is not None and vehicle.mass > 25.0:
+        return f"a mass of {vehicle.mass:g} looks like grams, not kilograms"
+    if vehicle is not None and vehicle.arm > 5.0:
+        return f"an arm of {vehicle.arm:g} looks like millimetres, not metres"
+    return ""
+
+
+def spec_to_toml(spec: QuadrotorSpec) -> str:
+    """TOML text that reads back to the same spec."""
+    vehicle = None if spec.vehicle is None else msgspec.to_builtins(spec.vehicle)
+    table = QuadrotorTable(
+        kind=KIND,
+        name=spec.name,
+        commands=spec.command_names,
+        command_unit=spec.command_unit,
+        command_lower=spec.command_lower,
+        command_upper=spec.command_upper,
+        rate=spec.rate,
+        lower=spec.lower,
+        upper=spec.upper,
+        speed=spec.speed,
+        margin=spec.margin,
+        vertical_margin=spec.vertical_margin,
+        ground=spec.ground,
+        climb=spec.climb,
+        descent=spec.descent,
+        radius=spec.radius,
+        tilt=spec.tilt,
+        thrust=spec.thrust,
+        plant=spec.plant,
+        units_checked=bool(unit_suspicion(spec)),
+    )
+    lines = [
+        f"{key} = {_text(value)}" for key, value in msgspec.to_builtins(table).items() if value is not None
+    ]
+    if vehicle is not None:
+        lines += ["", "[vehicle]", *(f"{key} = {_text(value)}" for key, value in vehicle.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Any) -> str:
+    # JSON's strings, numbers and arrays are TOML too, but for one control character
+    return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f")

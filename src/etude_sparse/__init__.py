@@ -1,0 +1,13 @@
+"""Members that no default uses: dictionaries, sparse spectra, online and local models."""
+
+PUBLIC = (
+    "dictionary",
+    "dictionary_stream",
+    "downsampled",
+    "local",
+    "sogp",
+    "sparse_spectrum",
+    "sparse_spectrum_training",
+    "spectral_features",
+)
+"""Modules that may be used from outside."""
