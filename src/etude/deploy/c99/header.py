@@ -176,7 +176,7 @@ def _faded(form: Form) -> str:
 def _flags(upper: str, form: Form) -> str:
     if form.fade:
         said = (
-            ("FAR", "a command is physics alone, or 0 without: nothing was learned of it there"),
+            ("FAR", "a command is physics alone, or a level: nothing was learned of it there"),
             (
                 "UNTRAINED",
                 "a command's deviation is more than twice that of training: outside of what was learned",
