@@ -27,6 +27,7 @@ from pinocchio_arm import Reference, arm_of_urdf
 from pinocchio_arm import run as play
 
 import etude
+from etude.contracts import Motion
 from etude_online.runtime import open_online
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -110,6 +111,10 @@ def test_a_file_the_graph_and_the_online_folder_say_the_same(learned: Path, tmp_
     assert np.abs((graph(learned, tmp_path, whole) - wanted) / TORQUE).max() <= SMALL
     etude.export(learned, "online", tmp_path / "online")
     online = open_online(tmp_path / "online")
+    shares = online.outside(Motion(t, whole))
+    beyond = model.outside(states(whole, t)).mean(axis=0)
+    assert shares == dict(zip(JOINTS, beyond.tolist(), strict=True))
+    assert max(shares.values()) > 0.0
     ticks = [online.command(i / 50.0, states(row))[0] for i, row in enumerate(np.swapaxes(whole, 0, 1))]
     assert np.abs((np.stack(ticks) - within(wanted)) / TORQUE).max() <= SMALL
 
