@@ -21,6 +21,8 @@ Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""
 REMEMBERED = "memory"
 """The op of columns that remember, and the graph's input of what they do."""
+AFTER = "memory_after"
+"""The graph's output of what is to be given in the next call."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def written(
     inputs = {"states": sum(widths[name] for name in parts.reads)}
     if after:
         inputs[REMEMBERED] = parts.memory
-        outputs["memory_after"] = (joined(after).name, parts.memory)
+        outputs[AFTER] = (joined(after).name, parts.memory)
     text = "States, in the order of `states`, to commands, in the order of `commands`; see the properties."
     return graph.model(inputs, outputs, words or {}, text)
 
