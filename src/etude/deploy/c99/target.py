@@ -223,6 +223,7 @@ def _offer(model: LearnedModel, made: Files) -> str:
     for number, process in enumerate(processes.values()):
         code = process.c(f"p{number}") if process is not None else None
         operations += 0 if code is None else sum(code.operations[: 1 + made.form.deviations])
+    operations *= 1 + made.form.fade  # as `Plan.operations`: in doubt it asks twice
     return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
 
 
