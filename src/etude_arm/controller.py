@@ -26,7 +26,7 @@ class Fading(Protocol):
 class ModelController:
     """The model's mean command, clipped, and faded out where the model knows no better than before any data.
 
-    It fades to the physics that the model stands on, or to zero (implements `protocols.Controller`).
+    It fades to the physics that the model stands on, or to a level (implements `protocols.Controller`).
 
     Attributes:
         model: predicts the command's mean and variance from states.

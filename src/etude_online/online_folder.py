@@ -231,7 +231,8 @@ robot.save("tonight.npz")                     # open_online("this folder", "toni
 `measured` holds {measured}, one array each, and states that are measured besides. `t` is in
 seconds; if the clock jumps, learning goes on by a clock of its own. Whatever is measured, the
 command stays finite, within its limits, and near the trained model's (certificate.json).
-`robot.reports()` gives a sentence for each reaction of the guard.
+`robot.reports()` gives a sentence for each reaction of the guard. `robot.outside(motion)` gives, before a
+run, the share of a plan's rows at which each command is outside of what was trained, as `etude predict` does.
 
 A changed file is refused (hashes.json). The hashes find damage; they are no signature.
 """

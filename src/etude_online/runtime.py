@@ -68,6 +68,14 @@ class Deployed:
         """Asks the trained model for a whole plan at once, for cheaper ticks; None: they still go on."""
         return self._online.planned(motion)
 
+    def outside(self, motion: Motion) -> dict[str, float]:
+        """The share of a plan's rows at which each command lies outside of what was trained
+        (`models.trust.outside`): what `etude predict` says of it. For before a run, not for a tick.
+        """
+        model = self._online.model
+        beyond = model.outside(model.inputs.states(motion))
+        return dict(zip(self.names, beyond.mean(axis=0).tolist(), strict=True))
+
     def command(self, t: float, row: Row) -> tuple[Array, Array]:
         """The command (J,) for the planned row of time t in s, within its limits, and its deviation (J,).
 

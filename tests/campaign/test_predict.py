@@ -153,6 +153,9 @@ def test_only_what_was_given_is_passed_on() -> None:
     assert given(real=None, variance=False, rate=0.0, more=("a-b=c=d",)) == {"rate": 0.0, "a_b": "c=d"}
     with pytest.raises(UsageError, match="NAME=VALUE"):
         given(more=("x",))
+    for twice in (("seed=1", "seed=1"), ("half-life=3", "half_life=4")):
+        with pytest.raises(UsageError, match="is given twice"):
+            given(more=twice)
     with pytest.raises(UsageError, match="--to t has no option --a-b"):
         taken({"a_b": 1}, Empty, "t")
 

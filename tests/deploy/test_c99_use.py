@@ -264,7 +264,25 @@ def test_too_slow_for_the_rate_offers_the_best_candidate_alone(monkeypatch: pyte
     (warning,) = (s for s in said if s.startswith("WARNING"))
     assert "more than the 10 us at 100000 Hz" in warning
     assert any(s.startswith("--single takes the best candidate alone") for s in said)
+    (offer,) = (s for s in said if s.startswith("--single"))
+    (took,) = (s for s in C99(both, ARM, arm_spec(), {"rate": 100000.0, "single": True}).said if "About" in s)
+    assert float(offer.split("about ")[1].split()[0]) == pytest.approx(_us(took), rel=0.2)
+    (bare,) = (s for s in said if s.startswith("--no-fade takes about"))
+    least = float(bare.split()[3])
+    assert least < float(warning.split()[2])
     assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
+
+
+def _us(said: str) -> float:
+    return float(said.split("About ")[1].split()[0])
+
+
+def test_the_time_of_a_call_is_told_where_no_rate_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etude.deploy.c99.target.built", lambda *_: None)
+    model = arm_model("exact", "ard_se", points=24)
+    assert any("of the time at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
+    monkeypatch.setattr("etude.deploy.c99.target.CLOCK", 1e6)
+    assert any("more than the 1000 us at 1000 Hz" in s for s in C99(model, ARM, arm_spec(), {}).said)
 
 
 def test_the_best_candidate_alone_is_the_one_that_weighs_most() -> None:

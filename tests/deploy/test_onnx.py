@@ -20,9 +20,10 @@ from c_models import (
     quadrotor_spec,
 )
 
+from etude.deploy.onnx import target
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import ONNX, in_turn, taken_by
-from etude.errors import UsageError
+from etude.errors import EtudeError, UsageError
 from etude.models.given import followed
 from etude.models.gp.exact import posterior_given
 from etude.models.linear import LinearPhysics
@@ -94,12 +95,13 @@ def agrees(model: LearnedModel, dtype: Any, small: float, spec: Any = None) -> N
     log, states = near(model, dtype, spec)
     parts, limit = parts_of(model), np.asarray(ARM.limit(spec)).min()
     widths = taken_by(parts, ARM.channels(spec)).widths
-    command, variance = in_turn(written(parts, widths, dtype, variance=True), parts, states)
+    own = in_turn(written(parts, widths, dtype, variance=True), parts, states)
+    command, variance = own["command"], own["variance"]
     mean, spread = model.predict(log)
     assert np.abs(command - mean).max() <= small * limit
     assert np.abs(variance - spread).max() <= small * limit**2
     one = in_turn(written(parts, widths, dtype, variance=False), parts, states[:1])
-    assert np.abs(one[0] - command[:1]).max() <= small * limit
+    assert np.abs(one["command"] - command[:1]).max() <= small * limit
 
 
 @pytest.mark.parametrize("name", ["mixed", "ssgp", "standing"])
@@ -118,7 +120,7 @@ def test_a_variance_is_never_below_its_noise() -> None:
     candidates = tuple(replace(c, process=Posteriors((sure,))) for c in model.candidates)
     states = own.X[:, :12].astype(np.float32)
     doubtless = replace(model, candidates=candidates)
-    _, variance = in_turn(written_of(doubtless, np.float32), parts_of(doubtless), states)
+    variance = in_turn(written_of(doubtless, np.float32), parts_of(doubtless), states)["variance"]
     noise = [c.calibration[0] * c.units[1, 0] ** 2 * 1e-6 for c in candidates]
     assert (variance >= np.array(noise) * (1.0 - 1e-5)).all()
 
@@ -144,6 +146,59 @@ def test_the_file_says_what_it_takes_and_gives() -> None:
     assert words["commands"].startswith("waist [pwm], shoulder")
     assert [entry.version for entry in read.opset_import] == [17]
     assert found.facts["deviation"] <= 1e-4
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("fade", [True, "no"])
+@pytest.mark.parametrize("variance", [False, "yes"])
+def test_any_outputs_together_are_right(variance: bool | str, fade: bool | str, real: str) -> None:
+    """Each by its name, whatever stands beside it, switches as Python or a command line gives them."""
+    model = CASES["mixed"]()
+    given = {"outside": "yes", "variance": variance, "fade": fade, "real": real}
+    found = ONNX(model, ARM, arm_spec(), given)
+    (data,) = found.files.values()
+    log, states = near(model, np.float64 if real == "double" else np.float32)
+    log, states = ahead(log, 12), states[:12]
+    own = in_turn(data, parts_of(model), states)
+    told = model.predict(log, fade=fade is True)
+    assert list(own) == ["command", *["variance"] * bool(variance), "outside"]
+    assert np.abs(own["command"] - told.mean).max() <= 1e-4 * LIMIT.min()
+    assert (own["outside"] == model.outside(log)).all()
+    assert ("Outside: " in " ".join(found.said)) is (fade is True)
+
+
+def ahead(log: Log, rows: int) -> Log:
+    return Log(log.t[:rows], log.channels, {name: values[:rows] for name, values in log.values.items()})
+
+
+def test_a_switch_that_is_none_is_named() -> None:
+    model = arm_model("exact", "ard_se", points=12)
+    with pytest.raises(UsageError, match="variance is yes or no, not 'maybe'"):
+        ONNX(model, ARM, arm_spec(), {"variance": "maybe"})
+
+
+@pytest.mark.parametrize(
+    ("real", "off", "words", "step"),
+    [
+        ("double", {np.float64: 1e-3}, "the exported graph differs from Python by 1.0e-03", "report it"),
+        ("float", {np.float64: 1e-3, np.float32: 2e-3}, "the exported graph differs", "report it"),
+        (
+            "float",
+            {np.float64: 1e-12, np.float32: 2e-3},
+            "float is wrong .* 2.0e-03 .* 1.0e-12",
+            "--real double",
+        ),
+    ],
+)
+def test_advice_is_of_the_cause(
+    monkeypatch: pytest.MonkeyPatch, real: str, off: dict[Any, float], words: str, step: str
+) -> None:
+    """Double is advised where it is right, and to nobody who has it; a wrong graph is a bug."""
+    monkeypatch.setattr(target, "deviation", lambda *given, **_: off[given[4]])
+    with pytest.raises(EtudeError, match=words) as problem:
+        ONNX(arm_model("exact", "ard_se", points=12), ARM, arm_spec(), {"real": real})
+    assert step in problem.value.next_step
+    assert problem.value.exit_code == (2 if "--real" in step else 1)
 
 
 def test_what_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,7 +248,7 @@ def test_memory_is_carried_from_call_to_call() -> None:
     parts, low, high = parts_of(model), *model.ranges[:, :12]
     there = np.linspace(low, high, 12) * np.repeat([1.0, 0.0, 0.0], 4)
     states = np.concatenate([there, there[::-1]])
-    (command,) = in_turn(data, parts, states)
+    command = in_turn(data, parts, states)["command"]
     assert parts.memory == 2 * 9
     assert np.abs(command[:12] - command[:11:-1])[1:-1].max() > 0.01 * LIMIT.min()
     assert "zeros at the start of a run" in " ".join(found.said)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
 import sys
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+
+from ros_stubs import Record, Ros, installed, loaded
 
 START = {"a": 0.1, "b": -0.2}
 ROW = "nanoseconds,position/a,position/b,velocity/a,velocity/b,acceleration/a,acceleration/b\n"
@@ -22,124 +22,10 @@ SETPOINTS = (
 )
 
 
-class Record:
-    """A message: whatever fields are set."""
-
-    def __init__(self, **fields: Any) -> None:
-        self.__dict__.update(fields)
-
-
-class Ros:
-    """What a robot and its controller do with a player, and what they heard."""
-
-    def __init__(self) -> None:
-        self.now, self.sent, self.goal = 0, [], None
-        self.state: dict[str, float] = dict(START)
-        self.answers, self.accepted, self.code = True, True, 0
-        self.callbacks: dict[str, Callable[[Any], None]] = {}
-        self.timers: list[Callable[[], None]] = []
-        self.script: Callable[[Ros], bool] = lambda _: True
-
-    def spin(self, *_: Any, **__: Any) -> None:
-        self.now += 20_000_000
-        if "/joint_states" in self.callbacks:
-            self.callbacks["/joint_states"](Record(name=list(self.state), position=list(self.state.values())))
-        for timer in self.timers:
-            timer()
-
-
-class Node:
-    ros: Ros
-
-    def __init__(self, name: str) -> None: ...
-    def get_clock(self) -> Any:
-        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.ros.now))
-
-    def create_subscription(self, _: Any, topic: str, callback: Any, __: Any) -> None:
-        self.ros.callbacks[topic] = callback
-
-    def create_publisher(self, kind: Any, topic: str, _: Any) -> Any:
-        return SimpleNamespace(publish=lambda m: self.ros.sent.append((topic, m)))
-
-    def create_timer(self, _: float, callback: Any) -> None:
-        self.ros.timers.append(callback)
-
-    def destroy_node(self) -> None: ...
-
-
-def future(result: Any) -> Any:
-    return SimpleNamespace(result=lambda: result)
-
-
-def client_of(ros: Ros) -> type:
-    class Client:
-        def __init__(self, _: Any, __: Any, name: str) -> None:
-            assert name == "/joint_trajectory_controller/follow_joint_trajectory"
-
-        def wait_for_server(self, timeout_sec: float) -> bool:
-            return ros.answers
-
-        def send_goal_async(self, goal: Any) -> Any:
-            ros.goal = goal
-            ended = future(Record(result=Record(error_code=ros.code, error_string="tolerance")))
-            return future(Record(accepted=ros.accepted, get_result_async=lambda: ended))
-
-    return Client
-
-
-class Action:
-    class Goal:
-        def __init__(self) -> None:
-            self.trajectory = Record()
-
-    class Result:
-        SUCCESSFUL = 0
-
-
-def module(name: str, **content: Any) -> ModuleType:
-    made = ModuleType(name)
-    made.__dict__.update(content)
-    return made
-
-
 @pytest.fixture
 def ros(monkeypatch: pytest.MonkeyPatch) -> Ros:
-    own = Ros()
-
-    class OwnNode(Node):
-        ros = own
-
-    profile: dict[str, Any] = {
-        name: type(name, (), {"BEST_EFFORT": 0, "TRANSIENT_LOCAL": 0, "KEEP_LAST": 0})
-        for name in ("DurabilityPolicy", "HistoryPolicy", "ReliabilityPolicy")
-    }
-    status = type("VehicleStatus", (Record,), {"NAVIGATION_STATE_OFFBOARD": 14})
-    modules = [
-        module(
-            "rclpy",
-            init=lambda: None,
-            shutdown=lambda: None,
-            ok=lambda: own.script(own),
-            spin_once=own.spin,
-            spin_until_future_complete=own.spin,
-        ),
-        module("rclpy.node", Node=OwnNode),
-        module("rclpy.action", ActionClient=client_of(own)),
-        module("rclpy.qos", QoSProfile=Record, **profile),
-        module("builtin_interfaces.msg", Duration=Record),
-        module("control_msgs.action", FollowJointTrajectory=Action),
-        module("sensor_msgs.msg", JointState=Record),
-        module("trajectory_msgs.msg", JointTrajectoryPoint=Record),
-        module(
-            "px4_msgs.msg",
-            OffboardControlMode=Record,
-            TrajectorySetpoint=Record,
-            VehicleLocalPosition=Record,
-            VehicleStatus=status,
-        ),
-    ]
-    for one in modules:
-        monkeypatch.setitem(sys.modules, one.__name__, one)
+    own = installed(monkeypatch)
+    own.state = dict(START)
     return own
 
 
@@ -148,12 +34,7 @@ def player(name: str, folder: Path, table: str, text: str) -> Any:
     path = folder / "play.py"
     shutil.copy(str(files("etude.deploy.exporters") / "players" / name), path)
     (folder / table).write_text(text)
-    spec = importlib.util.spec_from_file_location("etude_player", path)
-    assert spec
-    assert spec.loader
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    return loaded(path)
 
 
 @pytest.fixture

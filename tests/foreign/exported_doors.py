@@ -125,25 +125,25 @@ def legal(count: int, seed: int = 5) -> Array:
 
 
 PROGRAM = """\
-#include "small.h"
+#include "NAME.h"
 #include <stdio.h>
 int main(void)
 {
-    small_state state;
-    small_real in[SMALL_INPUTS], out[3][SMALL_COMMANDS];
+    NAME_state state;
+    NAME_real in[UPPER_INPUTS], out[3][UPPER_COMMANDS];
     int i, k;
-    small_init(&state);
+    NAME_init(&state);
     for (;;) {
         unsigned flags;
-        for (i = 0; i < SMALL_INPUTS; ++i)
+        for (i = 0; i < UPPER_INPUTS; ++i)
             if (scanf("%lf", &in[i]) != 1)
                 return 0;
-        flags = small_mean(&state, in, out[0]);
-        small_instant(in, out[1]);
-        small_gravity(in, out[2]);
+        flags = NAME_mean(&state, in, out[0]);
+        NAME_instant(in, out[1]);
+        NAME_gravity(in, out[2]);
         printf("%u", flags);
         for (k = 0; k < 3; ++k)
-            for (i = 0; i < SMALL_COMMANDS; ++i)
+            for (i = 0; i < UPPER_COMMANDS; ++i)
                 printf(" %.17g", out[k][i]);
         printf("\\n");
     }
@@ -151,15 +151,16 @@ int main(void)
 """
 
 
-def built(folder: Path) -> Path:
-    """The receiver's program beside exported C, compiled with every warning an error."""
-    (folder / "main.c").write_text(PROGRAM, encoding="utf-8")
-    run([tool("gcc"), *STRICT, "-O2", "main.c", "small.c", "-lm", "-o", "main"], folder)
+def built(folder: Path, name: str = "small") -> Path:
+    """The receiver's program beside exported C of that name, compiled with every warning an error."""
+    program = PROGRAM.replace("NAME", name).replace("UPPER", name.upper())
+    (folder / "main.c").write_text(program, encoding="utf-8")
+    run([tool("gcc"), *STRICT, "-O2", "main.c", f"{name}.c", "-lm", "-o", "main"], folder)
     return folder / "main"
 
 
 def asked(program: Path, orders: Array) -> tuple[NDArray[np.int64], Array]:
-    """Flags (T,), and what small_mean, small_instant and small_gravity say (3, T, J)."""
+    """Flags (T,), and what NAME_mean, NAME_instant and NAME_gravity say (3, T, J)."""
     rows = np.concatenate([*orders], axis=1)
     text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
     (program.parent / "rows").write_text(text, encoding="utf-8")

@@ -148,11 +148,13 @@ def _norm(v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Body:
-    """The vehicle: hover is the part of full thrust at which it really hovers; motors lag, s; drag in 1/s."""
+    """The vehicle: hover is the part of full thrust at which it really hovers; motors lag, s;
+    drag in 1/s, of all axes or of each.
+    """
 
     hover: float = 0.5
     motors: float = 0.05
-    drag: float = 0.0
+    drag: float | tuple[float, float, float] = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +181,67 @@ def padded(tables: Sequence[Array], rate: float, before: float, after: float) ->
     return np.stack(columns, axis=1)
 
 
+@dataclass(eq=False)
+class Vehicles:
+    """B vehicles and their controllers, a step of `dt` at a time.
+
+    Attributes:
+        position: (B, 3) m where they are, at rest. ground: (B,) m, down, of the centre where it stands; NaN:
+            it hovers. One that begins on the ground takes off by PX4's ramp once a set-point is above it.
+        given, body: the controller's and the vehicle's parameters.
+        dt: s of a step of both; PX4's own is 8 to 10 ms.
+    """
+
+    position: Array
+    ground: Array
+    given: Parameters = field(default_factory=Parameters)
+    body: Body = field(default_factory=Body)
+    dt: float = 0.01
+
+    def __post_init__(self) -> None:
+        count = len(self.position)
+        stands = np.abs(self.position[:, 2] - self.ground) < 0.02
+        self.position = self.position.copy()
+        self.velocity, self.rate_seen = np.zeros((count, 3)), np.zeros((count, 3))
+        self.force = np.where(stands[:, None], 0.0, np.array([0.0, 0.0, -G]))
+        self.control = PositionControl((count,), self.given)
+        self.progress, self.wants = np.where(stands, 0.0, 1.0), ~stands
+
+    def step(self, row: Array) -> None:
+        """Position, velocity and acceleration (B, 9) are the set-points."""
+        p, dt = self.given, self.dt
+        place, speed, acceleration = row[:, :3], row[:, 3:6], row[:, 6:9].copy()
+        self.wants = self.wants | (place[:, 2] < self.position[:, 2] - 1e-6)
+        rises = self.wants & (self.progress < 1.0)
+        self.progress = np.where(rises, np.minimum(self.progress + dt / p.ramp, 1.0), self.progress)
+        flies = self.progress >= 1.0
+        first = -G / p.z_vel[0]
+        up = np.where(flies, p.up_max, first + self.progress * (p.up_max - first))
+        acceleration[:, 2] = np.where(flies, acceleration[:, 2], 0.0)
+        tilt, least = np.where(flies, p.tilt_air, p.tilt_landed), np.where(flies, p.thrust_min, 0.0)
+        state = self.position, self.velocity, self.rate_seen
+        thrust = self.control.thrust(state, (place, speed, acceleration), dt, up, tilt, least)
+        self.control.integral[~self.wants] = 0.0
+        thrust[~self.wants] = 0.0
+        self._move(thrust * (G / self.body.hover))
+
+    def _move(self, wanted: Array) -> None:
+        dt = self.dt
+        turn, spin = 1.0 - math.exp(-self.given.roll_p * dt), 1.0 - math.exp(-dt / self.body.motors)
+        self.force = _followed(self.force, wanted, turn, spin)
+        total = self.force + np.array([0.0, 0.0, G]) - np.asarray(self.body.drag) * self.velocity
+        velocity = self.velocity + total * dt
+        position = self.position + velocity * dt
+        below = position[:, 2] >= self.ground
+        position[below, 2] = self.ground[below]
+        velocity[below] = np.minimum(velocity[below], np.array([np.inf, np.inf, 0.0])) * np.array(
+            [0.0, 0.0, 1.0]
+        )
+        self.position, self.velocity = position, velocity
+        kept = math.exp(-2.0 * math.pi * self.given.rate_filter * dt)
+        self.rate_seen = kept * self.rate_seen + (1.0 - kept) * np.where(below[:, None], 0.0, total)
+
+
 def fly(
     rows: Array,
     rate: float = 50.0,
@@ -192,50 +255,16 @@ def fly(
 
     Args:
         rows: (N, B, 9) position, velocity, acceleration, `rate` a second; each is held until the next.
-        given, body: the controller's and the vehicle's parameters.
-        ground: (B,) m, down, of the centre where it stands; NaN: it hovers at the first set-point. One that
-            begins on the ground is armed there, and takes off by PX4's ramp.
-        dt: s of a step of both; PX4's own is 8 to 10 ms.
+        given, body, ground, dt: as of `Vehicles`; without ground all hover at their first set-points.
     """
-    p, vehicle = given or Parameters(), body or Body()
-    count = rows.shape[1]
-    floor = np.full(count, np.nan) if ground is None else np.asarray(ground, dtype=float)
-    stands = np.abs(rows[0, :, 2] - floor) < 0.02
-    position, velocity = rows[0, :, :3].copy(), np.zeros((count, 3))
-    rate_seen = np.zeros((count, 3))
-    force = np.where(stands[:, None], 0.0, np.array([0.0, 0.0, -G]))
-    control, progress = PositionControl((count,), p), np.where(stands, 0.0, 1.0)
-    wants = ~stands
-    kept = math.exp(-2.0 * math.pi * p.rate_filter * dt)
-    turn, spin = 1.0 - math.exp(-p.roll_p * dt), 1.0 - math.exp(-dt / vehicle.motors)
+    floor = np.full(rows.shape[1], np.nan) if ground is None else np.asarray(ground, dtype=float)
+    own = Vehicles(rows[0, :, :3], floor, given or Parameters(), body or Body(), dt)
     steps = round(len(rows) / rate / dt)
-    out = np.zeros((3, steps, count, 3))
+    out = np.zeros((3, steps, rows.shape[1], 3))
     for k in range(steps):
         row = rows[min(int(k * dt * rate + 1e-6), len(rows) - 1)]
-        place, speed, acceleration = row[:, :3], row[:, 3:6], row[:, 6:9].copy()
-        out[:, k] = position, velocity, place
-        wants = wants | (place[:, 2] < position[:, 2] - 1e-6)
-        progress = np.where(wants & (progress < 1.0), np.minimum(progress + dt / p.ramp, 1.0), progress)
-        flies = progress >= 1.0
-        first = -G / p.z_vel[0]
-        up = np.where(flies, p.up_max, first + progress * (p.up_max - first))
-        acceleration[:, 2] = np.where(flies, acceleration[:, 2], 0.0)
-        tilt, least = np.where(flies, p.tilt_air, p.tilt_landed), np.where(flies, p.thrust_min, 0.0)
-        state = position, velocity, rate_seen
-        thrust = control.thrust(state, (place, speed, acceleration), dt, up, tilt, least)
-        control.integral[~wants] = 0.0
-        thrust[~wants] = 0.0
-        wanted = thrust * (G / vehicle.hover)
-        force = _followed(force, wanted, turn, spin)
-        total = force + np.array([0.0, 0.0, G]) - vehicle.drag * velocity
-        velocity = velocity + total * dt
-        position = position + velocity * dt
-        below = position[:, 2] >= floor
-        position[below, 2] = floor[below]
-        velocity[below] = np.minimum(velocity[below], np.array([np.inf, np.inf, 0.0])) * np.array(
-            [0.0, 0.0, 1.0]
-        )
-        rate_seen = kept * rate_seen + (1.0 - kept) * np.where(below[:, None], 0.0, total)
+        out[:, k] = own.position, own.velocity, row[:, :3]
+        own.step(row)
     return Flown(np.arange(steps) * dt, *out)
 
 

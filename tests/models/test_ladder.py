@@ -63,6 +63,8 @@ def test_a_new_motion_is_predicted_with_honest_variances(config: ModelConfig, da
 def test_every_rung_can_be_asked_for_by_name(rung: str, config: ModelConfig, data) -> None:
     model = train(data, replace(config, rung=rung))
     mean, variance = model.posterior(trajectory(9).log)
+    told, seen = model.predict(data.log).mean, model.posterior(data.log)[0]
+    np.testing.assert_allclose(told, seen, atol=0.01 * np.ptp(data.command))  # trusted where it was trained
     assert model.chosen == (rung, rung)
     assert np.isfinite(mean).all()
     assert (variance > 0.0).all()
@@ -259,7 +261,10 @@ def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
     np.testing.assert_allclose(model.safe(new), physics.predict(new), rtol=1e-9)
     gp = full.model.of_rung("gp")
     np.testing.assert_allclose(gp.static(new), gp.mean(still), rtol=1e-9)
-    assert not gp.safe(new).any()
+    levels = gp.safe(new)
+    assert np.all(levels == levels[0])  # without physics a level, between 0 and the mean of training
+    offset = np.concatenate([c.units[0] for c in gp.candidates if c.rung == "gp"])
+    assert np.all((levels[0] / offset > 0.0) & (levels[0] / offset < 1.0))
     np.testing.assert_allclose(full.model.of_rung("identified+gp").safe(new), physics.predict(new), rtol=1e-9)
 
 

@@ -81,7 +81,7 @@ def test_no_noise_makes_a_known_command_fade() -> None:
     np.testing.assert_array_equal(variance, same)
     assert variance[1, 0] - variance[0, 0] == pytest.approx(1.5 * 9.0 * 400.0, rel=1e-6)
     assert mean[0, 0] > 0.3
-    np.testing.assert_array_equal(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0])
+    np.testing.assert_allclose(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0], rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(replace(model, least=one).predict(states)[0], 0.0)
 
 

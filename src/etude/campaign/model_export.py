@@ -103,12 +103,17 @@ def given(**options: Any) -> dict[str, Any]:
     """The options that somebody gave: those that are neither None nor False nor empty.
 
     Raises:
-        UsageError: `more`, as key=value, that is none.
+        UsageError: `more`, as key=value, that is none, or an option that is given twice.
     """
     found = {n: v for n, v in options.items() if not (v is None or v is False or v == "" or v == ())}
     for word in found.pop("more", ()):
         name, equals, value = word.partition("=")
         if not (name and equals):
             raise UsageError(f"--set takes NAME=VALUE, not {word!r}")
-        found[name.replace("-", "_")] = value
+        name = name.replace("-", "_")
+        if name in found:
+            raise UsageError(
+                f"{name} is given twice, as {found[name]!r} and as {value!r}", next_step="Give it once."
+            )
+        found[name] = value
     return found

@@ -27,8 +27,8 @@ class Export(Common):
     variance: bool = False
     """c, onnx: with the variance of each command beside the mean."""
     fade: bool = True
-    """c, ros2, onnx: commands fade to physics, or zero, where the model knows no more than before any data,
-    as `etude predict` does; this takes variances. --no-fade: the mean given the data everywhere.
+    """c, ros2, onnx: commands fade to physics, or a level, where the model knows no more than before any
+    data, as `etude predict` does; this takes variances. --no-fade: the mean given the data everywhere.
     """
     single: bool = False
     """In C: the best candidate of each command alone where several are averaged."""

@@ -8,7 +8,7 @@ import operator
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -43,6 +43,8 @@ COMMANDS = {
     "doctor": "etude.commands.doctor:Doctor",
 }
 """Their classes, in the order of the help."""
+AT_ONCE = ("UseAppendAction", "Positional")
+"""Marks of tuples that a second time adds to, or that have no name."""
 
 
 def command(arguments: Sequence[str]) -> Command:
@@ -53,9 +55,10 @@ def command(arguments: Sequence[str]) -> Command:
     first = arguments[0] if arguments else ""
     known = [first] if first in COMMANDS else list(COMMANDS)
     classes = {name: class_of(name) for name in known}
+    of_one = len(known) == 1
+    given = gathered(arguments[1:], _several(classes[first])) if of_one else list(arguments)
     for own in classes.values():
         in_words(own)
-    of_one = len(known) == 1
     page = Page(sys.stdout)
     try:
         with redirect_stdout(page):
@@ -63,12 +66,47 @@ def command(arguments: Sequence[str]) -> Command:
                 classes[first] if of_one else _any_of(classes),
                 prog=f"etude {first}" if of_one else "etude",
                 description=None if of_one else DESCRIPTION,
-                args=list(arguments[1:] if of_one else arguments),
+                args=given,
                 config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
             )
     finally:
         page.printed()
     return cast(Command, found)
+
+
+def gathered(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
+    """The arguments, those of an option of several words that stands twice as if it stood once, last.
+
+    argparse, and so tyro, would keep the words of the last one only and say nothing.
+    """
+    names = [word.partition("=")[0] for word in arguments]
+    if all(names.count(name) < 2 for name in several):
+        return list(arguments)
+    rest: list[str] = []
+    own: dict[str, list[str]] = {}
+    current = rest
+    for word, name in zip(arguments, names, strict=True):
+        if name in several:
+            current = own.setdefault(name, [name])
+            if "=" in word:  # takes this one word alone
+                current.append(word.partition("=")[2])
+                current = rest
+            continue
+        current = rest if word.startswith("--") else current
+        current.append(word)
+    return [*rest, *(word for words in own.values() for word in words)]
+
+
+def _several(command: type) -> list[str]:
+    """Options of a command that take several words at once."""
+    found = []
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        marks = getattr(hint, "__metadata__", ())
+        bare = get_args(hint)[0] if marks else hint
+        if tuple in (bare, get_origin(bare)) and not {*AT_ONCE} & {repr(mark) for mark in marks}:
+            called = [mark.name for mark in marks if getattr(mark, "name", None)]
+            found.append(f"--{called[0] if called else name.replace('_', '-')}")
+    return found
 
 
 def class_of(name: str) -> type:

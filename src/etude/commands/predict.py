@@ -16,7 +16,7 @@ from etude.commands.outcome import Outcome, Say
 class Predict(Common):
     """Write the commands that the model expects along a motion, each with its deviation, and where it is
     outside of what that command was learned from: its deviation is more than twice that of training. Commands
-    fade to physics, or to zero, where nothing is known, as in every export. The deviation is that of one
+    fade to physics, or to a level, where nothing is known, as in every export. The deviation is that of one
     sample as the model learns it, its noise included: logs are filtered or averaged to the model's rate.
     Single rows of a faster log scatter more.
     """

@@ -4,8 +4,10 @@ them.
 
 from __future__ import annotations
 
+import numpy as np
+
 from etude.models.model import LearnedModel
-from etude.models.parts import is_physical
+from etude.models.parts import is_physical, level_of
 
 
 def fading(model: LearnedModel) -> str:
@@ -15,8 +17,13 @@ def fading(model: LearnedModel) -> str:
     bare = [name for j, name in enumerate(model.commands) if j not in physical]
     if not bare:
         return "where the model knows no more than before any data its commands are those of physics alone."
-    whose = "every command goes" if len(bare) == len(model.commands) else f"those of {', '.join(bare)} go"
+    level = np.zeros(len(model.commands))
+    for c in model.candidates:
+        if c.weights.any() and not is_physical(c):
+            level[list(c.commands)] += c.weights * level_of(c)
+    told = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
     return (
-        f"where the model knows no more than before any data {whose} to 0, since no physics stand behind: "
-        "nothing but your feedback holds the robot there."
+        "where the model knows no more than before any data no physics stand behind these commands, and each "
+        f"goes to a level, the part of its mean in training that was steady: {told}. Nothing but your "
+        "feedback holds the robot there."
     )

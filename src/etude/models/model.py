@@ -16,7 +16,7 @@ from etude.models.contracts import share_of
 from etude.models.given import Run, as_log, as_run
 from etude.models.known import known_of
 from etude.models.linear import at_rest
-from etude.models.parts import Means, is_physical, noise_of, outputs, rests_of
+from etude.models.parts import Means, is_physical, level_of, noise_of, outputs, rests_of
 from etude.models.prediction import Prediction
 from etude.models.student_t import StudentT
 from etude.models.trust import outside, trusted
@@ -145,7 +145,7 @@ class LearnedModel:
         """What to command (n, J), and its variance (n, J), which includes noise and calibration.
 
         The mean of `posterior` where the model knows more than before any data. Elsewhere it fades to `safe`
-        by its own deviation: to physics where they are used, else to zero. Every export says the same.
+        by its own deviation: to physics where they are used, else to a level. Every export says the same.
 
         Args:
             log: a Log, arrays (n, parts) by channel, or a data frame; see `given.as_run`. Its rows are a
@@ -197,8 +197,11 @@ class LearnedModel:
         average, variance, noise = self._predicted(means, each)
         command, unknown = average, variance - noise
         if fade:
-            command = trusted(average, unknown, self.signal_deviation, self._safe(means))
+            command = self._faded(average, unknown, means)
         return Prediction.of(command, variance, unknown, run.said)
+
+    def _faded(self, average: Array, unknown: Array, means: Means) -> Array:
+        return trusted(average, unknown, self.signal_deviation, self._safe(means), self.known)
 
     def _predicted(
         self, means: Means, each: _Each, question: str = "predict", X: Array | None = None
@@ -266,7 +269,7 @@ class LearnedModel:
         if not fade:
             return self._weighted(len(log), [means.of(c) + outputs(c, X) for c, _ in self._in_use()])
         average, variance, noise = self._predicted(means, iter, X=X)
-        return trusted(average, variance - noise, self.signal_deviation, self._safe(means))
+        return self._faded(average, variance - noise, means)
 
     def gravity(self, q: Any) -> Array:
         """The same (n, J) in poses q (n, J), rad or m; with or without physics, of every rung.
@@ -288,13 +291,14 @@ class LearnedModel:
         return self.static({**still, position: q})
 
     def safe(self, log: Log) -> Array:
-        """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else zero."""
+        """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else
+        `parts.level_of`.
+        """
         return self._safe(Means(log))
 
     def _safe(self, means: Means) -> Array:
-        nothing = np.zeros((len(means.log), 1))
         parts = [
-            means.of(replace(c, units=np.zeros_like(c.units))) if is_physical(c) else nothing
+            means.of(replace(c, units=np.zeros_like(c.units))) if is_physical(c) else level_of(c)[None]
             for c, _ in self._in_use()
         ]
         return self._weighted(len(means.log), parts)

@@ -40,6 +40,21 @@ def is_physical(candidate: Candidate) -> bool:
     return candidate.rung.removesuffix("+gp") in PHYSICAL
 
 
+def level_of(candidate: Candidate) -> Array:
+    """(m,) what is known of a candidate's commands without its process and without physics, command units.
+
+    Their mean in training, less the more they moved about it: o³ / (o² + v) of a mean o and a variance v that
+    the process explains. That is the estimate of least squares of a level of which o is one sample, where o²
+    stands for the variance of levels. A load that is always there is kept; the mean of gravity over poses,
+    which is a guess at the next, is not.
+    """
+    assert candidate.process is not None
+    offset, factor = candidate.units
+    moved = factor**2 * candidate.process.signal_variance
+    whole = offset**2 + moved
+    return np.asarray(offset * offset**2 / np.where(whole > 0.0, whole, 1.0))
+
+
 def rests_of(candidate: Candidate) -> Sequence[Sequence[tuple[int, float]]]:
     """Of each command the noise at rest that its variance holds, as `gp.rest.rests`; few members know any."""
     return getattr(candidate.process, "rests", ()) or [()] * len(candidate.commands)

@@ -14,6 +14,10 @@ from etude.types import Array, Mask
 # Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
 # learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.
 TRUSTED, UNKNOWN = 0.5, 0.9
+NEVER = 1e30
+"""Variance that none exceeds, in float too: of commands that nothing says to be outside."""
+WIDER = 1.1
+"""Least part by which what is unknown grows from full trust to none."""
 LEAST = 1e-12
 """Least prior deviation, command units: where nothing was to be learned, the safe command is the mean."""
 OUTSIDE = 2.0
@@ -24,25 +28,40 @@ REACH = 0.25
 """Part of an input's range beyond which an uncalibrated model is not asked."""
 
 
-def trust(unknown: Array, signal_deviation: Array) -> Array:
+def thresholds(signal_deviation: Array, known: Array | float = 0.0) -> tuple[Array, Array]:
+    """(J,) what may be unknown of each command under full trust, and from where on there is none.
+
+    Args:
+        signal_deviation: (J,) of what was to be learned. known: (J,) of `known_in_training`: what lies inside
+            of what was learned is as good as its data, though noise hides much of a small signal. Where less
+            than that is unknown everywhere, a process adds no more than twice the deviation of training.
+    """
+    signal = np.maximum(signal_deviation, LEAST) ** 2
+    full = np.maximum(TRUSTED * signal, np.minimum(np.asarray(known) * (1.0 + ROUNDING), NEVER))
+    return full, np.maximum(UNKNOWN * signal, WIDER * full)
+
+
+def trust(unknown: Array, signal_deviation: Array, known: Array | float = 0.0) -> Array:
     """Weight (T, J) of a model's mean: 1 where what is unknown (T, J) is small against what was to be
-    learned, of deviation (J,), else 0.
+    learned, of deviation (J,), or the row not outside, else 0; see `thresholds`.
 
     A quintic step, so a feedforward along a smooth trajectory has no jumps in its first two derivatives.
 
     An arm's variances come without noise, at rest too: nothing can be learned of it, and beside physics,
     which leave little to learn, it would hide what was.
     """
-    ratio = unknown / np.maximum(signal_deviation, LEAST) ** 2
-    return 1.0 - smoothstep(np.clip((ratio - TRUSTED) / (UNKNOWN - TRUSTED), 0.0, 1.0))
+    full, none = thresholds(signal_deviation, known)
+    return 1.0 - smoothstep(np.clip((unknown - full) / (none - full), 0.0, 1.0))
 
 
-def trusted(mean: Array, unknown: Array, signal_deviation: Array, safe: Array) -> Array:
+def trusted(
+    mean: Array, unknown: Array, signal_deviation: Array, safe: Array, known: Array | float = 0.0
+) -> Array:
     """Commands (T, J): the mean where it is trusted, blended with the safe command elsewhere.
 
     Where nothing of the mean is trusted it may be no number at all.
     """
-    part = trust(unknown, signal_deviation)
+    part = trust(unknown, signal_deviation, known)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.where(part > 0.0, safe + part * (mean - safe), safe))
 

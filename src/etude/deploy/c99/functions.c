@@ -74,13 +74,14 @@ unsigned @NAME_gravity(const @NAME_real *input, @NAME_real *command)
 /* Commands blended with what is safe, by what is unknown of them: their variance without noise. */
 static unsigned @NAME_blended(real *command, const real *variance, const real *safe, const real *noise)
 {
-    static const real learned[@UPPER_COMMANDS] = {@SIGNAL}; /* one over what was to be learned */
+    static const real full[@UPPER_COMMANDS] = {@FULL}; /* so much may be unknown under full trust */
+    static const real span[@UPPER_COMMANDS] = {@SPANS}; /* from there to none */
     static const real known[@UPPER_COMMANDS] = {@KNOWN}; /* more is unknown outside of what was learned */
     unsigned flags = 0;
     int j;
     for (j = 0; j < @UPPER_COMMANDS; ++j) {
         const real unknown = variance[j] - noise[j];
-        const real s = (unknown * learned[j] - @TRUSTED) / @SPAN;
+        const real s = (unknown - full[j]) / span[j];
         const int believed = is_number(unknown) && s < R(1.0);
         if (!is_number(unknown) || unknown > known[j])
             flags |= @UPPER_UNTRAINED;

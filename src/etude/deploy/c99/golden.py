@@ -78,7 +78,7 @@ def _flags(plan: Plan, states: Array, unknown: Array, fade: bool) -> Index:
     """(T,) by what is unknown of commands; without fading by ranges, since nothing else is computed."""
     if fade:
         beyond = outside(unknown, plan.model.known)
-        far = trust(unknown, plan.model.signal_deviation) <= 0.0
+        far = trust(unknown, plan.model.signal_deviation, plan.model.known) <= 0.0
     else:
         wide = WIDENED * (plan.high - plan.low)
         beyond = (states < plan.low) | (states > plan.high)

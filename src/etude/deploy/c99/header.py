@@ -38,9 +38,14 @@ class Form:
 
 def header(plan: Plan, form: Form) -> str:
     """NAME.h"""
+    parts = (_use(plan, form), _tables_told(plan, form), _opening(plan, form), _names(plan), _state(plan))
+    return "".join([*parts, _functions(plan, form), _CLOSING])
+
+
+def _use(plan: Plan, form: Form) -> str:
+    """What it is and how to call it: the first part of the comment."""
     own, upper = plan.name, plan.name.upper()
     states, commands = parts_in_c(plan)
-    memory = f"    {own}_real memory[{plan.memory}];\n" if plan.memory else ""
     return f"""\
 /* {own}: commands of the robot {_plain(plan.name)} from its states, as learned by Etude {__version__}.
    Model (SHA-256 of its file): {form.digest or "none"}
@@ -63,6 +68,14 @@ def header(plan: Plan, form: Form) -> str:
    allocation, no global variable that changes, no input or output. One state may not be used by two threads
    at once; several states may.
 
+"""
+
+
+def _tables_told(plan: Plan, form: Form) -> str:
+    """Inputs, commands and flags: the rest of the comment."""
+    upper = plan.name.upper()
+    states, commands = parts_in_c(plan)
+    return f"""\
    Inputs, in this order, with the range of the data which the model was trained on. Any other may be asked:
 {_far(plan, form)}
 {_inputs(plan, states)}
@@ -76,6 +89,14 @@ def header(plan: Plan, form: Form) -> str:
      8 {upper}_LIMITED       a command was clamped to its limit
     16 {upper}_NO_ANSWER     a command was no number; it is 0
    Every command is a finite number, whatever the inputs, with -ffast-math too. */
+"""
+
+
+def _opening(plan: Plan, form: Form) -> str:
+    """The guard, sizes and the type of numbers."""
+    own, upper = plan.name, plan.name.upper()
+    states, commands = parts_in_c(plan)
+    return f"""\
 #ifndef {upper}_H
 #define {upper}_H
 
@@ -89,6 +110,14 @@ extern "C" {{
 
 typedef {form.real} {own}_real;
 
+"""
+
+
+def _names(plan: Plan) -> str:
+    """Places of inputs and commands, and bits of flags."""
+    upper = plan.name.upper()
+    states, commands = parts_in_c(plan)
+    return f"""\
 enum {{
 {_enum(upper, states)}
 }};
@@ -105,6 +134,14 @@ enum {{
     {upper}_NO_ANSWER = 16
 }};
 
+"""
+
+
+def _state(plan: Plan) -> str:
+    """What is remembered, and the tables that a caller may look at."""
+    own, upper = plan.name, plan.name.upper()
+    memory = f"    {own}_real memory[{plan.memory}];\n" if plan.memory else ""
+    return f"""\
 /* What is remembered from one call to the next. */
 typedef struct {{
     {own}_real last[{upper}_INPUTS];
@@ -117,6 +154,12 @@ extern const {own}_real {own}_least[{upper}_COMMANDS], {own}_most[{upper}_COMMAN
 /* Begins anew: nothing is remembered. */
 void {own}_init({own}_state *state);
 
+"""
+
+
+def _functions(plan: Plan, form: Form) -> str:
+    own = plan.name
+    return f"""\
 /* Commands from the states{_faded(form)}. Returns flags. */
 unsigned {own}_mean({own}_state *state, const {own}_real *input, {own}_real *command);
 
@@ -125,9 +168,12 @@ unsigned {own}_mean({own}_state *state, const {own}_real *input, {own}_real *com
 
 /* The part of the commands that holds the robot still in that position (gravity): rates count as 0. */
 unsigned {own}_gravity(const {own}_real *input, {own}_real *command);
-{_more(own, form)}
+{_more(own, form)}"""
+
+
+_CLOSING = """
 #ifdef __cplusplus
-}}
+}
 #endif
 
 #endif
@@ -176,7 +222,7 @@ def _faded(form: Form) -> str:
 def _flags(upper: str, form: Form) -> str:
     if form.fade:
         said = (
-            ("FAR", "a command is physics alone, or 0 without: nothing was learned of it there"),
+            ("FAR", "a command is physics alone, or a level: nothing was learned of it there"),
             (
                 "UNTRAINED",
                 "a command's deviation is more than twice that of training: outside of what was learned",

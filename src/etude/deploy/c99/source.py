@@ -14,8 +14,8 @@ from etude.deploy.c99.plan import WIDENED, Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
-from etude.models.parts import is_physical, rests_of
-from etude.models.trust import LEAST, ROUNDING, TRUSTED, UNKNOWN
+from etude.models.parts import is_physical, level_of, rests_of
+from etude.models.trust import NEVER, ROUNDING, thresholds
 
 
 def source(plan: Plan, form: Form) -> tuple[str, int]:
@@ -150,7 +150,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
         lines += _enough(plan, k) if form.fade else []
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
         lines += _loose(plan, k) if form.fade else []
-        physical = is_physical(candidate)
+        physical, level = is_physical(candidate), level_of(candidate)
         for i, j in enumerate(candidate.commands):
             weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
             source = f"from{means.index(plan.mean_of[k])}[{j}]" if plan.mean_of[k] else ""
@@ -160,6 +160,8 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
                 lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
                 if form.fade and physical and source:
                     lines.append(f"    safe[{j}] += {real(weight)} * {source};")
+                elif form.fade and not physical:
+                    lines.append(f"    safe[{j}] += {real(weight * float(level[i]))};")
     lines += [*(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
     return [*lines, *_exactly(plan)] if form.fade else lines
 
@@ -168,8 +170,8 @@ def limits(plan: Plan) -> Any:
     """(J,) what may be unknown of each command while it is as good as known: trusted in full, and not
     outside.
     """
-    prior = np.maximum(plan.model.signal_deviation, LEAST) ** 2
-    return np.minimum(TRUSTED * prior, np.minimum(plan.model.known * (1.0 + ROUNDING), NEVER))
+    full, _ = thresholds(plan.model.signal_deviation, plan.model.known)
+    return np.minimum(full, np.minimum(plan.model.known * (1.0 + ROUNDING), NEVER))
 
 
 def _enough(plan: Plan, k: int) -> list[str]:
@@ -259,6 +261,7 @@ def _functions(plan: Plan, form: Form) -> str:
     parts = re.split(r"^/\* --- (\w+) --- \*/\n", text, flags=re.MULTILINE)
     named = dict(zip(parts[1::2], parts[2::2], strict=True))
     J, fade = len(plan.limit), form.fade
+    full, none = thresholds(plan.model.signal_deviation, plan.model.known)
     own = f"    real variance[{J}], safe[{J}], noise[{J}];\n"
     words = {
         "RANGED": "" if fade else _RANGED,
@@ -274,10 +277,9 @@ def _functions(plan: Plan, form: Form) -> str:
         "BLEND": "    flags |= @NAME_blended(command, variance, safe, noise);\n" if fade else "",
         "MEMORIES": str(max(plan.memory, 1)),
         "RATES": ", ".join(str(int(rate)) for rate in plan.still),
-        "SIGNAL": ", ".join(real(1.0 / v**2) for v in np.maximum(plan.model.signal_deviation, LEAST)),
+        "FULL": ", ".join(map(real, full)),
+        "SPANS": ", ".join(map(real, none - full)),
         "KNOWN": ", ".join(real(min(v * (1.0 + ROUNDING), NEVER)) for v in plan.model.known),
-        "TRUSTED": real(TRUSTED),
-        "SPAN": real(UNKNOWN - TRUSTED),
         "WIDENED": real(WIDENED),
     }
     found = "\n".join(named[part] for part in ("always", *(["variance"] if form.deviations else [])))
@@ -290,8 +292,6 @@ def _functions(plan: Plan, form: Form) -> str:
 
 SHARE = 0.5
 """Of what may be unknown, what variances may take of it; the rest is for candidates that differ."""
-NEVER = 1e30
-"""Variance that none exceeds, in float too: of commands that nothing says to be outside."""
 _RANGED = """\
         if (in[i] < @NAME_low[i] || in[i] > @NAME_high[i]) {
             const real wide = @WIDENED * (@NAME_high[i] - @NAME_low[i]);

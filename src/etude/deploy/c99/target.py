@@ -25,6 +25,8 @@ from etude.protocols import Kind
 from etude.types import Delivered
 
 REALS = ("double", "float")
+USUAL = 1000.0
+"""Hz of a control loop that times are held against where no rate is told."""
 CLOCK = 1e9
 """Operations a second that times are estimated with: a core of 1 GHz, one operation in each cycle."""
 ROUNDED = 1e-6
@@ -102,7 +104,7 @@ def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delive
     if asked.rate is not None and not float(asked.rate) > 0.0:
         raise UsageError(f"a rate is above 0 Hz, not {asked.rate}", where="--rate")
     form = Form(asked.real == "float", asked.variance, asked.fade, asked.model_hash)
-    rate = float(asked.rate or 0.0)
+    rate = float(asked.rate or USUAL)
     made, said, facts = held(model, kind, spec, form, asked.name, rate=rate, alone=asked.single)
     lean, drag = lean_files(model.inputs, made.plan.name, form)
     if drag is None:
@@ -206,6 +208,9 @@ def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[s
     lines = [f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz."]
     if not alone and any(np.count_nonzero(c.weights < 1.0) for c in made.plan.candidates):
         lines.append(f"--single takes the best candidate alone: {_offer(model, made)}.")
+    if made.form.fade and not made.form.variance:
+        least = 1e6 * made.plan.operations(False) / CLOCK
+        lines.append(f"--no-fade takes about {least:.0f} us; commands outside are then guesses.")
     return lines
 
 
@@ -219,6 +224,7 @@ def _offer(model: LearnedModel, made: Files) -> str:
     for number, process in enumerate(processes.values()):
         code = process.c(f"p{number}") if process is not None else None
         operations += 0 if code is None else sum(code.operations[: 1 + made.form.deviations])
+    operations *= 1 + made.form.fade  # as `Plan.operations`: in doubt it asks twice
     return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
 
 

@@ -12,8 +12,8 @@ from etude.deploy.onnx.graph import Graph, needed
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
 from etude.models.model import LearnedModel
-from etude.models.parts import is_physical, rests_of
-from etude.models.trust import LEAST, ROUNDING, TRUSTED, UNKNOWN
+from etude.models.parts import is_physical, level_of, rests_of
+from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs
 
@@ -21,6 +21,8 @@ Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""
 REMEMBERED = "memory"
 """The op of columns that remember, and the graph's input of what they do."""
+AFTER = "memory_after"
+"""The graph's output of what is to be given in the next call."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def written(
     inputs = {"states": sum(widths[name] for name in parts.reads)}
     if after:
         inputs[REMEMBERED] = parts.memory
-        outputs["memory_after"] = (joined(after).name, parts.memory)
+        outputs[AFTER] = (joined(after).name, parts.memory)
     text = "States, in the order of `states`, to commands, in the order of `commands`; see the properties."
     return graph.model(inputs, outputs, words or {}, text)
 
@@ -187,14 +189,18 @@ def _unknown(graph: Graph, model: LearnedModel, x: str, terms: Sequence[Term], v
 
 
 def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int, Value]) -> Value:
-    """(n, J) as `trust.trusted`, blended with physics where they are used, else with zero."""
+    """(n, J) as `trust.trusted`, blended with physics where they are used, else with a level."""
     J, safe = len(parts.model.commands), command * 0.0
     for candidate in parts.used:
         if is_physical(candidate) and candidate.mean is not None:
             own = physics[id(candidate.mean)].at(candidate.commands)
             safe = safe + Value(own.graph, _placed(cast("Graph", own.graph), own.name, candidate, J))
-    prior = np.maximum(parts.model.signal_deviation, LEAST) ** 2
-    s = (unknown * (1.0 / prior)[None] - TRUSTED) * (1.0 / (UNKNOWN - TRUSTED))
+        elif not is_physical(candidate):
+            level = np.zeros(J)
+            level[list(candidate.commands)] = candidate.weights * level_of(candidate)
+            safe = safe + level[None]
+    full, none = thresholds(parts.model.signal_deviation, parts.model.known)
+    s = (unknown - full[None]) * (1.0 / (none - full))[None]
     s = s.most(np.array(0.0)).least(np.array(1.0))
     part = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * (s * s))
     believed = s.made("Less", s, np.array(1.0))

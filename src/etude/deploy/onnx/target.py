@@ -11,10 +11,11 @@ import numpy as np
 from etude.deploy.c99.names import identifier
 from etude.deploy.fading import fading
 from etude.deploy.onnx.graph import OPSET, needed
-from etude.deploy.onnx.model_graph import REMEMBERED, Parts, parts_of, written
+from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, Parts, parts_of, written
 from etude.deploy.states import labels, log_of, trained
-from etude.errors import UsageError
+from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
+from etude.models.trust import outside
 from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Array, Channel, Delivered
@@ -38,7 +39,7 @@ class Options:
     real: str = "double"
     variance: bool = False
     fade: bool = True
-    outside: bool | str = False
+    outside: bool = False
     name: str = ""
     model_hash: str = ""
 
@@ -66,7 +67,7 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
 
     Raises:
         UsageError: unknown options, ONNX is not installed, a part of the model has no operators, or float
-            would be wrong.
+            would be wrong. EtudeError: the graph is wrong.
     """
     asked = taken(options, Options, "onnx")
     if asked.real not in REALS:
@@ -74,19 +75,34 @@ def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Deliv
     parts = parts_of(model)
     takes = taken_by(parts, kind.channels(spec))
     words = _words(parts, takes, kind, spec, asked)
-    dtype, limit = REALS[asked.real], np.asarray(kind.limit(spec), dtype=float)
-    beyond = asked.outside not in (False, "", "no", "false", "0")
-    data = written(parts, takes.widths, dtype, asked.variance, words, fade=asked.fade, beyond=beyond)
-    found = deviation(parts, takes, data, limit, dtype, fade=asked.fade)
-    if not found <= SMALL[asked.real]:
-        raise UsageError(
-            f"{asked.real} is wrong for this model: commands differ from Python's by up to {found:.1e} of "
-            f"their limit, more than {SMALL[asked.real]:g}",
-            next_step="Export double; or learn with more noise (model.noise_floor) or fewer points.",
+    limit = np.asarray(kind.limit(spec), dtype=float)
+
+    def graph(dtype: Any) -> tuple[bytes, float]:
+        data = written(
+            parts, takes.widths, dtype, asked.variance, words, fade=asked.fade, beyond=asked.outside
         )
+        return data, deviation(parts, takes, data, limit, dtype, fade=asked.fade)
+
+    data, found = graph(REALS[asked.real])
+    if not found <= SMALL[asked.real]:
+        raise _wrong(asked.real, found, graph(np.float64)[1])
     said = _said(parts, takes, asked, len(data), found)
     name = f"{identifier(asked.name or spec.name)}.onnx"
     return Delivered({name: data}, said, {"opset": OPSET, "deviation": found, "bytes": len(data)})
+
+
+def _wrong(real: str, found: float, in_double: float) -> EtudeError:
+    """Why an export is refused: single precision where double is right, else the graph itself."""
+    if real == "float" and in_double <= SMALL["double"]:
+        return UsageError(
+            f"float is wrong for this model: its graph differs from Python by up to {found:.1e} of a "
+            f"command's limit, more than {SMALL['float']:g}; in double by {in_double:.1e}",
+            next_step="Export double: --real double.",
+        )
+    return EtudeError(
+        f"the exported graph differs from Python by {max(found, in_double):.1e} of a command's limit",
+        next_step="Nothing was written. Please report it with the model; --to c gives the same commands.",
+    )
 
 
 def taken_by(parts: Parts, channels: Sequence[Channel]) -> Taken:
@@ -98,50 +114,70 @@ def taken_by(parts: Parts, channels: Sequence[Channel]) -> Taken:
 
 def session(data: bytes) -> Any:
     """onnxruntime on one thread: states (n, N), memory (n, M) -> outputs. UsageError: it is not installed."""
-    onnxruntime = needed("onnxruntime")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    found = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    found = _started(data)
     return lambda states, memory=None: found.run(
         None, {"states": states} | ({} if memory is None else {REMEMBERED: memory})
     )
 
 
-def in_turn(data: bytes, parts: Parts, states: Array) -> list[Array]:
-    """Outputs at states (T, N): at once, or row by row where the graph remembers, from a memory of zeros."""
-    run = session(data)
+def _started(data: bytes) -> Any:
+    onnxruntime = needed("onnxruntime")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+
+def in_turn(data: bytes, parts: Parts, states: Array) -> dict[str, Array]:
+    """Outputs by name at states (T, N): at once, or row by row where the graph remembers, from a memory of
+    zeros.
+    """
+    found = _started(data)
+    names = [output.name for output in found.get_outputs()]
     if not parts.memory:
-        return list(run(states))
+        return dict(zip(names, found.run(None, {"states": states}), strict=True))
     memory, rows = np.zeros((1, parts.memory), states.dtype), []
     for row in states:
-        *own, memory = run(row[None], memory)
-        rows.append(own)
-    return [np.concatenate(own) for own in zip(*rows, strict=True)]
+        rows.append(dict(zip(names, found.run(None, {"states": row[None], REMEMBERED: memory}), strict=True)))
+        memory = rows[-1].pop(AFTER)
+    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
 def deviation(
     parts: Parts, takes: Taken, data: bytes, limit: Array, dtype: Any, *, fade: bool = True
 ) -> float:
     """Largest difference from Python at states that swing through the range trained on and as far beyond: of
-    commands as a part of their limits, of variances of these squared.
+    commands as a part of their limits, of variances of these squared, and by how much a variance must be
+    wrong where another row is said to be outside.
     """
+    states = _swinging(takes).astype(dtype)
+    log = log_of(takes.channels, states.astype(float), "states")
+    told = parts.model.predict(log, fade=fade)
+    own = in_turn(data, parts, states)
+    found = [float(np.abs((own["command"] - told.mean) / limit).max())]
+    if "variance" in own:
+        found.append(float(np.abs((own["variance"] - told.variance) / limit**2).max()))
+    if "outside" in own:
+        other = own["outside"].astype(np.bool_) != outside(told.unknown, parts.model.known)
+        beside = np.abs(told.unknown - np.minimum(parts.model.known, np.finfo(dtype).max)) / limit**2
+        found.append(float(beside[other].max(initial=0.0)))
+    return max(found)
+
+
+def _swinging(takes: Taken) -> Array:
     rng = np.random.default_rng(SEED)
     low, high = takes.ranges
     t, N = np.linspace(0.0, 1.0, COUNT)[:, None], len(low)
     swing = np.sin(2.0 * np.pi * (rng.uniform(1.0, 9.0, N) * t + rng.uniform(size=N)))
     growing = np.linspace(LEAST_SWING, LARGEST_SWING, COUNT)[:, None]
-    states = (0.5 * (low + high) + 0.5 * (high - low) * growing * swing).astype(dtype)
-    log = log_of(takes.channels, states.astype(float), "states")
-    told = parts.model.predict(log, fade=fade)
-    pairs = zip(in_turn(data, parts, states), told, (limit, limit**2), strict=False)
-    return max(float(np.abs((own - told) / size).max()) for own, told, size in pairs)
+    return np.asarray(0.5 * (low + high) + 0.5 * (high - low) * growing * swing)
 
 
 def _said(parts: Parts, takes: Taken, asked: Options, size: int, found: float) -> tuple[str, ...]:
     J, labels = len(parts.model.commands), takes.labels
+    outputs = ["command", *["variance"] * asked.variance, *["outside"] * asked.outside]
     said = [
         f"Input states (n, {len(labels)}): {', '.join(labels)}.",
-        f"Output command{' and variance' * asked.variance} (n, {J}): {', '.join(parts.model.commands)}.",
+        f"Output {' and '.join(outputs)} (n, {J}): {', '.join(parts.model.commands)}.",
     ]
     if parts.memory:
         said.append(
