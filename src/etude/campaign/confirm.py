@@ -15,6 +15,7 @@ import numpy as np
 
 from etude.campaign.ask import Proposal, present
 from etude.campaign.controls import FEEDBACK, LEARNED
+from etude.campaign.edited import take_up
 from etude.campaign.export import export, require_formats
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.foretold import LEFT_OVER, TRAINED, left_over, trained_speeds
@@ -84,6 +85,7 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     written = [
         export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
     ]
+    take_up(campaign)
     return replace(found, exported=tuple(written))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from etude.campaign.config import CampaignConfig
 from etude.campaign.config_file import CONFIG, load_config, trusting
-from etude.campaign.journal import JOURNAL, Event, commit, read_events
+from etude.campaign.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
 from etude.campaign.names import require_plain
 from etude.campaign.state import Round, State, replay
 from etude.contracts import Channel, Kind, Limit, Margins, Model
@@ -126,7 +126,7 @@ class Campaign:
 
         Its files are on the disk already. The caller holds the lock.
         """
-        own = {"robot_sha256": self.robot_sha256, "generation": GENERATION}
+        own = {ROBOT_SHA256: self.robot_sha256, "generation": GENERATION}
         commit(self.path, event, number, self.config_sha256, files, **facts, **own)
 
     @contextlib.contextmanager

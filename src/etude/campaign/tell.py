@@ -14,6 +14,7 @@ import numpy as np
 from etude.campaign.changed import answer, change_found
 from etude.campaign.confirmed import check_no_confirmation, take_run
 from etude.campaign.controls import required
+from etude.campaign.edited import take_up
 from etude.campaign.findings import as_facts, kept_findings
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.learn import Learner, learn_pending
@@ -78,6 +79,8 @@ def finished(
     if changed:
         answer(campaign, campaign.state(), changed, [one.number for one in told])
     done = tuple(learn_pending(campaign, learner, say))
+    if told or done:
+        take_up(campaign)
     state = campaign.state()
     held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
     aside = {number for number, r in state.rounds.items() if r.aside}
