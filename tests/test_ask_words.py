@@ -6,7 +6,7 @@ import math
 
 from etude.cli import _block
 from etude.commands.ask import _distances
-from etude.contracts import Proof
+from etude.types import Proof
 
 PLACE = "upper_forearm_visual and left_finger at 12.3 s of the segment at 141.286 s; 0.3 m or more as planned"
 

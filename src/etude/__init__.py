@@ -28,13 +28,12 @@ _PLACES = {
     "export": "etude.campaign.model_export",
     "certify": "etude.limits.certificate",
 }
-PUBLIC = ("contracts", "errors", "plugins", "progress", "storage", "testing", "threads")
+PUBLIC = ("errors", "plugins", "progress", "protocols", "storage", "testing", "threads", "types")
 """Modules that may be used from outside; every room says of its own."""
-_MODULES = ("contracts", "errors", "testing")
+_MODULES = ("errors", "protocols", "testing", "types")
 __all__ = [
     "ask",
     "certify",
-    "contracts",
     "create_campaign",
     "errors",
     "export",
@@ -43,12 +42,14 @@ __all__ = [
     "open_campaign",
     "predict",
     "promote",
+    "protocols",
     "read_log",
     "rollback",
     "simulate",
     "status",
     "tell",
     "testing",
+    "types",
     "untell",
     "watch",
 ]

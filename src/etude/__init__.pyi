@@ -1,8 +1,9 @@
 """Types of the names that `import etude` loads when they are first used."""
 
-from etude import contracts as contracts
 from etude import errors as errors
+from etude import protocols as protocols
 from etude import testing as testing
+from etude import types as types
 from etude.campaign.ask import ask as ask
 from etude.campaign.create import create_campaign as create_campaign
 from etude.campaign.create import load_robot as load_robot

@@ -105,7 +105,7 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Inputs or a mean as a part of a graph (`contracts.Graphed`).
+    """Inputs or a mean as a part of a graph (`protocols.SupportsOnnx`).
 
     Attributes:
         reads: channels, in order.

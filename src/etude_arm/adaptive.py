@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etude.contracts import Array, Motion, Row
 from etude.errors import UsageError
+from etude.types import Array, Motion, Row
 from etude_arm.adaptive_laws import Adaptation, CraigHsuSastry, Law, SlotineLi, Tracking
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.reference_regressor import Reference, ReferenceRegressor
@@ -36,7 +36,7 @@ INERTIA_FLOOR = 0.02
 
 @dataclass(eq=False)
 class AdaptiveController:
-    """A law at work (implements `contracts.Controller`): estimates are carried from run to run.
+    """A law at work (implements `protocols.Controller`): estimates are carried from run to run.
 
     What it remembers of a motion is forgotten where time does not go on, so the same object may run again.
 

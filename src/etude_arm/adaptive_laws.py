@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.physics.reference_regressor import Reference
 
 DOMINANCE = 0.9

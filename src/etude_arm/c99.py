@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Code
 from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
+from etude.types import Code
 from etude_arm.memory import MEMORY_RATE
 from etude_arm.spec import PATH, PLAN, WAYS
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Model, Motion
 from etude.limits.commands import CommandLimit, by_model
 from etude.limits.open_commands import OpenCommands, kept_at, rest_at
+from etude.protocols import Model
+from etude.types import Array, Motion
 from etude_arm.of_file import of_file
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import ArmPhysics

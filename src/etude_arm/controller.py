@@ -7,8 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from etude.contracts import Array, Inputs, Log, Motion, Row
 from etude.errors import NumericalError, UsageError
+from etude.protocols import Inputs
+from etude.types import Array, Log, Motion, Row
 from etude_arm.plant.following import Following
 from etude_arm.spec import MEMORY, TURNING, ArmSpec
 
@@ -25,7 +26,7 @@ class Fading(Protocol):
 class ModelController:
     """The model's mean command, clipped, and faded out where the model knows no better than before any data.
 
-    It fades to the physics that the model stands on, or to a level (implements `contracts.Controller`).
+    It fades to the physics that the model stands on, or to a level (implements `protocols.Controller`).
 
     Attributes:
         model: predicts the command's mean and variance from states.

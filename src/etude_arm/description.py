@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Described
 from etude.errors import UsageError
+from etude.types import Described
 from etude_arm.robot_file import read_robot, robot_to_toml
 from etude_arm.spec import ArmSpec
 

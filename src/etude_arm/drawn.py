@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Thing
+from etude.types import Array, Thing
 from etude_arm.clearance.surroundings import Box, Column, Surroundings, Wall
 from etude_arm.loading.attached import Mounting
 from etude_arm.loading.loaded import Loaded

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Figure
+from etude.types import Array, Figure
 from etude_arm.drawn import carried_things, standing_things
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.geometry import read_geometry

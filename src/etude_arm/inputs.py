@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import UsageError
 from etude.operators import Piece
+from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
 from etude_arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
@@ -40,7 +40,7 @@ def friction_speeds(spec: ArmSpec, fraction: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ArmInputs:
-    """Implements `contracts.Inputs`; without a memory any times will do.
+    """Implements `protocols.Inputs`; without a memory any times will do.
 
     Attributes:
         channels: by name, of q, qd, qdd and their plans.

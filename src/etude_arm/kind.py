@@ -8,23 +8,19 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from etude.contracts import (
+from etude.protocols import Controller, Family, Limit, Model, Trajectory
+from etude.types import (
     Array,
     Channel,
-    Controller,
     Described,
     Expected,
-    Family,
     Figure,
     Finding,
     Index,
-    Limit,
     Log,
     Margins,
-    Model,
     Reachable,
     Samples,
-    Trajectory,
 )
 
 if TYPE_CHECKING:
@@ -40,7 +36,7 @@ MODEL_FILES = (".urdf", ".xml", ".mjcf", ".xacro")
 
 
 class ArmKind:
-    """Implements `contracts.Kind`. Modules are loaded when needed: most commands need few of them."""
+    """Implements `protocols.Kind`. Modules are loaded when needed: most commands need few of them."""
 
     @property
     def name(self) -> str:

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Log
 from etude.logs.steps import median_rate
 from etude.logs.truth.brake import brake_finding
 from etude.logs.truth.mounting import mounting_finding
 from etude.logs.truth.seen import seen
+from etude.types import Array, Finding, Log
 from etude_arm.spec import COMMAND, PATH, ArmSpec
 
 CHECK = "robot rate"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 MEMORY_RATE = 25.0
 """Hz at which a way must be seen: at 5 rad/s^2 a motion turns within 1 mrad between two samples, less than

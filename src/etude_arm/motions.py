@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Margins, Model, Trajectory
 from etude.limits.library import AxisLimit
+from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.extremes import ROOM
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
+from etude.types import Array, Margins
 from etude_arm.clearance.of_robot import clearance_of, ranges_of, search_of
 from etude_arm.commands import commands_of
 from etude_arm.space.of_robot import space_of

@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import (
     auto_cutoff,
@@ -27,6 +26,7 @@ from etude.logs.steps import (
     thinned,
     uniform_grid,
 )
+from etude.types import Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.memory import remembered, turning
 from etude_arm.reversals import near_reversals, spared
 from etude_arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Samples
+from etude.types import Array, Mask, Samples
 
 
 def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:

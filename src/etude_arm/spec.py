@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Channel
+from etude.types import Array, Channel
 from etude_arm.clearance.surroundings import Surroundings
 from etude_arm.loading.attached import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate

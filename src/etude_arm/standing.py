@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array, Mask
 from etude.logs.steps import slower
+from etude.types import Array, Mask
 from etude_arm.spec import ArmSpec
 
 PLAY = 4.0

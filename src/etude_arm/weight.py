@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 from etude_arm.commands import NO_MOTION
 from etude_arm.physics.geometry import has_masses, read_geometry
 from etude_arm.physics.newton_euler import nominal_commands

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code
 from etude.models.gp.c99 import BLOCK, expanded, packed, telling_first
+from etude.types import Array, Code
 from etude_lagrangian.joints import Joints
 
 LANE = 16

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Column
 from etude.errors import UsageError
+from etude.types import Column
 
 Array = NDArray[np.float64]
 LENGTHS = ("m", "mm")

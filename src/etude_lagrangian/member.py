@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Column, FitData, Index, KernelFactory
 from etude.errors import UsageError
 from etude.models.gp.kernels import own_friction
+from etude.protocols import FitData, KernelFactory
+from etude.types import Array, Column, Index
 from etude_lagrangian.compilation import first_use
 from etude_lagrangian.joints import joints_of
 from etude_lagrangian.likelihood import JointHyperparameters, fit_joint, initial_hyperparameters

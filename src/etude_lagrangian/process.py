@@ -1,4 +1,4 @@
-"""All commands of a robot together, given the entries that count (implements `contracts.Process`)."""
+"""All commands of a robot together, given the entries that count (implements `protocols.Process`)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from etude.blas import dpotrs
-from etude.contracts import Array, Code, Column, FitData, Index, Mask, Posterior
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower, triangular_inverse
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernel_algebra import Kernel
 from etude.models.gp.single_point import PointMean
+from etude.protocols import FitData, Posterior
 from etude.threads import threads_for
+from etude.types import Array, Code, Column, Index, Mask
 from etude_lagrangian.likelihood import JointHyperparameters
 from etude_lagrangian.prior import JointPrior
 

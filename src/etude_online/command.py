@@ -10,12 +10,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Log
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
+from etude.protocols import Candidate
+from etude.types import Array, Log
 from etude_online.checkpoints import Checkpoints
 from etude_online.evidence import Evidence
 from etude_online.learner import OnlineConfig, OnlineOutput

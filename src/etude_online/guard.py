@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Row
+from etude.types import Row
 from etude_online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks
 from etude_online.guard_gate import Gate
 from etude_online.guard_hedge import TRIP as FAR_TRIP

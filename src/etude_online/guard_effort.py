@@ -12,8 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Kind, Log
 from etude.errors import DataError
+from etude.protocols import Kind
+from etude.types import Channel, Log
 from etude_online.guard_why import why
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Row
+from etude.types import Channel, Row
 from etude_online.guard_effort import COMMAND
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Row
+from etude.types import Array, Channel, Row
 from etude_online.guard_clock import OwnClock
 from etude_online.guard_gate import Ranges
 from etude_online.window import CentredWindow, sources

@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Array, Channel, Controller, Motion, Row
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
+from etude.protocols import Controller
+from etude.types import Array, Channel, Motion, Row
 from etude_online.command import FAILURES, Command, learning_command
 from etude_online.guard import Guard
 from etude_online.guard_effort import Feedback
@@ -59,7 +60,7 @@ class Counts:
 
 
 class OnlineModel:
-    """One learner for each command of a model, behind a guard (implements `contracts.Controller`).
+    """One learner for each command of a model, behind a guard (implements `protocols.Controller`).
 
     Mutable; for one thread. `observe` takes rows of measured channels, tick by tick; `command` mixes the
     updated model into the frozen one. A sample is taken every 1/rate_hz from the middle of the window,

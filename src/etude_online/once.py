@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from etude.contracts import Array, Code, Log, Mean
 from etude.models.model import LearnedModel
+from etude.protocols import Mean
+from etude.types import Array, Code, Log
 
 
 @dataclass(eq=False)
 class Once:
-    """A mean function that remembers its answer to the last single instant (implements `contracts.Mean`)."""
+    """A mean function that remembers its answer to the last single instant (implements `protocols.Mean`)."""
 
     own: Mean
     _asked: list[bytes] = field(default_factory=list)

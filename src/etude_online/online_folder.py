@@ -12,12 +12,13 @@ import msgspec
 import numpy as np
 
 from etude import __version__
-from etude.contracts import Delivered, Kind, Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.store import model_bytes
 from etude.options import taken
 from etude.progress import counted
+from etude.protocols import Kind
+from etude.types import Delivered, Log, Motion
 from etude_online import guard_hedge as hedge
 from etude_online.command import learning_command
 from etude_online.guard_effort import (
@@ -106,7 +107,7 @@ class Told:
 
 
 class Online:
-    """The target `online` (`contracts.Target`): options method, half_life and seed."""
+    """The target `online` (`protocols.Target`): options method, half_life and seed."""
 
     needs = ("config", "logs", "description")
 

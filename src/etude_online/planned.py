@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Array, Channel, Controller, Log, Motion, Row
 from etude.models.given import carried
 from etude.models.model import LearnedModel
+from etude.protocols import Controller
+from etude.types import Array, Channel, Log, Motion, Row
 from etude_online.command import Command
 
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Row
 from etude.errors import UsageError
+from etude.types import Array, Channel, Row
 from etude_online.guard_effort import FED_BACK
 
 

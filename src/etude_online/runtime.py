@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Kind, Motion, Row
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.store import load_model
+from etude.protocols import Kind
 from etude.storage import write_atomic
 from etude.trust import names_in, require_trusted
+from etude.types import Array, Motion, Row
 from etude_online.guard_effort import command_limits
 from etude_online.learner import OnlineConfig
 from etude_online.model import Counts, OnlineModel
@@ -27,7 +28,7 @@ from etude_online.state import put_back, state_bytes, state_of, taken
 
 
 class Deployed:
-    """A model that goes on learning (implements `contracts.Controller`); `open_online` makes it.
+    """A model that goes on learning (implements `protocols.Controller`); `open_online` makes it.
 
     For one thread. A tick is `command`, then `observe`.
 

@@ -10,8 +10,8 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.stored import newest_model
 from etude.campaign.supplied import told_logs
-from etude.contracts import Controller, Robot
 from etude.errors import UsageError
+from etude.protocols import Controller, Robot
 from etude_online.guard_effort import command_limits, feedback_of
 from etude_online.learner import OnlineConfig
 from etude_online.methods import known

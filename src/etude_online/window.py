@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Row
 from etude.errors import UsageError
+from etude.types import Channel, Row
 
 Array = NDArray[np.float64]
 

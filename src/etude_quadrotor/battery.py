@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Log, Samples
+from etude.types import Array, Log, Samples
 from etude_quadrotor.channels import BATTERY
 from etude_quadrotor.physics.linear_inverse import OPTIONAL, physical_features
 

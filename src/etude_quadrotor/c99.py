@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Code
 from etude.models.c99 import mean_function, posteriors_code
 from etude.models.gp.c99 import real
+from etude.types import Code
 from etude_quadrotor.vehicle import GRAVITY
 
 FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Channel, Expected, Role
+from etude.types import Channel, Expected, Role
 from etude_quadrotor.spec import QuadrotorSpec
 
 AXES = ("x", "y", "z")

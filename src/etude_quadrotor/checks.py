@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Finding, Log
 from etude.logs.truth.ground import CHECK, ground_finding, windows
 from etude.logs.truth.jump import jump_finding
+from etude.types import Finding, Log
 from etude_quadrotor.channels import PATH
 from etude_quadrotor.spec import QuadrotorSpec
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Model, Motion, Row, Trajectory
 from etude.errors import DataError, NumericalError
+from etude.protocols import Controller, Model, Trajectory
+from etude.types import Array, Log, Motion, Row
 from etude_quadrotor.channels import BATTERY, STATES
 from etude_quadrotor.flatness import ORDERS, FlatMotion, flat_motion
 from etude_quadrotor.inputs import COMMANDS, QuadrotorInputs
@@ -29,7 +30,7 @@ GRID = 100.0
 
 @dataclass(frozen=True, eq=False)
 class FlightFeedforward:
-    """What is fed forward. Implements `contracts.Controller`.
+    """What is fed forward. Implements `protocols.Controller`.
 
     Attributes:
         acceleration: whether the reference's acceleration is.

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from etude.contracts import Array, Motion
 from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.types import Array, Motion
 from etude_quadrotor.jets import Jet, Values, dot, unit
 from etude_quadrotor.vehicle import GRAVITY
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from etude.contracts import Array, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude.errors import DataError, UsageError
+from etude.types import Array, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_quadrotor.channels import BATTERY, PLANNED, STATES
 from etude_quadrotor.flatness import ORDERS, Drag, FlatMotion, flat_motion, roll_pitch_yaw
 
@@ -30,7 +30,7 @@ class QuadrotorInputs:
     """x = [altitude, acceleration (3), rates (3), angular acceleration (3), body velocity (3), voltage].
 
     Thesis 5 has (h, a, omega, alpha) with a of the motion alone, which does not tell the attitude. The
-    specific force does without it, and the velocity tells the drag. Implements `contracts.Inputs`.
+    specific force does without it, and the velocity tells the drag. Implements `protocols.Inputs`.
 
     Attributes:
         altitude: whether the altitude is an input.
@@ -213,7 +213,7 @@ class QuadrotorInputs:
         )
 
     def drag_c(self, name: str) -> Code | None:
-        """C99 of the lateral force per mass (`contracts.Dragging`); None where no flight told it."""
+        """C99 of the lateral force per mass (`protocols.SupportsDrag`); None where no flight told it."""
         return None if self.lateral is None else self.lateral.c(name)
 
     def c(self, name: str) -> Code:

@@ -8,24 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import (
-    Array,
-    Channel,
-    Controller,
-    Described,
-    Expected,
-    Family,
-    Finding,
-    Index,
-    Limit,
-    Log,
-    Margins,
-    Model,
-    Physics,
-    Robot,
-    Samples,
-    Trajectory,
-)
+from etude.protocols import Controller, Family, Limit, Model, Physics, Robot, Trajectory
+from etude.types import Array, Channel, Described, Expected, Finding, Index, Log, Margins, Samples
 
 if TYPE_CHECKING:
     from etude_quadrotor.inputs import QuadrotorInputs
@@ -35,7 +19,7 @@ HERE = Path(__file__).parent
 
 
 class QuadrotorKind:
-    """Implements `contracts.Kind`. Modules are loaded when needed: most commands need few of them."""
+    """Implements `protocols.Kind`. Modules are loaded when needed: most commands need few of them."""
 
     @property
     def name(self) -> str:

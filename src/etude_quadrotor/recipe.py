@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log, Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import command_lag, median_rate, sampled, saturated, trimmed, without_lag
+from etude.types import Array, Index, Log, Samples, joined_samples
 from etude_quadrotor.battery import slow_voltage
 from etude_quadrotor.inputs import Acceleration, QuadrotorInputs
 from etude_quadrotor.recorded import on_even_grid, with_states

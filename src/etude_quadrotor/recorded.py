@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.logs.steps import median_rate, smooth, uniform
+from etude.types import Array, Log
 from etude_quadrotor.channels import (
     ALTITUDE,
     ANGULAR_ACCELERATION,

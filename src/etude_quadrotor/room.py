@@ -7,11 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
 from etude.limits.unseen import COMMANDS, SPEED
+from etude.protocols import Limit, Trajectory
+from etude.types import Array, Margins
 from etude_quadrotor.channels import AXES
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.flatness import LEAST_LIFT

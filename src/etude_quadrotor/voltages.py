@@ -7,8 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from etude.contracts import Array, Log, Model
 from etude.models.trust import familiar, trusted
+from etude.protocols import Model
+from etude.types import Array, Log
 from etude_quadrotor.flatness import Drag
 from etude_quadrotor.inputs import COMMANDS
 

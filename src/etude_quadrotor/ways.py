@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Proof, Trajectory
 from etude.limits.certificate import certify, use
 from etude.limits.library import AxisLimit
+from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import Chain, Part
 from etude.trajectories.splined import Splined
+from etude.types import Array, Proof
 from etude_quadrotor.spec import QuadrotorSpec
 
 PEAK_SPEED, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))

@@ -41,7 +41,7 @@ class Dictionary:
 
 @dataclass(frozen=True)
 class DictionaryGP:
-    """Exact regression on a dictionary of the data (implements `contracts.Regressor`).
+    """Exact regression on a dictionary of the data (implements `protocols.Regressor`).
 
     Choose it when data keep coming and prediction must stay at a fixed cost: a stream of samples, an arm that
     learns while it moves. Its variance is that of the exact process on the members: honest about points that

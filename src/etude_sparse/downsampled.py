@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DownsampledGP:
-    """Exact regression on every `every`-th point, or on `count` points evenly spread (`contracts.Regressor`).
+    """Exact regression on every `every`-th point, or on `count` points evenly spread (`protocols.Regressor`).
 
     Choose it first: samples of a smooth motion repeat their neighbours, so thinning loses little, and what
     it keeps does not depend on the outputs, so that variances stay those of an exact process on the points

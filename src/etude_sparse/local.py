@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LocalGP:
-    """A partition of the inputs with an exact process in each part (keeps `contracts.Regressor.condition`).
+    """A partition of the inputs with an exact process in each part (keeps `protocols.Regressor.condition`).
 
     Choose it for many samples that all should count, when one exact process of them is too large and samples
     keep coming: an update costs O(capacity²), a mean O(nearest capacity). It trains no hyperparameters: take

@@ -75,7 +75,7 @@ def combined(blend: Blend, means: Array, variances: Array) -> tuple[Array, Array
 
 @dataclass(frozen=True, eq=False)
 class LocalPosterior:
-    """K exact processes and where they count (keeps `contracts.Posterior`, but has no covariances).
+    """K exact processes and where they count (keeps `protocols.Posterior`, but has no covariances).
 
     Attributes:
         centres: (K, D). lengths: (D,) of the activations.

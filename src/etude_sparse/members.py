@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from etude.contracts import Array, FitData, Posterior
 from etude.models.hyperparameters import before, columns, counted, initial_process, trained_process, weak
 from etude.models.members import BuiltIn, each_output, guides, shared_outputs
 from etude.models.process import Posteriors, Teaching
+from etude.protocols import FitData, Posterior
+from etude.types import Array
 from etude_sparse.thesis_dictionary import thesis_dictionary
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code
 from etude.models.gp.c99 import BLOCK, EXPONENTIAL, packed
 from etude.operators import QUARTER
+from etude.types import Array, Code
 
 
 def spectrum(name: str, frequencies: Array, weights: Array, factor: Array | None) -> Code:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.blas import dpotrs
-from etude.contracts import Code
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernels import SquaredExponential
 from etude.threads import threads_for
+from etude.types import Code
 from etude_sparse.spectral_features import SpectralFeatures
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SparseSpectrumPosterior:
-    """The weights' mean w and covariance sn² A^-1 (implements `contracts.Posterior`). Variances are latent.
+    """The weights' mean w and covariance sn² A^-1 (implements `protocols.Posterior`). Variances are latent.
 
     They are those of the sparse spectrum model, which is more certain than the full process it stands for.
 

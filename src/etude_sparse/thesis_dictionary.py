@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import FitData, Index
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.hyperparameters import columns, counted, initial_process, trained_process
 from etude.models.process import Posteriors
+from etude.protocols import FitData
+from etude.types import Index
 
 Rule = Literal["variance", "error"]
 

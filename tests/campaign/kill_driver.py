@@ -22,7 +22,7 @@ from etude.campaign.abandon import abandon
 from etude.campaign.folder import Campaign
 from etude.campaign.journal import damaged_files, read_events
 from etude.campaign.motions import typical_motions
-from etude.contracts import Log
+from etude.types import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
 CALLS = ("open", "write", "fsync", "replace", "ftruncate")

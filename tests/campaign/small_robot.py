@@ -11,8 +11,9 @@ from etude.campaign.folder import Campaign
 from etude.campaign.learn import Learned
 from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
-from etude.contracts import Array, Trajectory
+from etude.protocols import Trajectory
 from etude.storage import write_atomic
+from etude.types import Array
 
 ROBOT = """\
 name = "pair"

@@ -15,8 +15,8 @@ from etude.campaign.groups import told_samples
 from etude.campaign.motions import reference_motions, segments_of
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell
-from etude.contracts import Trajectory
 from etude.limits.certificate import certify_bytes
+from etude.protocols import Trajectory
 from etude.trajectories.chain import Chain
 
 QUICK = "[design]\ncandidates = 4\nrefine = 1\nsteps = 3\npoints = 20\nreference_points = 30\n"

@@ -18,8 +18,8 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.several import tell
 from etude.campaign.status import status
 from etude.cli import main
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 
 CHANGES: dict[str, Callable[[Array, Array, Array], Array]] = {
     "a load was taken up": lambda q, qd, qdd: command_of(q, qd, qdd) + 1.5 * np.sin(q) + 0.7 * qdd,

@@ -22,9 +22,9 @@ from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
 from etude.campaign.tracking import kept_now, kept_under, seen_errors
 from etude.campaign.untell import untell
-from etude.contracts import Array
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
+from etude.types import Array
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 LEARNS = """\

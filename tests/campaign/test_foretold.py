@@ -18,7 +18,7 @@ from etude.campaign.foretold import (
     trained_speeds,
     without_it,
 )
-from etude.contracts import Array, Channel, Log, Motion
+from etude.types import Array, Channel, Log, Motion
 
 CHANNELS = {"q": Channel("q", ("a", "b", "c"), ("rad",) * 3)}
 

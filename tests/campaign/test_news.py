@@ -16,9 +16,9 @@ from etude.campaign.news import bad_news
 from etude.campaign.state import CHANGED, Round, State
 from etude.campaign.stopping import judge
 from etude.cli import main
-from etude.contracts import Finding
 from etude.models.choice import TOO_FEW
 from etude.models.short import UNCERTAIN
+from etude.types import Finding
 
 OUTPUTS = ("hip", "knee")
 GOOD = {"nmse": [0.01, 0.02], "z2": [1.0, 1.0], "coverage": [0.95, 0.93]}

@@ -14,10 +14,10 @@ import pytest
 import etude
 from etude.campaign.model_export import MARK, export, given
 from etude.cli import main
-from etude.contracts import Delivered
 from etude.errors import EtudeError, UsageError
 from etude.options import taken
 from etude.trajectories.json_text import from_json
+from etude.types import Delivered
 
 
 @pytest.fixture(scope="module")

@@ -25,13 +25,13 @@ from etude.campaign.status import status
 from etude.campaign.stored import newest_model
 from etude.campaign.watch import watch
 from etude.cli import main
-from etude.contracts import Motion
 from etude.errors import DataError, UsageError
 from etude.progress import watched
 from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.confirmation import confirmation
 from etude.trajectories.moves import PointToPoint
+from etude.types import Motion
 
 
 @pytest.fixture(scope="module")

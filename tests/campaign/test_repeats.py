@@ -20,8 +20,8 @@ from etude.campaign.status import status
 from etude.campaign.tell import tell
 from etude.campaign.told import Told
 from etude.commands.status import _lines as lines
-from etude.contracts import Trajectory
 from etude.logs.log_file import read_log_file
+from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
 
 QUICK = "[design]\nfirst = 'random'\ncandidates = 4\nrefine = 0\npoints = 20\nreference_points = 30\n"

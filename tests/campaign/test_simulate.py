@@ -23,9 +23,10 @@ from etude.campaign.several import tell
 from etude.campaign.simulate import simulate
 from etude.campaign.state import CHANGED
 from etude.cli import main
-from etude.contracts import Controller, Finding, Model
 from etude.errors import UsageError
 from etude.limits.certificate import certify
+from etude.protocols import Controller, Model
+from etude.types import Finding
 from etude_arm import motions as arm_motions
 
 CONFIG = 'kind = "arm"\nseed = 4\n[trajectory]\nduration = 8.0\n'

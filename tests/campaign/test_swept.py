@@ -13,7 +13,7 @@ from etude.campaign.ask import ask
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.visited import NO_TIME, Swept, as_facts, reachable, swept, teaches_little, visited_by
 from etude.commands.ask import Ask
-from etude.contracts import Trajectory
+from etude.protocols import Trajectory
 from etude.report.build import build_report
 from etude.trajectories.fourier import FourierTrajectory
 

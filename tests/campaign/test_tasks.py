@@ -12,8 +12,8 @@ from etude.campaign.ask import ask
 from etude.campaign.folder import Campaign
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tasks import load_tasks
-from etude.contracts import Channel
 from etude.errors import UsageError
+from etude.types import Channel
 
 
 def table(path: Path, header: str, rows: np.ndarray) -> Path:  # type: ignore[type-arg]

@@ -19,10 +19,10 @@ from etude.campaign.state import Round, State
 from etude.campaign.tell import tell
 from etude.campaign.tracking import kept_now
 from etude.commands.ask import Ask
-from etude.contracts import Proof
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Proof
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 

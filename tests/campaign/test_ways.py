@@ -16,14 +16,15 @@ from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tell import tell
 from etude.campaign.ways import pose_of
 from etude.cli import main
-from etude.contracts import Array, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 from etude.limits.library import AxisLimit
 from etude.limits.unseen import WAY
 from etude.plugins import load
+from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.json_text import from_json
+from etude.types import Array
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 

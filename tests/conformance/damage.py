@@ -24,9 +24,9 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "logs")]
 
 from log_examples import CHANNELS, FLIGHT_RATE, JOINTS, LIMITS, RATE, Sines, make_log, vector
 
-from etude.contracts import Channel
 from etude.errors import EtudeError
 from etude.logs.read import read_log
+from etude.types import Channel
 
 TOKENS = (b",", b"\n", b'"', b"nan", b"1e308", b"[", b"\0", b"\xff", b"#", b"9" * 400, b"\t", b"t", b"")
 LOG = make_log(Sines((0.4, 0.6, 0.7), (0.4, 0.35, 0.45), 3.0), rate=40.0)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.contracts import Array, Channel, Column, Log, Samples
 from etude.errors import DataError, EtudeError, NumericalError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.gp.bayesian_linear import BayesianLinear
@@ -21,6 +20,7 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.ladder import train_ladder
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
+from etude.types import Array, Channel, Column, Log, Samples
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.downsampled import DownsampledGP
 from etude_sparse.sogp import SOGP

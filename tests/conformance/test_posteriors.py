@@ -10,13 +10,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from etude.contracts import Posterior
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import BayesianLinear
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured
 from etude.models.gp.shared_exact import condition_shared
+from etude.protocols import Posterior
 from etude_lagrangian.kernel import gip_lin
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.downsampled import DownsampledGP

@@ -14,11 +14,11 @@ import polars as pl
 import pytest
 from damage import damaged
 
-from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.read import read_log
 from etude.logs.readers import READERS, read_csv, read_parquet, read_raw
 from etude.testing import ReaderSuite
+from etude.types import Channel
 
 Columns = dict[str, list[float | None]]
 

@@ -30,10 +30,10 @@ from etude.campaign.predict import predict
 from etude.campaign.promote import promote
 from etude.campaign.status import status
 from etude.campaign.tell import tell
-from etude.contracts import Trajectory
 from etude.deploy.played import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify
+from etude.protocols import Trajectory
 from etude.report.build import render
 from etude.report.record import read_record
 from etude.trajectories.json_text import from_json

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
 from etude.campaign.predict import write_table
-from etude.contracts import Channel, Log
 from etude.deploy.trajectory_files import csv_bytes, read_table
 from etude.errors import UsageError
 from etude.logs.read import matched_log
 from etude.logs.table_text import FORMULA, header_row, restored, text_cell
 from etude.trajectories.moves import PointToPoint
+from etude.types import Channel, Log
 
 ROBOT = """name = "pair"
 command_unit = "N m"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from compilers import run, tool
-from etude.contracts import Array, Motion, Row
 from etude.deploy.c99.plan import Plan
+from etude.types import Array, Motion, Row
 
 FLAGS = ("-std=c99", "-O2", "-fPIC")
 
@@ -49,7 +49,7 @@ class Library:
 
 
 class LibraryController:
-    """The exported C in the loop of a simulated robot (implements `contracts.Controller`)."""
+    """The exported C in the loop of a simulated robot (implements `protocols.Controller`)."""
 
     def __init__(self, library: Library, function: str = "predict") -> None:
         self.library, self.function = library, function

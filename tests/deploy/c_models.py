@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Candidate, FitData, Log, Samples
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import Kernel, SquaredExponential, ard_se, structured
 from etude.models.gp.rest import standing
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
+from etude.protocols import Candidate, FitData
+from etude.types import Array, Log, Samples
 from etude_arm.inputs import ArmInputs
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.spec import TURNING, WAYS

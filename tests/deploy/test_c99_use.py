@@ -24,7 +24,6 @@ from c_models import (
 )
 
 from compilers import FAST, STRICT, run, tool
-from etude.contracts import Candidate, Delivered
 from etude.deploy.c99.golden import answered, golden
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.names import identifier, identifiers
@@ -38,6 +37,8 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.protocols import Candidate
+from etude.types import Delivered
 from etude_quadrotor.physics.linear_inverse import identify_linear
 
 WHOLE = Form(variance=True, digest="ab" * 32)
@@ -263,10 +264,17 @@ def test_too_slow_for_the_rate_offers_the_best_candidate_alone(monkeypatch: pyte
     (warning,) = (s for s in said if s.startswith("WARNING"))
     assert "more than the 10 us at 100000 Hz" in warning
     assert any(s.startswith("--single takes the best candidate alone") for s in said)
+    (offer,) = (s for s in said if s.startswith("--single"))
+    (took,) = (s for s in C99(both, ARM, arm_spec(), {"rate": 100000.0, "single": True}).said if "About" in s)
+    assert float(offer.split("about ")[1].split()[0]) == pytest.approx(_us(took), rel=0.2)
     (bare,) = (s for s in said if s.startswith("--no-fade takes about"))
     least = float(bare.split()[3])
     assert least < float(warning.split()[2])
     assert not any(s.startswith("WARNING") for s in C99(both, ARM, arm_spec(), {"rate": 10.0}).said)
+
+
+def _us(said: str) -> float:
+    return float(said.split("About ")[1].split()[0])
 
 
 def test_the_time_of_a_call_is_told_where_no_rate_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from etude.campaign.create import create_campaign
 from etude.campaign.motions import typical_motions
-from etude.contracts import Array, Inputs, Log
 from etude.deploy.effort import effort
+from etude.protocols import Inputs
+from etude.types import Array, Log
 
 GRAVITY = np.array([5.0, 4.0, 3.0, 2.0])
 

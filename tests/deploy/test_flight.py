@@ -11,11 +11,11 @@ import pytest
 from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model
 
 from compilers import run, tool
-from etude.contracts import Array, Motion
 from etude.deploy.c99.plan import planned
 from etude.deploy.flight.target import CRAZYFLIE, PX4
 from etude.deploy.states import log_of
 from etude.errors import UsageError
+from etude.types import Array, Motion
 from etude_quadrotor.controller import FlightFeedforward
 from etude_quadrotor.flatness import flat_motion
 from etude_quadrotor.physics.drag import _fitted

@@ -12,8 +12,8 @@ import pytest
 from c_models import QUADROTOR, quadrotor_model
 
 from compilers import run, tool
-from etude.contracts import Array, Motion
 from etude.deploy.c99.target import C99
+from etude.types import Array, Motion
 from etude_quadrotor.controller import FlightFeedforward
 from etude_quadrotor.physics.drag import _fitted
 

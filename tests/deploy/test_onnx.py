@@ -20,7 +20,6 @@ from c_models import (
     quadrotor_spec,
 )
 
-from etude.contracts import Array, Log
 from etude.deploy.onnx import target
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import ONNX, in_turn, taken_by
@@ -30,6 +29,7 @@ from etude.models.gp.exact import posterior_given
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.types import Array, Log
 
 for library in ("onnx", "onnxruntime"):
     pytest.importorskip(library, reason="graphs are written and run by the extra 'onnx'")

@@ -13,7 +13,6 @@ import pytest
 
 import etude.deploy.trajectory_files as module
 from etude import plugins
-from etude.contracts import Channel, Kind, Limit, Trajectory
 from etude.deploy.trajectory_files import (
     SPEEDS,
     TrajectoryFiles,
@@ -30,7 +29,9 @@ from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 from etude.limits.unseen import COLLISIONS
 from etude.models.config import ModelConfig
+from etude.protocols import Kind, Limit, Trajectory
 from etude.trajectories.json_text import from_json
+from etude.types import Channel
 
 ROBOT = """\
 name = "two"

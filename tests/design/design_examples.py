@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from etude.contracts import Candidate, Inputs, Limit, Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured
+from etude.protocols import Candidate, Inputs, Limit, Posterior
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import PointToPoint
 from etude_arm import motions

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Cone, Family, Motion, Proof, Reachable, Trajectory
 from etude.design.chain import near_to_near
 from etude.design.coverage import BINS, Visited
 from etude.design.roaming import SLOW, Region, Roam, Roamed
 from etude.limits.library import AxisLimit
+from etude.protocols import Family, Trajectory
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.types import Array, Cone, Motion, Proof, Reachable
 
 NAMES = ("x", "y")
 ENDS = np.array([3.0, 3.0])

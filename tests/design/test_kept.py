@@ -17,12 +17,13 @@ from design_examples import (
     differences,
 )
 
-from etude.contracts import Cone, Family, Motion, Proof, Trajectory
 from etude.design.config import DesignConfig
 from etude.design.kept import Kept
 from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
+from etude.protocols import Family, Trajectory
+from etude.types import Cone, Motion, Proof
 
 QUICK = DesignConfig(criterion="mean_variance", candidates=6, refine=2, steps=15, points=25)
 

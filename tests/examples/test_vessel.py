@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import pytest
 
-from etude.contracts import Kind
+from etude.protocols import Kind
 from etude.testing import KindSuite
 
 VESSEL = Path(__file__).parents[2] / "examples" / "vessel"

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Trajectory
+from etude.protocols import Trajectory
+from etude.types import Array
 
 MARGIN, NEAR_MARGIN, NEAR = 0.010, 0.002, 2
 """m between parts; m between parts with at most so many joints between them."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from flights import QUICK
 from numpy.typing import NDArray
 from rotorpy_vehicle import NED, Airframe, Cascade, Flight, G, Geometric, fly
 
@@ -31,8 +32,6 @@ speed = 8.0
 margin = 1.0
 vertical_margin = 0.3
 """
-QUICK = {"candidates = 100": "candidates = 20", "steps = 60": "steps = 15", "starts = 3": "starts = 1"}
-"""Settings of a campaign for every day."""
 
 
 def run(*arguments: object) -> str:

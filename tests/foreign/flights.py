@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.contracts import Limit, Trajectory
+from etude.campaign.ask import ask
+from etude.campaign.create import create_campaign
+from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.tell import tell
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
 from etude.design.ways import there_and_back
 from etude.limits.at_rest import at_rest
-from etude.limits.certificate import certify
+from etude.limits.certificate import Certificate, certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
+from etude.protocols import Trajectory
+from etude.trajectories.json_text import from_json
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.kind import KIND
 from etude_quadrotor.room import home, limits, ways
@@ -29,6 +36,8 @@ from etude_quadrotor.spec import QuadrotorSpec
 Array = NDArray[np.float64]
 BEFORE, AFTER, RATE = 10.0, 10.0, 50.0
 SAMPLERS = (uniform, scaled, boundary)
+QUICK = {"candidates = 100": "candidates = 20", "steps = 60": "steps = 15", "starts = 3": "starts = 1"}
+"""Settings of a campaign whose designs take seconds."""
 
 
 def vehicle(seed: int) -> QuadrotorSpec:
@@ -54,11 +63,11 @@ def vehicle(seed: int) -> QuadrotorSpec:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A motion as it leaves, and what was promised of it."""
+    """A motion as it leaves, and what was promised of it: margin (3,) m about each place of the flight."""
 
     spec: QuadrotorSpec
     whole: Trajectory
-    limits: tuple[Limit, ...]
+    margin: Array
     files: dict[str, bytes]
     ground: bool
 
@@ -90,7 +99,53 @@ def planned(spec: QuadrotorSpec, seed: int, *, ground: bool, exporter: Any = OFF
     files = exporter(whole, KIND, spec)
     held = certify_played(exporter, files, allowed, whole)
     assert {row.axis for row in held.rows} >= {"held before the first row", "held after the last row"}
-    return Planned(spec, whole, allowed, dict(files), ground)
+    flight = next(piece for _, label, piece in whole.pieces() if label == "segment")
+    return Planned(spec, whole, kept(certify(flight, allowed)), dict(files), ground)
+
+
+def asked(robot: Path, folder: Path, seed: int, *, start: str, log: Path | None = None) -> Planned:
+    """What `etude ask` proposes for a vehicle, for PX4; first, or after a log of a motion of another's."""
+    path = create_campaign(folder, str(robot), seed=seed)[0].path
+    config = path / "campaign.toml"
+    text = config.read_text(encoding="utf-8")
+    for old, new in QUICK.items():
+        assert old in text
+        text = text.replace(old, new)
+    config.write_text(text, encoding="utf-8")
+    campaign = open_campaign(path)
+    if log is not None:
+        tell(campaign, log, foreign=True)
+    return proposed(campaign, start)
+
+
+def proposed(campaign: Campaign, start: str) -> Planned:
+    """The next proposal of a campaign, as its files say it."""
+    found = ask(campaign, formats=["px4"], start=start, go_on=True)
+    (place,) = {file.parent for own in found.exported for file in own.files}
+    files = {file.name: file.read_bytes() for file in place.iterdir() if file.is_file()}
+    written = place.parent if start else found.folder
+    whole = from_json((written / "trajectory.json").read_bytes())
+    return Planned(campaign.spec, whole, kept(found.certificate), files, start == "ground")
+
+
+def robot_file(spec: QuadrotorSpec, path: Path) -> Path:
+    """A robot.toml of it, as a user writes one."""
+    words = {
+        "kind": "quadrotor",
+        "name": spec.name,
+        "commands": list(spec.command_names),
+        "command_unit": spec.command_unit,
+        **{
+            key: getattr(spec, key)
+            for key in ("command_lower", "command_upper", "rate", "lower", "upper", "speed", "radius", "tilt")
+        },
+        "margin": spec.margin,
+        "vertical_margin": spec.vertical_margin,
+    }
+    told = {key: list(value) if isinstance(value, tuple) else value for key, value in words.items()}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in told.items() if value is not None]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
 
 
 def _speeds(spec: QuadrotorSpec) -> tuple[Array, Array]:
@@ -134,17 +189,16 @@ def wrong(own: Planned, t: Array, place: Array, plan: Array, velocity: Array) ->
     off = np.abs(place - plan)
     # straight up or down no margin is kept: below the column's top there is nothing but the column
     off[column(own, t), 2] = 0.0
-    over = off.max(axis=0) - kept(own)
+    over = off.max(axis=0) - own.margin
     found += [f"{over.max():.3f} m beyond the margin"] if over.max() > 0.0 else []
     end = float(np.linalg.norm(place[-1] - plan[-1]))
     found += [f"{end:.3f} m off after ten seconds"] if end > 0.1 else []
     return found
 
 
-def kept(own: Planned) -> Array:
-    """(3,) m, the margins of the places in the certificate of the flight itself."""
-    flight = next(piece for _, label, piece in own.whole.pieces() if label == "segment")
-    rows = {row.axis: row.margin for row in certify(flight, own.limits).rows if row.quantity == "position"}
+def kept(certificate: Certificate) -> Array:
+    """(3,) m, the margins of the places in the certificate of a flight itself."""
+    rows = {row.axis: row.margin for row in certificate.rows if row.quantity == "position"}
     return np.array([rows[axis] for axis in "xyz"])
 
 

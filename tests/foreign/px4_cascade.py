@@ -148,11 +148,13 @@ def _norm(v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Body:
-    """The vehicle: hover is the part of full thrust at which it really hovers; motors lag, s; drag in 1/s."""
+    """The vehicle: hover is the part of full thrust at which it really hovers; motors lag, s;
+    drag in 1/s, of all axes or of each.
+    """
 
     hover: float = 0.5
     motors: float = 0.05
-    drag: float = 0.0
+    drag: float | tuple[float, float, float] = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +229,7 @@ class Vehicles:
         dt = self.dt
         turn, spin = 1.0 - math.exp(-self.given.roll_p * dt), 1.0 - math.exp(-dt / self.body.motors)
         self.force = _followed(self.force, wanted, turn, spin)
-        total = self.force + np.array([0.0, 0.0, G]) - self.body.drag * self.velocity
+        total = self.force + np.array([0.0, 0.0, G]) - np.asarray(self.body.drag) * self.velocity
         velocity = self.velocity + total * dt
         position = self.position + velocity * dt
         below = position[:, 2] >= self.ground

@@ -27,7 +27,7 @@ from pinocchio_arm import Reference, arm_of_urdf
 from pinocchio_arm import run as play
 
 import etude
-from etude.contracts import Motion
+from etude.types import Motion
 from etude_online.runtime import open_online
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -22,7 +22,7 @@ from etude.campaign.ask import ask
 from etude.campaign.create import Part, create_campaign
 from etude.campaign.folder import open_campaign
 from etude.campaign.proposals import stored_trajectory
-from etude.contracts import Trajectory
+from etude.protocols import Trajectory
 
 QUICK = 'kind = "arm"\n[design]\nrefine = 1\nsteps = 2\npoints = 15\nreference_points = 20\n'
 FIRST, THIRD = (0.35, 0.6), (0.6, 0.8)

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import RATE, left, planned, vehicle
+from flights import RATE, Planned, asked, left, planned, proposed, robot_file, vehicle
 from px4_cascade import Body, fly, padded
 
-from etude.contracts import Channel, Log
+from etude.campaign.folder import open_campaign
 from etude.deploy.exporters.offboard import NED
 from etude.logs.tracked import tracked
+from etude.types import Channel, Log
 
 FEW, MANY, BATCH = 6, 500, 25
+ASKED = 30
+"""Vehicles and rooms whose flights `etude ask` proposes."""
+DRAG = (0.54, 0.54, 0.07)
+"""1/s of the vehicle of the example, by axis: drag over velocity in the set-points of its campaign."""
+EXAMPLES = Path(__file__).parents[2] / "examples" / "px4"
 FIRST = 9000
 """Seeds from 1000 and from 5000 settled the limits of vertical speed and what is assumed of tracking."""
 
@@ -73,3 +81,62 @@ def test_five_hundred_flights(tmp_path_factory: pytest.TempPathFactory) -> None:
             path.write_text(json.dumps(done))
     wrong = [text for own in done.values() for text in own]
     assert not wrong, f"{len(wrong)} of {MANY}: {wrong[:10]}"
+
+
+def one_asked(seed: int, folder: Path) -> Planned:
+    """The first flight for a vehicle of that seed: from hover, or from the ground and back."""
+    robot = robot_file(vehicle(seed), folder / f"{seed}.toml")
+    return asked(robot, folder / f"lab{seed}", seed, start="ground" if seed % 2 else "")
+
+
+def test_what_ask_proposes_stays_inside(tmp_path: Path) -> None:
+    assert left([one_asked(seed, tmp_path) for seed in (9, 12)]) == []
+
+
+@pytest.mark.slow
+def test_what_ask_proposes_stays_inside_for_many(tmp_path: Path) -> None:
+    wrong = left([one_asked(seed, tmp_path) for seed in range(100, 100 + ASKED)])
+    assert not wrong, f"{len(wrong)} of {ASKED}: {wrong}"
+
+
+@pytest.mark.slow
+def test_what_ask_proposes_after_a_log(tmp_path: Path) -> None:
+    """A recording in PX4's format, then flights in its room, each from the ground or from hover.
+
+    The set-points hold against the drag that was learned, so the vehicle here has it too.
+    """
+    pytest.importorskip("pyulog", reason="its log is read by the extra 'px4'")
+    robot, log = EXAMPLES / "px4_quad.toml", EXAMPLES / "flight.ulg"
+    flights = [
+        asked(robot, tmp_path / f"lab{seed}", seed, start="ground" if seed % 2 else "", log=log)
+        for seed in range(8)
+    ]
+    assert left(flights, Body(drag=DRAG)) == []
+
+
+def drag_of(own: Planned) -> tuple[float, float, float]:
+    """1/s by axis, that its set-points hold against; nothing where none was learned."""
+    rows = list(csv.DictReader(io.StringIO(own.files["setpoints.csv"].decode())))
+    if "drag_north" not in rows[0]:
+        return (0.0, 0.0, 0.0)
+    names = ("north", "east", "down")
+    drag, velocity = (
+        np.array([[float(row[prefix + axis]) for axis in names] for row in rows]) for prefix in ("drag_", "v")
+    )
+    north, east, down = (drag * velocity).sum(axis=0) / (velocity**2).sum(axis=0)
+    return (north, east, down)
+
+
+@pytest.mark.slow
+def test_what_ask_proposes_after_its_own_flights(tmp_path: Path) -> None:
+    """Margins are then those of logs: rotorpy's vehicle flew two proposals under PX4's cascade."""
+    pytest.importorskip("rotorpy", reason="rotorpy has no wheel for this Python: pip install rotorpy")
+    from flight_lab import learned_lab
+    from rotorpy_vehicle import Cascade
+
+    for seed in range(3):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        lab, _ = learned_lab(folder, 2, seed=seed, controller=Cascade, quick=True)
+        own = proposed(open_campaign(lab), "ground")
+        assert left([own], Body(drag=drag_of(own))) == []

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from etude.contracts import Limit
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
+from etude.protocols import Limit
 from etude.trajectories.family import FourierConfig, FourierFamily
 
 GRAVITY = 9.81

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_commands import LIMIT, SWING, pendulum
 
-from etude.contracts import Array, Motion
 from etude.limits.believed import LEAST, ROOM, after_run, credible
 from etude.limits.commands import LOOK, SELDOM, CommandLimit
+from etude.types import Array, Motion
 
 
 def vague(size: float) -> CommandLimit:

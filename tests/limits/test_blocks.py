@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etude.contracts import Cone
 from etude.limits.blocks import Block
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
+from etude.types import Cone
 
 
 def alone(cones: list[Cone], centre: np.ndarray) -> FeasibleSet:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 
-from etude.contracts import Proof
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import Certificate, certify, certify_bytes, require_certified, spare, use
 from etude.limits.library import AxisLimit, NormLimit
@@ -15,6 +14,7 @@ from etude.limits.samplers import scaled
 from etude.limits.unseen import ALL
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint, random_moves
+from etude.types import Proof
 
 
 def example(name: str = "null space"):

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Motion
 from etude.errors import UsageError
 from etude.limits.certificate import certify, spare
 from etude.limits.commands import (
@@ -25,6 +24,7 @@ from etude.limits.open_commands import OpenCommands, kept_at
 from etude.limits.unseen import COMMANDS
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.splined import Splined
+from etude.types import Array, Motion
 
 NAMES = ("a", "b")
 

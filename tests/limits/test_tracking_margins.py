@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.contracts import Proof
 from etude.errors import UsageError
 from etude.limits.tracking import (
     CONFIDENCE,
@@ -21,6 +20,7 @@ from etude.limits.tracking import (
 from etude.limits.unseen import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_looked_at
 from etude.trajectories.chain import Chain
 from etude.trajectories.moves import PointToPoint
+from etude.types import Proof
 
 LOWER, UPPER, HOME = np.array([-2.0, 0.0]), np.array([2.0, 1.0]), np.array([0.0, 0.2])
 RANGES = Ranges.of((LOWER, UPPER), (np.array([-1.0, -3.0]), np.array([1.0, 3.0])), HOME, ("rad", "m"))

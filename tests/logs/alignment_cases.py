@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from robot_limits import ROBOTS, Robot
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.identity import align
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array, Log
 
 TEN = (
     "arm4",

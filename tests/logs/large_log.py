@@ -31,8 +31,8 @@ def write(path: Path, digits: int) -> None:
 
 def read(path: Path) -> int:
     """Rows of the log."""
-    from etude.contracts import Channel
     from etude.logs.read import read_log
+    from etude.types import Channel
 
     channels = (
         Channel("q", JOINTS, ("rad",) * 7, required=True),

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Motion, Trajectory
+from etude.protocols import Trajectory
+from etude.types import Array, Channel, Log, Motion
 
 JOINTS = ("pan_joint", "lift_joint", "elbow_joint")
 LOWER, UPPER = np.array([-1.0, -2.0, -1.5]), np.array([1.0, 1.0, 1.5])

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 import etude
-from etude.contracts import Array, Channel
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array, Channel
 
 # (lower, upper, velocity) by joint, in rad and rad/s, from the URDF files of the package example-robot-data
 # 6.0.0 (PyPI; BSD-3-Clause), which ships the makers' descriptions.

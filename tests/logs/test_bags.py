@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
-from etude.contracts import Log
 from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import bytes_of_log, sha256_of_log
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 from etude.logs.ros_definitions import CONTROLLER_STATE, LATER
+from etude.types import Log
 
 pytest.importorskip("rosbags", reason="bags need the extra 'ros'")
 import bag_examples as bags

@@ -9,10 +9,10 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude import plugins
-from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.read import read_log
+from etude.types import Channel, Log
 
 LOG = make_log()
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_examples import CHANNELS, FLIGHT_CHANNELS, JOINTS, joint_channels
 
-from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.columns import match_columns
+from etude.types import Channel
 
 
 def names_of(headers: list[str], channel: str) -> list[str]:

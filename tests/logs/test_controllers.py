@@ -9,12 +9,12 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
-from etude.contracts import Log
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.controllers import doubles, plain
 from etude.logs.guess import guessed_channels
 from etude.logs.read import read_log
+from etude.types import Log
 
 LOG = make_log()
 TOPIC = "/joint_trajectory_controller/controller_state"

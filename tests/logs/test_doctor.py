@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, at, make_log, with_values
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.doctor import increasing_rows
 from etude.logs.read import clean_log
 from etude.logs.steps import segments
 from etude.logs.units import start_at_zero
+from etude.types import Channel, Log
 
 LOG = make_log()
 

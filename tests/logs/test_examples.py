@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from log_examples import FLIGHT_CHANNELS, FLIGHT_RATE, joint_channels
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.read import read_log
 from etude.logs.steps import command_lag, differentiated, median_rate, smooth, uniform
 from etude.logs.units import Limits
+from etude.types import Array, Channel, Log
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

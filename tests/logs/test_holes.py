@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.logs.holes import without_holes
+from etude.types import Array, Channel, Log
 
 T = np.arange(0.0, 2.0, 0.01)
 FIRST = np.arange(len(T)) % 2 == 0

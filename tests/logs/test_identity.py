@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from log_examples import CHANNELS, LIMITS, MOTION, SCALE, Sines, at, make_log, with_values
 
-from etude.contracts import Log, Trajectory
 from etude.errors import DataError
 from etude.logs.delay import likely_delays, measure_delay
 from etude.logs.identity import align
 from etude.logs.read import clean_log
+from etude.protocols import Trajectory
+from etude.types import Log
 
 LOG = make_log(start=-2.0)
 

@@ -10,9 +10,9 @@ import polars as pl
 import pytest
 from log_examples import FLIGHT_CHANNELS, joint_channels
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.log_file import is_log_file, log_bytes, read_log_file, write_log
+from etude.types import Channel, Log
 
 DATA = Path(__file__).parent / "data"
 RNG = np.random.default_rng(0)

@@ -10,9 +10,9 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
-from etude.contracts import Log
 from etude.errors import DataError
 from etude.logs.read import read_log
+from etude.types import Log
 
 LOG = make_log()
 ORDER = (2, 0, 1)

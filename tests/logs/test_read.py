@@ -10,12 +10,12 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, RATE, columns_of, make_log, with_values, write_csv
 
-from etude.contracts import Log
 from etude.errors import DataError
 from etude.logs.cut import with_rest_told
 from etude.logs.log_file import log_bytes, write_log
 from etude.logs.read import read_log
 from etude.logs.units import Limits
+from etude.types import Log
 
 LOG = make_log()
 

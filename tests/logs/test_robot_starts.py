@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from robot_limits import ROBOTS, Robot
 
-from etude.contracts import Log, Trajectory
 from etude.errors import DataError
 from etude.logs.identity import align
+from etude.protocols import Trajectory
 from etude.trajectories.family import FourierConfig
+from etude.types import Log
 
 LAG = 0.12
 NOISE = 2e-3  # of the range

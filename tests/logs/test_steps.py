@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.steps import (
     command_lag,
@@ -22,6 +21,7 @@ from etude.logs.steps import (
     uniform,
     without_lag,
 )
+from etude.types import Channel, Log
 
 MIX = np.random.default_rng(3).normal(size=(9, 4))
 STATES = ("specific_force", "rates", "angular_acceleration", "altitude")

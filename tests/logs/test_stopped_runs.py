@@ -8,9 +8,9 @@ from log_examples import CHANNELS, MOTION, SCALE, Sines, at, make_log, with_valu
 from robot_limits import ROBOTS, Robot
 from test_robot_starts import recorded
 
-from etude.contracts import Log
 from etude.errors import DataError
 from etude.logs.identity import align
+from etude.types import Log
 
 LOG = make_log(start=-2.0)
 

@@ -9,11 +9,11 @@ import polars as pl
 import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
-from etude.contracts import Log
 from etude.errors import DataError
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 from etude.logs.text_blocks import BLOCK
+from etude.types import Log
 
 LOG = make_log()
 ROWS = len(LOG)

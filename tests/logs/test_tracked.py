@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log
 from etude.logs.tracked import largest_errors, tracked
 from etude.trajectories.chain import Chain
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.types import Channel, Log
 
 Q = Channel("q", ("a", "b"), ("rad", "rad"))
 FORTH = PointToPoint(np.array([[0.0, 0.0], [1.0, -1.0]]), 0.5, 0.0)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from log_examples import vector
 
-from etude.contracts import Channel
 from etude.errors import DataError, UsageError
 from etude.logs.cut import cut_sentences
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
 from etude.logs.ulog import turned
+from etude.types import Channel
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs

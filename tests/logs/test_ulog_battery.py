@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from etude.campaign.create import find_robot
-from etude.contracts import Index, Log, Samples
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
+from etude.types import Index, Log, Samples
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.recipe import FlightData, flight_samples
 

@@ -20,7 +20,6 @@ from log_examples import (
     with_values,
 )
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.frames import raw_log
@@ -28,6 +27,7 @@ from etude.logs.ranges import check_positions
 from etude.logs.read import read_log
 from etude.logs.units import from_degrees, read_time, time_factor
 from etude.logs.words import UNITS
+from etude.types import Array, Channel, Log
 
 DEGREE = math.pi / 180.0
 PER_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}

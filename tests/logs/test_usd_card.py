@@ -9,10 +9,10 @@ import pytest
 from log_examples import vector
 from ulog_examples import EXAMPLES, loaded
 
-from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.read import read_log
 from etude.logs.readers import read_raw
+from etude.types import Channel
 
 MAKER = loaded(EXAMPLES / "crazyflie" / "make_usd.py")
 MOTORS = tuple(f"m{i}" for i in range(1, 5))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Column, FitData, Log, Samples, joined_samples
 from etude.errors import DataError
 from etude.models.config import ModelConfig
 from etude.models.fit import Folds, fit_data, rows_of, units_of
@@ -16,6 +15,8 @@ from etude.models.held_out import fold_numbers
 from etude.models.ladder import Ladder, train_ladder
 from etude.models.model import LearnedModel
 from etude.models.rows import in_order
+from etude.protocols import FitData
+from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 
 NAMES = ("a", "b")
 LIMIT = np.full(2, 40.0)

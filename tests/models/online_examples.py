@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from etude.campaign.config import preset_config
-from etude.contracts import Log, Samples, joined_samples
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.model import LearnedModel
+from etude.types import Log, Samples, joined_samples
 from etude_arm.kind import KIND
 from etude_arm.spec import ArmSpec, Axis
 

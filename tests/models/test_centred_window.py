@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.contracts import Channel
 from etude.errors import UsageError
+from etude.types import Channel
 from etude_online.window import ORDER, CentredWindow, Source, polynomial_weights, sources
 
 RATE = 100.0

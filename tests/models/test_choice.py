@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, commanded, ladder, trajectories, trajectory
 
-from etude.contracts import Samples, joined_samples
 from etude.models.choice import _choice, _reference
 from etude.models.ladder import Ladder
 from etude.models.linear import linear_inputs, linear_weights
+from etude.types import Samples, joined_samples
 
 AUTO = replace(SMALL, rung="auto")
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError
+from etude.types import Channel, Log
 from etude_online.guard_effort import feedback_of
 
 RATE, SUBSTEPS, WEIGHT, FRICTION = 100.0, 10, 8.0, 2.0

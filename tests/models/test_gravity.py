@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories
 
-from etude.contracts import Candidate
 from etude.errors import UsageError
 from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers
 from etude.models.model import LearnedModel
 from etude.models.store import load_model, save_model
+from etude.protocols import Candidate
 from etude_lagrangian.member import all_lin
 from etude_lagrangian.together import data_together
 from etude_online.command import learning_command

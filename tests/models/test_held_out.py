@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from learning_examples import LIMIT, NAMES, SMALL, Inputs, commanded, samples_of, trajectories, trajectory
 
-from etude.contracts import Samples
 from etude.errors import DataError, UsageError
 from etude.models.fit import Folds, rows_of
 from etude.models.held_out import (
@@ -20,6 +19,7 @@ from etude.models.held_out import (
 )
 from etude.models.linear import LinearPhysics, at_rest
 from etude.models.rows import in_order, seconds_of, spread_points
+from etude.types import Samples
 
 
 def samples(n: int, seed: int = 0) -> Samples:

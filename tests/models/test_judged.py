@@ -7,9 +7,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log, Samples
 from etude.models.judged import judged
 from etude.models.model import LearnedModel
+from etude.types import Channel, Log, Samples
 
 UNITS = ("rad", "rad")
 AXES = ("a", "b")

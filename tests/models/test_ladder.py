@@ -21,7 +21,6 @@ from learning_examples import (
     trajectory,
 )
 
-from etude.contracts import Samples, joined_samples
 from etude.errors import DataError, UsageError
 from etude.models.config import RUNGS, ModelConfig
 from etude.models.gp.exact import ExactGP
@@ -29,6 +28,7 @@ from etude.models.gp.shared_exact import condition_shared
 from etude.models.ladder import OFFERED, prequential
 from etude.models.recipes import CANDIDATES
 from etude.models.score import score
+from etude.types import Samples, joined_samples
 
 AUTO = replace(SMALL, rung="auto")
 BOTH = pytest.mark.parametrize("config", [SMALL, TOGETHER], ids=["separate", "together"])

@@ -23,10 +23,10 @@ from lagrangian_examples import (
     random_parameters,
 )
 
-from etude.contracts import FitData
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import Linear, structured
+from etude.protocols import FitData
 from etude.testing.differences import central
 from etude.testing.process import ProcessSuite
 from etude_lagrangian.joints import Joints

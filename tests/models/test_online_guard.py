@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from online_examples import CHANNELS, LIMITS, of_rung, trained
 
-from etude.contracts import Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
+from etude.types import Log, Motion
 from etude_online.guard_clock import OwnClock
 from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks, feedback_of
 from etude_online.guard_gate import Gate, Ranges

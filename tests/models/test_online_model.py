@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from online_examples import CHANNELS, LIMITS, SMALL, SPEC, of_rung, trained
 
-from etude.contracts import Channel, Log, Motion
 from etude.errors import DataError, UsageError
 from etude.models.linear import LinearMean
 from etude.models.model import LearnedModel
+from etude.types import Channel, Log, Motion
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel
 

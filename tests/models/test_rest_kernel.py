@@ -8,7 +8,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from etude.contracts import Log
 from etude.errors import UsageError
 from etude.models.contracts import Offered
 from etude.models.forms import kernel_of, kernel_words
@@ -18,6 +17,7 @@ from etude.models.gp.point_kernel import PointCovariances
 from etude.models.gp.rest import RestNoise, standing
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.types import Log
 
 COLUMNS = [
     (channel, part, "", op)
@@ -81,7 +81,7 @@ def test_no_noise_makes_a_known_command_fade() -> None:
     np.testing.assert_array_equal(variance, same)
     assert variance[1, 0] - variance[0, 0] == pytest.approx(1.5 * 9.0 * 400.0, rel=1e-6)
     assert mean[0, 0] > 0.3
-    np.testing.assert_array_equal(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0])
+    np.testing.assert_allclose(faded[:, 0], [mean[0, 0], mean[1, 0], 0.0, 0.0], rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(replace(model, least=one).predict(states)[0], 0.0)
 
 

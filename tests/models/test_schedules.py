@@ -21,7 +21,6 @@ from learning_examples import (
 from learning_examples import trajectories as longer
 
 from etude import plugins
-from etude.contracts import FitData
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
 from etude.models.contracts import HasKernel
 from etude.models.gp.exact import ExactGP
@@ -31,6 +30,7 @@ from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.store import load_model, save_model
+from etude.protocols import FitData
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 
 MEMBERS = {name: member_named(name) for name in plugins.BUILT_IN["etude.models"] if name != "all_lin"}

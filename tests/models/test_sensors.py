@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Channel, Log, Samples
 from etude.models.cause import SLOW, Cause, Expected, cause
 from etude.models.manner import block_sizes, manner
 from etude.models.stuck import STUCK_S, stuck
+from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)
 T = np.arange(0.0, 60.0, 0.2)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from learning_examples import LIMIT, SMALL, train, trajectories, trajectory
 
-from etude.contracts import Samples
 from etude.models.score import score
 from etude.models.short import DOUBT
 from etude.models.trust import trust
+from etude.types import Samples
 
 AUTO = replace(SMALL, rung="auto")
 

@@ -13,7 +13,6 @@ import numpy as np
 from etude.campaign.config import preset_config
 from etude.campaign.config_file import config_text
 from etude.campaign.journal import commit
-from etude.contracts import Log
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
@@ -21,6 +20,7 @@ from etude.logs.log_file import write_log
 from etude.storage import write_atomic
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Log
 from etude_arm.inputs import ArmInputs
 from etude_arm.kind import KIND
 from etude_arm.spec import ArmSpec, Axis

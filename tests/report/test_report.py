@@ -21,7 +21,6 @@ from synthetic_campaign import (
 )
 
 from etude.campaign.journal import commit
-from etude.contracts import Log
 from etude.errors import UsageError
 from etude.logs.log_file import read_log_file, write_log
 from etude.report import record as record_module
@@ -29,6 +28,7 @@ from etude.report.build import CONTENTS, SECTIONS, build_report
 from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.uncertainty import deviation_maps, map_panel
+from etude.types import Log
 
 JOINTS = set(CONTENTS) - {"paths", "motion", "confirmation"}
 """Sections of a robot without a model file, whose path is none through space, where nothing was confirmed."""

@@ -20,7 +20,6 @@ from etude.campaign.folder import open_campaign
 from etude.campaign.journal import read_events
 from etude.campaign.simulate import simulate
 from etude.campaign.stored import stored_model
-from etude.contracts import Channel, Log, Samples
 from etude.report import curves
 from etude.report.build import CONTENTS, build_report
 from etude.report.forecasts import Forecast, forecast, newest_forecast
@@ -35,6 +34,7 @@ from etude.report.sections.paths import Gone, shades
 from etude.report.sections.prediction import Z95
 from etude.report.sections.views import DRAWING, equal_limits
 from etude.storage import sha256_of
+from etude.types import Channel, Log, Samples
 
 QUICK = {"duration": 8.0, "candidates": 8, "steps": 4, "starts": 1, "points": 60, "refine": 1}
 ROUNDS = 2

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from mutants import Twin, first_row_off, laws, log_off, noticed
 
-from etude.contracts import Cone, Proof
 from etude.design.score import Score
 from etude.models.gp.kernels import SquaredExponential
 from etude.testing import (
@@ -27,6 +26,7 @@ from etude.testing import (
     RobotSuite,
 )
 from etude.testing.world import World, world
+from etude.types import Cone, Proof
 from etude_arm.kind import KIND
 
 ARM = "arm4"

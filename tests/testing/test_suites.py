@@ -14,10 +14,10 @@ import pytest
 from mutants import Twin, laws, noticed
 
 from etude import plugins
-from etude.contracts import FitData, Kind, Trajectory
 from etude.errors import DataError
 from etude.logs.readers import read_csv, read_parquet
 from etude.models.members import member_named
+from etude.protocols import FitData, Kind, Trajectory
 from etude.testing import CriterionSuite, ExporterSuite, KernelSuite, ProcessSuite, ReaderSuite
 from etude.trajectories.json_text import from_json
 from etude_arm.kind import KIND

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from etude.contracts import Finding
+from etude.types import Finding
 from etude_studies.bench_truth import ENDS, Ended, ending, judged, kept, truth_rows
 from etude_studies.truth_logs import Source, real_sources, simulated_sources
 from etude_studies.truth_wrong import Wrong

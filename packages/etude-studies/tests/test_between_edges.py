@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import joined_samples
 from etude.models.held_out import split_blocks
+from etude.types import joined_samples
 from etude_studies import between_edges
 from etude_studies.between_edges import inside, log_rows, new_motion
 from etude_studies.real_between import again

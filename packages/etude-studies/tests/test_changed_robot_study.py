@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log, Samples
 from etude.errors import UsageError
 from etude.models.judged import Judged
+from etude.types import Channel, Log, Samples
 from etude_studies.bench_changed import GAIN, larger, others, thirds
 from etude_studies.changed_robot import OTHERS, facts_of
 from etude_studies.changed_rows import rows_of

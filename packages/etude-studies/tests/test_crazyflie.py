@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from etude.contracts import Log
 from etude.models.held_out import block_masks
+from etude.types import Log
 from etude_studies import crazyflie
 from etude_studies import crazyflie_flights as study
 from etude_studies.crazyflie import crazyflie_rows

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Channel, Log
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Channel, Log
 from etude_studies.flight_margins import FLIGHTS, MANNERS, ROBOTS, _away, summary
 
 

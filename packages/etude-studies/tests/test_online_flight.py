@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.contracts import Log
 from etude.models.model import LearnedModel
+from etude.types import Log
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel
 from etude_studies.world import World

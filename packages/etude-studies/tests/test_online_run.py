@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Motion
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.model import LearnedModel
+from etude.types import Motion
 from etude_online.learner import OnlineConfig
 from etude_studies import online
 from etude_studies.online_run import OnlineRun, Repeated

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from etude.commands.bench import Bench
-from etude.contracts import Samples
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.held_out import split_blocks
 from etude.models.ladder import Ladder
 from etude.models.score import figures
+from etude.types import Samples
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples
 from etude_studies.real_accuracy import accuracy_rows, real_rows

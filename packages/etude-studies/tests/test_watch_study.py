@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log, Motion
 from etude.errors import UsageError
+from etude.types import Channel, Log, Motion
 from etude_studies.bench_watch import run as bench
 from etude_studies.broken_sensors import ENCODER, FAULTS, GAIN, OFFSET, STUCK_S, broken
 from etude_studies.crazypad import LEAD_IN, MOTORS, STATES, samples_of

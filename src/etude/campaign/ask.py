@@ -24,10 +24,10 @@ from etude.campaign.stored import is_learned, newest_model
 from etude.campaign.stored_files import changed_since, name_of, require_description, settle, stored_bytes
 from etude.campaign.tracking import kept_now
 from etude.campaign.visited import Swept, as_facts, swept, teaches_little
-from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
+from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:

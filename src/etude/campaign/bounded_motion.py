@@ -8,9 +8,9 @@ from etude.campaign.controls import LEARNED
 from etude.campaign.folder import Campaign
 from etude.campaign.proposals import stored_trajectory
 from etude.campaign.tracking import kept_now, kept_under
-from etude.contracts import Trajectory
 from etude.deploy.along import Bounded
 from etude.errors import UsageError
+from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
 
 

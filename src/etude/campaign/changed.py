@@ -14,12 +14,12 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.state import CHANGED, State
 from etude.campaign.stored import is_stored, stored_model
-from etude.contracts import Finding, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
 from etude.models.cause import SENSOR, Cause
 from etude.models.judged import judged
 from etude.models.model import LearnedModel
+from etude.types import Finding, Log, Samples
 
 Answer = Literal["new", "forget", "same"]
 ANSWERS: tuple[Answer, ...] = ("new", "forget", "same")

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etude.campaign.stop_config import StopConfig
-from etude.contracts import Kind
 from etude.design.config import DesignConfig
 from etude.errors import UsageError
 from etude.limits.tracking import TrackingConfig
 from etude.logs.mapping import LogConfig
 from etude.models.config import ModelConfig
+from etude.protocols import Kind
 from etude.toml_tables import read_table
 
 SHARED: dict[str, type] = {

@@ -13,8 +13,8 @@ from etude.campaign.comments import COMMENTS, HEAD
 from etude.campaign.config import SECTIONS, CampaignConfig, preset_config, tables_of
 from etude.campaign.journal import JOURNAL
 from etude.campaign.renamed import KINDS, modern
-from etude.contracts import Kind
 from etude.errors import UsageError
+from etude.protocols import Kind
 from etude.storage import unreadable
 from etude.toml_tables import CORRECT, decoded, read_table, refuse_unknown, write_table
 from etude.trust import folder_id, is_trusted, names_in, require_trusted, trust

@@ -27,12 +27,12 @@ from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.state import State
 from etude.campaign.stored_files import require_description
 from etude.campaign.tracking import kept_now
-from etude.contracts import Limit, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
 from etude.logs.table_text import header_row
 from etude.models.model import LearnedModel
+from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
 CONFIRM_STREAM = 6

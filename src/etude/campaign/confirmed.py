@@ -18,11 +18,12 @@ from etude.campaign.questions import Asked, answers_of
 from etude.campaign.state import Round, State
 from etude.campaign.stored_files import RESTORE, stored_bytes
 from etude.campaign.told import How, Told, aligned_with, read
-from etude.contracts import Array, Log, Trajectory
 from etude.deploy.trajectory_files import read_table
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import log_bytes
+from etude.protocols import Trajectory
 from etude.storage import write_atomic
+from etude.types import Array, Log
 
 RUNS = ("without", "with")
 SHOWN = {

@@ -14,18 +14,19 @@ from etude.campaign.config_file import CONFIG, config_text, load_config
 from etude.campaign.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.journal import JOURNAL, commit, read_events
 from etude.campaign.names import names_of, require_plain
-from etude.contracts import Described, Kind
 from etude.errors import UsageError
+from etude.protocols import Kind
 from etude.storage import write_atomic, writer_lock
 from etude.toml_tables import decoded
 from etude.trust import folder_id, trust_own
+from etude.types import Described
 
 GROUP = "etude.robots"
 
 
 @dataclass(frozen=True)
 class Part:
-    """What to take of a description, for kinds that can choose; see `contracts.Choosing`."""
+    """What to take of a description, for kinds that can choose; see `protocols.SupportsSelection`."""
 
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)

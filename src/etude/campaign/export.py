@@ -13,11 +13,11 @@ from etude.campaign.folder import Campaign
 from etude.campaign.in_use import model_in_use
 from etude.campaign.stored_files import settle
 from etude.campaign.tracking import kept_under
-from etude.contracts import Trajectory
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.played import certify_played
 from etude.generation import GENERATION
 from etude.limits.certificate import Certificate
+from etude.protocols import Trajectory
 
 GROUP = "etude.exporters"
 CERTIFICATE = "certificate.json"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
-from etude.contracts import Finding
+from etude.types import Finding
 
 FACT = "findings"
 _NAMES = {field.name for field in fields(Finding)}

@@ -14,13 +14,14 @@ from etude.campaign.config_file import CONFIG, load_config, trusting
 from etude.campaign.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
 from etude.campaign.names import require_plain
 from etude.campaign.state import Round, State, replay
-from etude.contracts import Channel, Kind, Limit, Margins, Model
 from etude.errors import UsageError
 from etude.generation import GENERATION
 from etude.plugins import named_in
+from etude.protocols import Kind, Limit, Model
 from etude.shown import Picture, picture_of
 from etude.storage import sha256_of, writer_lock
 from etude.trust import folder_id
+from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
     from etude.models.model import LearnedModel

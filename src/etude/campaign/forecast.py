@@ -9,11 +9,12 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.motions import typical_motions
 from etude.campaign.state import State
-from etude.contracts import Array, Candidate
 from etude.design.reference import MOTIONS, reference_states
 from etude.design.view import latents_of
 from etude.models.contracts import HasKernel
 from etude.models.model import LearnedModel
+from etude.protocols import Candidate
+from etude.types import Array
 
 REFERENCE_STREAM = 5
 """The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""

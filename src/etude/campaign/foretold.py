@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Mask, Trajectory
 from etude.models.model import LearnedModel
+from etude.protocols import Trajectory
+from etude.types import Array, Channel, Log, Mask
 
 FRACTION = 0.05
 """A joint moves above that part of its top speed, as in training (`ArmData.stick_fraction`); a joint whose

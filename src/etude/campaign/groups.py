@@ -8,7 +8,7 @@ import numpy as np
 
 from etude.campaign.folder import Campaign
 from etude.campaign.stored import stored_log
-from etude.contracts import Samples
+from etude.types import Samples
 
 
 def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:

@@ -13,7 +13,6 @@ from etude.campaign.config_file import CONFIG
 from etude.campaign.create import find_robot
 from etude.campaign.folder import open_campaign
 from etude.campaign.questions import judged_commands
-from etude.contracts import Channel, Finding, Kind, Log
 from etude.errors import EtudeError
 from etude.logs.cut import cut_sentences, end_findings, with_rest_told
 from etude.logs.doctor import drop_unreadable, order_rows
@@ -28,6 +27,8 @@ from etude.logs.truth.judge import judge_commands, judge_motion
 from etude.logs.truth.seen import Seen, seen
 from etude.logs.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.words import is_time
+from etude.protocols import Kind
+from etude.types import Channel, Finding, Log
 
 USUAL_RATE = 200.0
 """Hz: of a robot that nobody described, to tell the unit of its times."""

@@ -15,9 +15,10 @@ from etude.campaign.controls import CONTROLS, asked_under, in_words
 from etude.campaign.folder import Campaign
 from etude.campaign.proposals import FULL, stored_trajectory
 from etude.campaign.stored import require_stored, stored_model
-from etude.contracts import Array, Limit, Margins, Model, Trajectory
 from etude.errors import DataError, UsageError
 from etude.limits.believed import after_run
+from etude.protocols import Limit, Model, Trajectory
+from etude.types import Array, Margins
 
 MARGINS, UNHELD, MODEL = "margins", "unheld", "model"
 """Facts of an `asked` event: what was kept, what was not, and the round whose model said what the drives must

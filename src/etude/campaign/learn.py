@@ -26,7 +26,6 @@ from etude.campaign.stored import (
     stored_log,
     stored_model,
 )
-from etude.contracts import Inputs, Samples
 from etude.errors import DataError, NumericalError
 from etude.models.contracts import SupportsFirstUse
 from etude.models.held_out import held_out_blocks, split_blocks
@@ -37,7 +36,9 @@ from etude.models.model import LearnedModel
 from etude.models.score import Score, score
 from etude.models.store import save_model
 from etude.progress import part
+from etude.protocols import Inputs
 from etude.storage import write_atomic
+from etude.types import Samples
 
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""

@@ -19,10 +19,11 @@ from etude.campaign.rounds import ERROR, SimulatedRound, known_evaluation, measu
 from etude.campaign.stored import newest_model, only_rung
 from etude.campaign.tell import tell
 from etude.campaign.told import How
-from etude.contracts import Controller, Log, Robot, Trajectory
 from etude.errors import DataError, UsageError
 from etude.logs.log_file import write_log
 from etude.progress import part
+from etude.protocols import Controller, Robot, Trajectory
+from etude.types import Log
 
 RUN_STREAM, TEST_STREAM = 3, 4
 """Separate the random numbers of simulated runs and of the tests from those of `ask` and of training."""

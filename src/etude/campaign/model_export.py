@@ -13,12 +13,13 @@ from etude import __version__, plugins
 from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.in_use import model_in_use
 from etude.campaign.supplied import supplied
-from etude.contracts import Delivered, Target
 from etude.errors import EtudeError, UsageError
 from etude.generation import GENERATION
 from etude.options import MODEL_HASH
 from etude.progress import part
+from etude.protocols import Target
 from etude.storage import write_folder
+from etude.types import Delivered
 
 GROUP = "etude.targets"
 MARK = "etude-export.json"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.contracts import Family, Limit, Trajectory
+from etude.protocols import Family, Limit, Trajectory
 
 if TYPE_CHECKING:
     from etude.design.chain import Ways
@@ -76,7 +76,7 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
     """
     from etude.limits.at_rest import at_rest
 
-    wanted = getattr(campaign.kind, "from_rest", None)  # contracts.Resting
+    wanted = getattr(campaign.kind, "from_rest", None)  # protocols.SupportsLeadIn
     return at_rest(motion, limits) if wanted is not None and wanted(campaign.spec) else motion
 
 

@@ -10,9 +10,9 @@ from typing import Any
 from etude.campaign.findings import kept_findings
 from etude.campaign.rounds import measured, summary
 from etude.campaign.state import CHANGED, Round, State
-from etude.contracts import Finding
 from etude.models.choice import TOO_FEW
 from etude.models.short import UNCERTAIN
+from etude.types import Finding
 
 LEAST_COVERAGE = 0.8
 """Of the 95 % intervals, below which a model is surer of an output than it should be."""

@@ -12,15 +12,16 @@ import numpy as np
 
 from etude.campaign.folder import Campaign, Say, open_campaign
 from etude.campaign.in_use import model_in_use
-from etude.contracts import Array, Channel, Log, Mask, Trajectory
 from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
 from etude.logs.read import matched_log
 from etude.logs.table_text import header_row
 from etude.models.given import followed
 from etude.models.model import LearnedModel
+from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Log, Mask
 
 COMMAND, DEVIATION, OUTSIDE = "command", "deviation", "outside"
 EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}

@@ -14,7 +14,6 @@ from etude.campaign.in_use import check_pinned, pin, promoted_model
 from etude.campaign.journal import jsonable
 from etude.campaign.state import State
 from etude.campaign.stored import LEFT_OUT, MODEL, check_model
-from etude.contracts import Array, Samples
 from etude.errors import DataError, UsageError
 from etude.models.compared import (
     LEAST_COVERED,
@@ -29,6 +28,7 @@ from etude.models.left_out import LeftOut, read_left_out
 from etude.models.model import LearnedModel
 from etude.models.rows import in_order
 from etude.storage import sha256_of
+from etude.types import Array, Samples
 
 WORDS = {
     "identified": "identified physics",

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from etude.campaign.folder import Campaign
 from etude.campaign.stored_files import stored_bytes
-from etude.contracts import Trajectory
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
+from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
 
 FULL = 100

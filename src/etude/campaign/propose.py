@@ -11,8 +11,8 @@ import numpy as np
 from etude.campaign.folder import Campaign, Say
 from etude.campaign.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
 from etude.campaign.visited import roam_of
-from etude.contracts import Inputs, Limit, Model, Trajectory
 from etude.design.view import Latent
+from etude.protocols import Inputs, Limit, Model, Trajectory
 
 FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
 """What a random first trajectory is, by the sampler that draws it."""

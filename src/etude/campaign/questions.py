@@ -12,7 +12,6 @@ from typing import Any
 
 from etude.campaign.config import preset_config
 from etude.campaign.state import State
-from etude.contracts import Finding, Kind, Log, Mean
 from etude.errors import DataError, UsageError
 from etude.logs.doctor import check_commanded
 from etude.logs.ranges import check_consistency
@@ -25,6 +24,8 @@ from etude.logs.truth.jump import CHECK as JUMP
 from etude.logs.truth.repairs import REPAIRS, repaired
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable
+from etude.protocols import Kind, Mean
+from etude.types import Finding, Log
 
 CHECKS = (
     *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),

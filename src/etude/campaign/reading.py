@@ -8,8 +8,8 @@ from pathlib import Path
 from etude.campaign.create import find_robot
 from etude.campaign.folder import Campaign
 from etude.campaign.questions import Answers, Asked
-from etude.contracts import Log
 from etude.logs import read as logs
+from etude.types import Log
 
 
 def read_log(

@@ -9,10 +9,10 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.state import State
 from etude.campaign.stored import stored_log
-from etude.contracts import Array, Finding, Log
 from etude.deploy.trajectory_files import PLANNED
 from etude.errors import EtudeError
 from etude.logs.steps import median_rate
+from etude.types import Array, Finding, Log
 
 CHECK = "repeats"
 NEAR = 0.05

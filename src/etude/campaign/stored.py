@@ -10,7 +10,6 @@ from etude.campaign.folder import Campaign, open_campaign
 from etude.campaign.journal import JOURNAL, recorded, require_intact
 from etude.campaign.state import Round, State
 from etude.campaign.stored_files import name_of, require_runs
-from etude.contracts import Log
 from etude.errors import UsageError
 from etude.logs.log_file import read_log_file
 from etude.models.model import LearnedModel
@@ -18,6 +17,7 @@ from etude.models.store import load_model as read_model
 from etude.plugins import named_in
 from etude.storage import sha256_of
 from etude.trust import folder_id
+from etude.types import Log
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"

@@ -10,8 +10,8 @@ from etude.campaign.folder import ROBOT, Campaign
 from etude.campaign.groups import told_samples
 from etude.campaign.stored import stored_log
 from etude.campaign.stored_files import require_description
-from etude.contracts import Log, Samples
 from etude.progress import counted
+from etude.types import Log, Samples
 
 
 def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Motion, Trajectory
 from etude.deploy.trajectory_files import column_names
 from etude.errors import UsageError
+from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Motion
 
 SMOOTH = 5
 """Degree of the spline: its fourth derivative, which inputs of vehicles look at, is still continuous."""

@@ -27,7 +27,6 @@ from etude.campaign.state import State
 from etude.campaign.stored_files import is_committed, require_description
 from etude.campaign.told import How, Told, aligned_with, read
 from etude.campaign.tracking import errors_told, start_in_words
-from etude.contracts import Log
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.fingerprint import bytes_of_log, sha256_of_log
@@ -35,6 +34,7 @@ from etude.logs.log_file import log_bytes
 from etude.logs.units import start_at_zero
 from etude.storage import write_atomic
 from etude.trajectories.chain import segment_starts
+from etude.types import Log
 
 
 def tell(

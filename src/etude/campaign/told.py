@@ -9,9 +9,10 @@ from typing import TypedDict
 
 from etude.campaign.folder import Campaign
 from etude.campaign.questions import Answers, Asked
-from etude.contracts import Finding, Log, Trajectory
 from etude.logs.identity import align
 from etude.logs.read import read_log
+from etude.protocols import Trajectory
+from etude.types import Finding, Log
 
 
 class How(TypedDict, total=False):

@@ -15,10 +15,11 @@ from etude.campaign.folder import Campaign
 from etude.campaign.kept import Kept, as_lists, as_table, kept_then
 from etude.campaign.proposals import FULL
 from etude.campaign.state import State
-from etude.contracts import Array, Log, Margins, Trajectory
 from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
 from etude.logs.tracked import tracked
+from etude.protocols import Trajectory
 from etude.trajectories.json_text import SINGLE
+from etude.types import Array, Log, Margins
 
 TRACKED, START = "tracked", "start"
 """Facts of a `told` event: largest errors by form; s until tracking had settled, and the errors before."""

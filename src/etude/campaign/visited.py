@@ -12,8 +12,9 @@ import numpy as np
 from etude.campaign.folder import Campaign
 from etude.campaign.motions import segments_of
 from etude.campaign.proposals import FULL, stored_trajectory
-from etude.contracts import Array, Family, Limit, Reachable, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Family, Limit, Trajectory
+from etude.types import Array, Reachable
 
 if TYPE_CHECKING:
     from etude.design.coverage import Visited

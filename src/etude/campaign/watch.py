@@ -15,12 +15,12 @@ from etude.campaign.folder import Campaign, Say
 from etude.campaign.in_use import InUse, model_in_use
 from etude.campaign.questions import Answers, Asked, answers_of
 from etude.campaign.told import read
-from etude.contracts import Samples
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.logs.units import start_at_zero
 from etude.models.cause import Cause
 from etude.models.judged import Judged, judged
 from etude.models.manner import Manner, manner
+from etude.types import Samples
 
 Verdict = Literal["unchanged", "changed", "refused"]
 MANNERS: dict[Manner, str] = {

@@ -14,11 +14,12 @@ from etude.campaign.folder import Campaign
 from etude.campaign.kept import Kept
 from etude.campaign.motions import ways_of
 from etude.campaign.stored_files import settle
-from etude.contracts import Array, Trajectory
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
 from etude.design.ways import There, require_inside, there_and_back
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate
+from etude.protocols import Trajectory
+from etude.types import Array
 
 HOME = "home"
 WRITE = (

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from etude.campaign.folder import Campaign
     from etude.campaign.visited import Swept
     from etude.campaign.ways import Approached
-    from etude.contracts import Proof
     from etude.limits.certificate import Certificate
+    from etude.types import Proof
 
 ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
 FILES = ("trajectory.csv", "trajectory.json", "certificate.json")

@@ -15,7 +15,7 @@ from etude.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from etude.campaign.inspecting import Inspected
-    from etude.contracts import Finding
+    from etude.types import Finding
 
 SIGNS = {"green": "ok", "yellow": "look", "red": "WRONG", "cannot tell": "?"}
 REFUSED = 3

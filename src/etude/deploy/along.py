@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Delivered, Kind, Limit, Log, Trajectory
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.exporters.knots import SPACE, names_of
 from etude.deploy.played import certify_played
@@ -18,6 +17,8 @@ from etude.errors import UsageError
 from etude.limits.certificate import require_certified
 from etude.models.model import LearnedModel
 from etude.options import taken
+from etude.protocols import Kind, Limit, Trajectory
+from etude.types import Array, Delivered, Log
 
 EXPORTERS = "etude.exporters"
 TABLE = "commands.csv"
@@ -46,7 +47,7 @@ class Options:
 
 
 class Along:
-    """The target (`contracts.Target`)."""
+    """The target (`protocols.Target`)."""
 
     needs = ("motion", "config")
 

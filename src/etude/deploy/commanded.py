@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Model, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Model, Trajectory
+from etude.types import Array
 
 FORCES = ("N m", "N")
 """Units of commands that a field named effort may hold."""
@@ -23,7 +24,8 @@ class Commanded:
         trajectory: the motion.
         command: t (T,) s -> (T, J) in the robot's command unit; None: none goes along.
         acceleration: t (T,) s -> (T, k) what a feedback is told in place of the motion's own acceleration:
-            that and what the model adds, such as drag; None: the motion's own. See `contracts.Accelerating`.
+            that and what the model adds, such as drag; None: the motion's own. See
+            `protocols.SupportsAccelerations`.
     """
 
     trajectory: Trajectory
@@ -42,7 +44,7 @@ def commanded(trajectory: Trajectory, model: Model) -> Commanded:
 
 
 def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> Commanded:
-    """With the accelerations that a controller would have the feedback told (`contracts.Accelerating`).
+    """With the accelerations that a controller would tell the feedback (`SupportsAccelerations`).
 
     Args:
         controller: any; without that capability, and where it adds nothing, the motion's own remain.

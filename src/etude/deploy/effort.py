@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Model, Trajectory
+from etude.protocols import Model, Trajectory
+from etude.types import Array
 
 
 @dataclass(frozen=True, eq=False)

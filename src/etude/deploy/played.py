@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Exporter, Limit, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, spare
+from etude.protocols import Exporter, Limit, Trajectory
 from etude.trajectories.splined import Splined
+from etude.types import Proof
 
 MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""

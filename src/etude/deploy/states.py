@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.models.model import LearnedModel
+from etude.types import Array, Channel, Log
 
 
 def labels(channels: Sequence[Channel]) -> list[str]:

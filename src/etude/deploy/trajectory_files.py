@@ -14,13 +14,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from etude.contracts import Array, Channel, Inputs, Kind, Limit, Log, Motion, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.generation import GENERATION
 from etude.limits.certificate import Certificate, require_certified
 from etude.logs.table_text import header_row, restored
+from etude.protocols import Inputs, Kind, Limit, Trajectory
 from etude.storage import write_atomic
 from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Log, Motion
 
 STEM = "trajectory"
 COEFFICIENTS, TABLE, CERTIFICATE = f"{STEM}.json", f"{STEM}.csv", "certificate.json"

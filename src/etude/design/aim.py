@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Family, Inputs, Model, Physics, Trajectory
 from etude.design.batch import batch_of
 from etude.design.candidates import Drawn
 from etude.design.conditioned import given_planned
@@ -17,6 +16,8 @@ from etude.design.objective import Objective, gains_of, instants
 from etude.design.reference import reference_states
 from etude.design.view import Latent, latents_of, of_parameters, planned
 from etude.errors import UsageError
+from etude.protocols import Family, Inputs, Model, Physics, Trajectory
+from etude.types import Array
 
 
 @dataclass(frozen=True, eq=False)

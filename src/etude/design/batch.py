@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Posterior
+from etude.protocols import Posterior
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def batch_of(posterior: Posterior, X: Array) -> Batch:
 
 @dataclass(frozen=True)
 class PlainBatch:
-    """A batch for any posterior that keeps `contracts.Posterior` and no more."""
+    """A batch for any posterior that keeps `protocols.Posterior` and no more."""
 
     posterior: Posterior
     X: Array

@@ -9,10 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Family, Limit, Trajectory
 from etude.design.kept import FEW_HALVINGS, Kept
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
+from etude.protocols import Family, Limit, Trajectory
+from etude.types import Array
 
 Sampler = Literal["scaled", "uniform"]
 Sample = Callable[[np.random.Generator, FeasibleSet, int], Array]

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.design.candidates import Source
 from etude.design.config import DesignConfig
 from etude.design.reference import MOTIONS
@@ -18,7 +17,9 @@ from etude.design.view import Latent
 from etude.limits.at_rest import at_rest
 from etude.limits.certificate import certify
 from etude.progress import counted
+from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.trajectories.chain import chained
+from etude.types import Array
 
 Ways = Callable[[Trajectory, Array], tuple[Trajectory, Trajectory] | None]
 """Of a kind: (motion, pose) -> the way from the pose to its start, and from its end back."""

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Posterior
 from etude.design.batch import Batch, batch_of
 from etude.design.score import RESOLUTION
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.protocols import Posterior
+from etude.types import Array
 
 HALF = 0.5
 """Weight from which a planned sample counts as a whole one of an exact process, of one noise for all."""

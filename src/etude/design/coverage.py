@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Reachable, Trajectory
+from etude.protocols import Trajectory
+from etude.types import Array, Mask, Reachable
 
 BINS = 20
 """Of the range between a coordinate's extreme clear poses."""

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Family, Limit, Trajectory
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.blocks import Block
 from etude.limits.certificate import spare
 from etude.limits.feasible import FeasibleSet
+from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import ROOM
+from etude.types import Array
 
 INSTANTS = 400
 """Evenly over a motion, at which penalties are asked for."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Family, Index, Inputs, Planned
 from etude.design.score import Criterion, Output, evaluate, value_of
+from etude.protocols import Family, Inputs
+from etude.types import Array, Index, Planned
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etude.contracts import Array, Inputs
 from etude.design.view import Latent
 from etude.models.config import ModelConfig
 from etude.models.fit import kernel_for
 from etude.models.gp.exact import posterior_given
+from etude.protocols import Inputs
+from etude.types import Array
 
 SIGNAL, NOISE = 0.3, 0.01
 """Deviations of each term of a command and of its noise, parts of the command's limit."""

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Inputs, Trajectory
 from etude.design.objective import gains_of, instants
 from etude.errors import UsageError
+from etude.protocols import Inputs, Trajectory
+from etude.types import Array
 
 MOTIONS = 12
 """Random motions that stand in for tasks; more than that changes reference averages little."""

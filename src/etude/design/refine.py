@@ -8,9 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.lbfgs import minimise
 from etude.limits.feasible import FeasibleSet
+from etude.types import Array
 
 CORNER = 30
 """p of the smooth corner at the edge of the limits; the final step takes back the few per cent it costs."""

@@ -15,13 +15,14 @@ from typing import cast
 
 import numpy as np
 
-from etude.contracts import Array, Family, Limit, Placed, Reachable
 from etude.design.candidates import Drawn, Sampler
 from etude.design.coverage import FEW, Visited
 from etude.design.kept import FEW_HALVINGS, Kept
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
 from etude.limits.samplers import scaled, uniform
+from etude.protocols import Family, Limit, SupportsBoxes
+from etude.types import Array, Reachable
 
 CENTRES = 6
 """Clear poses that are tried for a segment."""
@@ -104,7 +105,7 @@ class Roamed:
     """A source of such candidates, as `candidates.Source` is one about home.
 
     Attributes:
-        family: of motions. limits: of which some are `Placed`, their boxes the whole range.
+        family: of motions. limits: of which some are `SupportsBoxes`, their boxes the whole range.
         roam: where to look.
         sampler: of the curves.
     """
@@ -199,7 +200,7 @@ class Roamed:
         found = []
         for pose, shape in zip(self._poses(rng, whole, stand, count), shapes, strict=True):
             start, first = stand(pose), family.motion(shape, np.zeros(1), 1).orders[0, 0]
-            words = [cast("Placed", limit).roughly(form, pose) for limit in path]
+            words = [cast("SupportsBoxes", limit).roughly(form, pose) for limit in path]
 
             def holds(p: Array, words: Sequence[Callable[[Array], bool]] = words) -> bool:
                 poses = family.motion(p, t, 1).orders[0]
@@ -281,4 +282,4 @@ def _drawn(start: Array, p: Array, holds: Callable[[Array], bool]) -> Array:
 
 
 def _about(limit: Limit, lower: Array, upper: Array) -> Limit:
-    return cast("Placed", limit).about(lower, upper) if hasattr(limit, "about") else limit
+    return cast("SupportsBoxes", limit).about(lower, upper) if hasattr(limit, "about") else limit

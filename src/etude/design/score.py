@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Posterior
 from etude.design.batch import Batch, batch_of
 from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
+from etude.protocols import Posterior
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.design.aim import objective
 from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
@@ -21,7 +20,9 @@ from etude.design.roaming import Roam, Roamed
 from etude.design.view import Latent
 from etude.errors import UsageError
 from etude.progress import counted, part
+from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.threads import threads_for
+from etude.types import Array
 
 DRAWN = 0.2
 """About the part of a search that candidates take; the rest refines the best of them."""

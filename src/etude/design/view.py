@@ -9,9 +9,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Model, Physics, Posterior, Regressed
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactPosterior
+from etude.protocols import Candidate, Model, Physics, Posterior, SupportsRegressors
+from etude.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +186,12 @@ def _guide(posterior: Posterior) -> Posterior:
     return guide
 
 
-def _regressed(physics: Mapping[str, Physics]) -> Regressed:
+def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
     """The first that offers regressors."""
     for found in physics.values():
         regressed: Any = found
         if getattr(regressed, "regressors", None) is not None:
-            return cast(Regressed, regressed)
+            return cast(SupportsRegressors, regressed)
     raise UsageError(
         "d_opt needs the identified model, and this robot has none",
         next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",

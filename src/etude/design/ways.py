@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Trajectory
 from etude.design.chain import Ways
 from etude.errors import UsageError
 from etude.limits.at_rest import leads, with_leads
 from etude.limits.certificate import certify, require_certified
+from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import JOINED, Chain, Part
+from etude.types import Array
 
 SLOWER = (1.0, 2.0, 4.0, 8.0)
 """Times of its own in which a way is tried: margins may leave little of a velocity limit."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import cast
 
-from etude.contracts import Limit, Trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
+from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import Chain, Part
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.lead_in import can_lead, lead_in, lead_out, moves_at

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Limit, Trajectory
 from etude.limits.commands import LOOK, SELDOM, CommandLimit
+from etude.protocols import Limit, Trajectory
+from etude.types import Array
 
 ROOM = 2.0 / 3.0
 """Part of the room beside the mean that deviations may use along a motion that was run: the next one is

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Cone, Index
+from etude.types import Cone, Index
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Limit, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.unseen import ALL, in_words, not_looked_at
+from etude.protocols import Limit, Trajectory
 from etude.trajectories.json_text import from_json
+from etude.types import Proof
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,11 @@ from statistics import NormalDist
 
 import numpy as np
 
-from etude.contracts import Array, Cone, Family, Model, Motion, Proof, Trajectory
 from etude.errors import UsageError
 from etude.limits.remembered import remembered
 from etude.limits.unseen import COMMANDS
+from etude.protocols import Family, Model, Trajectory
+from etude.types import Array, Cone, Motion, Proof
 
 SPACING, COARSE = 0.005, 0.04
 """s between samples of the mean, and of its deviation."""

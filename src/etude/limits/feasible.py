@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Cone, Family, Index, Limit
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.blocks import Block
+from etude.protocols import Family, Limit
 from etude.trajectories.extremes import ROOM
+from etude.types import Cone, Index
 
 Array = NDArray[np.float64]
 

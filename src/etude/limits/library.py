@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Cone, Family, Margins, Motion, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.ranges import CERTIFIED, bound_of, largest_tilt, method_of, norm_range, slabs, tracked
+from etude.protocols import Family, Trajectory
 from etude.trajectories.extremes import ROOM
+from etude.types import Cone, Margins, Motion, Proof
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Cone, Family, Limit, Motion, Proof, Trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.commands import LOOK, CommandLimit
 from etude.limits.unseen import COMMANDS
+from etude.protocols import Family, Limit, Trajectory
+from etude.types import Array, Cone, Motion, Proof
 
 LONGEST = 120.0
 """s, of motions for which rest at home is looked at."""

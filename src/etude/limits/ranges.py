@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Cone, Margins, Trajectory
 from etude.errors import UnsafeTrajectoryError
+from etude.protocols import Trajectory
 from etude.trajectories.extremes import OVERSAMPLING, riesz_range
+from etude.types import Cone, Margins
 
 Array = NDArray[np.float64]
 

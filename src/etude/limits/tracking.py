@@ -16,8 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Margins
 from etude.errors import UsageError
+from etude.types import Array, Margins
 
 HELD = 2
 """Orders that a margin is kept of: position and velocity. Accelerations are not held: friction grips and lets

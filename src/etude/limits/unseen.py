@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from etude.contracts import Limit, Proof, Trajectory
+from etude.protocols import Limit, Trajectory
+from etude.types import Proof
 
 TRACKING = "How far the robot leaves the plan while it tracks it, overshoot included."
 COLLISIONS = "Collisions, with itself and with what stands around it, the floor among it."

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log
 from etude.errors import DataError, EtudeError
 from etude.logs.bag_files import decompressed, is_bag_folder, opened
 from etude.logs.frames import raw_log
@@ -23,6 +22,7 @@ from etude.logs.ros_messages import (
     unknown_type,
 )
 from etude.logs.ros_stores import Stores
+from etude.types import Array, Index, Log
 
 LISTED = 12
 SQLITE = b"SQLite format 3\0"
@@ -50,7 +50,7 @@ class Topic:
 
 
 class BagReader:
-    """A `contracts.Reader` of what rosbag2 records: a folder, or a storage of it (.db3, .mcap, .zstd)."""
+    """A `protocols.Reader` of what rosbag2 records: a folder, or a storage of it (.db3, .mcap, .zstd)."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
         """A log for each topic that was asked for, or of those that hold joint states.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.logs.clock_texts import nanoseconds
+from etude.types import Array
 
 if TYPE_CHECKING:
     import polars as pl

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _CLOCK = r"(?P<h>\d\d?):?(?P<min>\d\d):?(?P<s>\d\d(?:[.,:]\d{1,9})?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"

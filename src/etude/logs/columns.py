@@ -13,10 +13,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
 from etude.logs.words import DIMENSIONS, SENSORS, unit_of
+from etude.types import Channel
 
 LISTED = 12  # columns in a message
 

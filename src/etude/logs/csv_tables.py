@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.cells import numbers_of
 from etude.logs.csv_header import AGAIN, header_of
 from etude.logs.frames import frame_log, guarded, raw_log
 from etude.logs.text_blocks import TextBlocks
+from etude.types import Array, Log
 
 if TYPE_CHECKING:
     import polars as pl

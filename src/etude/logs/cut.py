@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Log
+from etude.types import Array, Finding, Log
 
 LEAP = 1e3  # times the usual step: no pause of a recorder, a stamp that is garbage
 LONGEST = 1e7  # s: no log lasts longer

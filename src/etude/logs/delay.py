@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 
 LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
 MOST = 64  # delays that are worth a closer look

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Index, Log
 from etude.errors import DataError
 from etude.logs.leaps import leaps, told
 from etude.logs.ranges import RARE, bounded, top_speed
 from etude.logs.smoothing import segments
 from etude.logs.units import Limits
+from etude.types import Array, Channel, Index, Log
 
 LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
 LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses

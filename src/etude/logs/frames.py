@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.cells import numbers_of
 from etude.logs.named_arrays import named_columns
 from etude.logs.parquet_shape import check_shape
 from etude.logs.pointers import check_whole
 from etude.logs.unpacking import Room
+from etude.types import Array, Channel, Log
 
 if TYPE_CHECKING:
     import polars as pl

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import match_columns
 from etude.logs.controllers import plain
 from etude.logs.headers import words_of
 from etude.logs.words import COMMANDS, PREFIXES, is_time, normal, split_suffix, split_unit
+from etude.types import Array, Channel, Log
 
 ROLES = (Channel("q", ("",), ("rad",)), Channel("qd", ("",), ("rad/s",)))
 FEWEST = 1

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from etude.contracts import Channel
 from etude.errors import DataError
 from etude.logs.controllers import doubles, plain
 from etude.logs.words import (
@@ -21,6 +20,7 @@ from etude.logs.words import (
     split_suffix,
     split_unit,
 )
+from etude.types import Channel
 
 NUMBERED = (
     r"(?P<word>[a-z_]*?)_?(?:joint_?|j)?(?P<number>\d{1,4})",

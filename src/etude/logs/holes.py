@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Log, Mask
 from etude.logs.silence import silences
 from etude.logs.words import is_time
+from etude.types import Array, Log, Mask
 
 WHOLE = 0.95
 """Part of the rows: columns that are told in so many are a table with a few empty cells."""

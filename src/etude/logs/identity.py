@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Trajectory
 from etude.errors import DataError
 from etude.logs.overlap import CLEAR_MATCH, LARGEST_MISMATCH, LEAST_COVERAGE, Overlap, allowed
 from etude.logs.read import ending
@@ -15,6 +14,8 @@ from etude.logs.smoothing import median_rate
 from etude.logs.starts import LONGEST_LAG, Plan, best_start, covered_seconds
 from etude.logs.stopped import CLOSE, LEAST_S, goes_on_without, noted, standstill, waits_at_start
 from etude.logs.units import start_at_zero
+from etude.protocols import Trajectory
+from etude.types import Array, Channel, Log
 
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead

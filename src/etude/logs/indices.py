@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.logs.words import INDEX, is_time, normal
+from etude.types import Array, Log
 
 
 def with_index(raw: Log) -> Log:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Log, Mask
 from etude.errors import DataError
 from etude.logs.smoothing import median_rate, resample
+from etude.types import Array, Log, Mask
 
 LONGEST_LAG = 0.2  # s: no motor of a vehicle that flies is slower
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log, Mask
 from etude.logs.smoothing import GAP_FACTOR
+from etude.types import Array, Channel, Finding, Log, Mask
 
 CHECK = "jump"
 JUMP_FACTOR = 3.0  # a step of more than this many velocity limits is no motion

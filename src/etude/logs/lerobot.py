@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.cells import matrix, numbers_of
 from etude.logs.frames import guarded, parquet_frame, raw_log
+from etude.types import Array, Log
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,7 +43,7 @@ def is_lerobot(path: Path) -> bool:
 
 
 class LerobotReader:
-    """A `contracts.Reader` of a dataset's folder, or of one of its data files."""
+    """A `protocols.Reader` of a dataset's folder, or of one of its data files."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
         """The log of one episode: the only one, or topic `episode_3`.

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Role
 from etude.errors import DataError
 from etude.logs.frames import parquet_frame, parquet_metadata
 from etude.logs.headers import column_names as column_names
 from etude.storage import write_atomic
+from etude.types import Array, Channel, Log, Role
 
 if TYPE_CHECKING:
     import polars as pl

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError
 from etude.logs.headers import Found, read_headers
 from etude.logs.words import NUMBERED, is_time, split_unit, unit_of
+from etude.types import Channel, Log
 
 NEAR, ALIKE = 3, 0.5
 """Headers that are offered for a part that has none, and how much they must resemble it."""

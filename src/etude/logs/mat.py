@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import Variable, variables
 from etude.logs.unpacking import Room
+from etude.types import Array, Log
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
 SIGNALS = ".signals.values"

@@ -10,8 +10,8 @@ import struct
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.logs.unpacking import Room
+from etude.types import Array
 
 NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
 HEADER = 20

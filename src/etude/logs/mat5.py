@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.logs.unpacking import Room
+from etude.types import Array
 
 HEADER = 128
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import DataError
 from etude.logs.cells import is_text, lists_of, matrix, numbers_of, texts_of
 from etude.logs.words import normal
+from etude.types import Array
 
 if TYPE_CHECKING:
     import polars as pl

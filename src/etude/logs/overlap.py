@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.logs.starts import Plan
+from etude.types import Array
 
 # Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
 # a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.

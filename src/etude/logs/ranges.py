@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Mask, Role
 from etude.errors import DataError
 from etude.logs.units import Limits
+from etude.types import Array, Channel, Log, Mask, Role
 
 SMALLER = {"degrees": np.pi / 180, "milliradians (or mm)": 1e-3}
 SEEN = 0.02  # of a range: what is less in the other unit is rather far outside in its own

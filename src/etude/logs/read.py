@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.columns import Matching, match_columns
 from etude.logs.cut import cut_sentences, with_rest_told
@@ -23,6 +22,7 @@ from etude.logs.ranges import check_commands, check_consistency, check_positions
 from etude.logs.readers import file_head, read_raw
 from etude.logs.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
 from etude.logs.words import is_time
+from etude.types import Array, Channel, Log
 
 LEAST_ROWS = 50
 Settle = Callable[[Log], Log]

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Log, Reader
 from etude.errors import DataError, EtudeError
 from etude.logs.csv_tables import csv_log
 from etude.logs.frames import frame_log, parquet_frame, raw_log
@@ -25,6 +24,8 @@ from etude.logs.log_file import column_names
 from etude.logs.mat import mat_log
 from etude.logs.pointers import check_whole
 from etude.logs.silence import silences
+from etude.protocols import Reader
+from etude.types import Array, Log
 
 GROUP = "etude.readers"
 READERS: Mapping[str, str] = {
@@ -185,7 +186,7 @@ def _interpolated(times: Array, t: Array, signal: Array) -> Array:
 
 @dataclass(frozen=True)
 class TableReader:
-    """A `contracts.Reader` of files that hold one table, so one topic, whatever is asked for.
+    """A `protocols.Reader` of files that hold one table, so one topic, whatever is asked for.
 
     Attributes:
         name: as in READERS.

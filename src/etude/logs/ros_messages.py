@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import DataError
 from etude.logs.ros_definitions import CONTROLLER_STATE, DYNAMIC_STATE
+from etude.types import Array
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 LIKED = (JOINT_STATE, DYNAMIC_STATE, CONTROLLER_STATE)

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from etude.contracts import Array, Mask
 from etude.logs.smoothing import segments
+from etude.types import Array, Mask
 
 SHORTEST_S = 0.2
 """Over which a line between two messages is taken for what was measured."""

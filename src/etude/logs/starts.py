@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Trajectory
 from etude.logs.delay import likely_delays
 from etude.logs.smoothing import resample, uniform_grid
+from etude.protocols import Trajectory
+from etude.types import Array, Mask
 
 REFINEMENTS, LARGEST_STEP = 20, 0.1  # steps of Gauss and Newton towards the start, and s of each at most
 SETTLED = 1e-3  # of a row: a shorter step is none

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Mask
 from etude.errors import DataError
 from etude.logs.lag import LONGEST_LAG, command_lag, without_lag
 from etude.logs.smoothing import (
@@ -22,6 +21,7 @@ from etude.logs.smoothing import (
     smooth,
     uniform_grid,
 )
+from etude.types import Array, Channel, Log, Mask
 
 __all__ = [
     "LONGEST_LAG",

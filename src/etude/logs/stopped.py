@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.logs.starts import Plan
+from etude.types import Array, Log
 
 RESTING = 0.01  # part of the scale within which a coordinate stays at rest
 LEFT = 0.05  # part of the scale by which the plan goes on after a stop

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Log, Mask, Trajectory
 from etude.logs.smoothing import (
     NYQUIST_SHARE,
     median_rate,
@@ -21,6 +20,8 @@ from etude.logs.smoothing import (
     smooth,
     uniform_grid,
 )
+from etude.protocols import Trajectory
+from etude.types import Array, Log, Mask
 
 LEAST_HZ = 5.0
 """The error is smoothed no more than this before it is differentiated, and less where noise allows."""

@@ -15,12 +15,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.extras import needed
 from etude.logs.frames import raw_log
 from etude.logs.ulog_airframe import STATUS, require_quadrotor
 from etude.logs.ulog_motors import MOTORS, Dataset, motors_of, moves
+from etude.types import Array, Log
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER = 3
@@ -38,7 +38,7 @@ FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 class UlogReader:
-    """A `contracts.Reader` of PX4's ULog."""
+    """A `protocols.Reader` of PX4's ULog."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
         """A log for each of PX4's topics that an inverse model needs, or, as recorded, of those asked for.

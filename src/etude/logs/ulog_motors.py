@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 MOTORS = ("actuator_motors", "actuator_outputs")
 """Where they stand, in the order in which they are looked for."""

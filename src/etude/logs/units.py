@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
 from etude.logs.words import (
     GRAVITY,
@@ -21,6 +20,7 @@ from etude.logs.words import (
     split_unit,
     time_word,
 )
+from etude.types import Array, Channel, Log
 
 Limits = Mapping[str, tuple[Array, Array]]
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Log
 from etude.errors import DataError
 from etude.logs.frames import raw_log
+from etude.types import Array, Log
 
 MAGIC = 0xBC
 TIMES = {1: ("<HI", 1e-3), 2: ("<HQ", 1e-6)}
@@ -61,7 +61,7 @@ class _Event:
 
 
 class UsdCardReader:
-    """A `contracts.Reader` of the deck's logs."""
+    """A `protocols.Reader` of the deck's logs."""
 
     def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:
         """A log for each kind of events that tell of the flight, or of those asked for.

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Mask
 from etude.models.candidates import everywhere
 from etude.models.fit import Folds
 from etude.models.held_out import Base, HeldOut
 from etude.models.rungs import Learned
+from etude.types import Array, Mask
 
 EXPONENT = 4.0
 """Weights go as exp(4 · mean log density): a candidate that is better by half a unit weighs seven times as

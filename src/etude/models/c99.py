@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code, Column, Posterior
 from etude.models.contracts import SupportsC
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
 from etude.models.gp.exact import ExactPosterior
+from etude.protocols import Posterior
+from etude.types import Array, Code, Column
 
 
 def posteriors_code(name: str, own: Sequence[Posterior]) -> Code:

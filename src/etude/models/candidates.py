@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
 from etude.models.fit import Folds, Rows, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.held_out import Base, process_held_out
@@ -20,6 +19,7 @@ from etude.models.rows import apart
 from etude.models.rungs import Learned, earlier_of, with_process
 from etude.models.score import while_any_moves
 from etude.progress import counted
+from etude.types import Array, Index, Mask
 
 REST_S = 2.0
 """Least time between two samples of a joint at rest that teach, s."""

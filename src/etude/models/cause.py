@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 
 NAMED = 0.5
 """Most of the errors' squares that a cause may leave to be named."""

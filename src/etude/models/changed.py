@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
 from etude.models.student_t import fit_student
+from etude.types import Array, Index, Mask
 
 KAPPA2 = 4.0
 """Variance of a changed robot's scores over that of an unchanged one's: the deviation doubles."""

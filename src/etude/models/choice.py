@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.models.fit import Folds
 from etude.models.held_out import HeldOut, fold_mean
 from etude.models.parts import PHYSICAL
+from etude.types import Array
 
 TOO_FEW = "one trajectory is too little to fall back to that"
 TRAJECTORIES = 2

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 
 LEAST_SEGMENTS = 4
 """Fewer decide nothing."""

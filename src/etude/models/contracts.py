@@ -1,4 +1,4 @@
-"""What Gaussian processes of the family have beside `etude.contracts.Posterior`."""
+"""What Gaussian processes of the family have beside `etude.protocols.Posterior`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Candidate, Code, Posterior
+from etude.protocols import Candidate, Posterior
+from etude.types import Code
 
 if TYPE_CHECKING:
     from etude.models.gp.kernels import Kernel
@@ -101,7 +102,7 @@ class SupportsOnnx(Protocol):
 
 @runtime_checkable
 class HasInputs(Protocol):
-    """Capability of a `contracts.Process`: where it was conditioned on data, so that it says how well it
+    """Capability of a `protocols.Process`: where it was conditioned on data, so that it says how well it
     knows there.
     """
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, Column, FitData, Index, Inputs, Mask, Process, Samples
 from etude.errors import DataError
 from etude.models.config import ModelConfig
 from etude.models.rows import seconds_of, spread_points
+from etude.protocols import FitData, Inputs, Process
+from etude.types import Array, Column, Index, Mask, Samples
 
 MANY = 2
 """So many times the inducing inputs samples must be, for what all of them teach to be worth its time."""

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude import plugins
-from etude.contracts import Posterior
 from etude.models.contracts import Stored
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
 from etude.models.gp.rest import RestNoise
+from etude.protocols import Posterior
 
 if TYPE_CHECKING:  # what is not stored is not loaded
     from etude.models.gp.basis_posterior import BasisPosterior

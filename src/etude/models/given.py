@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Column, Inputs, Log
 from etude.errors import UsageError
+from etude.protocols import Inputs
+from etude.types import Array, Channel, Column, Log
 
 TIMES = ("t", "time")
 """Names of the instants (n,), s, among arrays by channel and columns of a data frame."""
@@ -33,7 +34,7 @@ class Run:
 
 
 def as_run(states: Any, columns: Sequence[Column], inputs: Inputs) -> Run:
-    """States as for `as_log`, each row with what friction remembers of those before (`contracts.Followed`).
+    """States as for `as_log`, each row with what friction remembers of those before (`SupportsFollowing`).
 
     Rows that carry times are a run from rest, in order; without times each counts by itself, which is said
     where friction remembers. A single row of a Log is as it is: a controller carries what it remembers.
@@ -97,7 +98,7 @@ def _times(states: Any) -> Array | None:
 
 
 def followed(inputs: Inputs, log: Log) -> Log:
-    """The log with what physics remembers of the rows before (`contracts.Followed`), where it remembers."""
+    """The log with what physics remembers of the rows before (`SupportsFollowing`), where it remembers."""
     along = getattr(inputs, "followed", None)
     return log if along is None else along(log)
 

@@ -8,10 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask, Mean, Physics, Process, Samples
 from etude.errors import DataError, UsageError
 from etude.models.fit import Folds, Rows
 from etude.models.score import inflation
+from etude.protocols import Mean, Physics, Process
+from etude.types import Array, Index, Mask, Samples
 
 LEAST_BLOCKS = 4
 """Of a single trajectory at least so many stretches, however short it is."""
@@ -121,7 +122,7 @@ def fitted_base(folds: Folds, rung: str, physics: Physics) -> Base:
 
 
 def _without(physics: Physics, samples: Samples, fold: Index) -> dict[int, Array]:
-    """As `contracts.HeldOutPhysics`, of physics without that capability."""
+    """As `protocols.SupportsWithout`, of physics without that capability."""
     found = {}
     for number in np.unique(fold).tolist():
         with contextlib.suppress(DataError):

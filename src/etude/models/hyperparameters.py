@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array, FitData, Index, Process
 from etude.models.contracts import HasKernel
+from etude.protocols import FitData, Process
+from etude.types import Array, Index
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP

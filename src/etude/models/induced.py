@@ -7,9 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from etude.contracts import Array, Index, Posterior
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.fixed_inducing import FixedInducing
+from etude.protocols import Posterior
+from etude.types import Array, Index
 
 
 @dataclass(frozen=True, eq=False)

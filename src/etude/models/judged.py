@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Samples
 from etude.models.cause import Cause, Expected, alone, cause
 from etude.models.changed import ALARM, evidence, first_alarm, scores
 from etude.models.manner import block_sizes
 from etude.models.model import LearnedModel
 from etude.models.stuck import stuck
+from etude.types import Array, Mask, Samples
 
 MOST_ROWS = 200
 """Enough to name a cause by."""

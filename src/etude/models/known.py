@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Candidate
 from etude.models.contracts import HasInputs
 from etude.models.parts import noise_of, outputs
 from etude.models.trust import known_in_training
+from etude.protocols import Candidate
+from etude.types import Array
 
 MOST = 64
 """Inputs at which it is asked, evenly spread over all: a mean over them is known to a tenth."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Inputs, Physics, Samples
 from etude.errors import DataError, UsageError
 from etude.models.averaging import Average, averages
 from etude.models.candidates import beside_default
@@ -31,6 +30,8 @@ from etude.models.score import Score, figures, score, trivial_prediction
 from etude.models.short import least_variance, notes
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
+from etude.protocols import Inputs, Physics
+from etude.types import Array, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Index
 from etude.errors import DataError
 from etude.models.ladder import Ladder
 from etude.models.store import DAMAGE
 from etude.storage import arrays_of
+from etude.types import Array, Index
 
 PHYSICS = ("identified", "nominal", "linear")
 """Rungs that stand for physics alone, the first that a robot has."""

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Code, Index, Inputs, Log, Mask, Samples
 from etude.operators import Piece, Value, joined
+from etude.protocols import Inputs
+from etude.types import Array, Code, Index, Log, Mask, Samples
 
 
 @dataclass(frozen=True, eq=False)
 class LinearMean:
-    """Commands by least squares in the inputs that are channels themselves (implements `contracts.Mean`).
+    """Commands by least squares in the inputs that are channels themselves (implements `protocols.Mean`).
 
     Attributes:
         inputs: gives the regressors.
@@ -57,7 +58,7 @@ class LinearMean:
 
 @dataclass(frozen=True)
 class LinearPhysics:
-    """Fits the linear mean (implements `contracts.Physics`)."""
+    """Fits the linear mean (implements `protocols.Physics`)."""
 
     inputs: Inputs
 

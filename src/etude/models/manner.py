@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 BLOCK_S = 10.0
 """s of motion that make one figure: errors within it are alike."""

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from etude import plugins
-from etude.contracts import Array, FitData, Member, Posterior
 from etude.models.gp.exact import columns_of
 from etude.models.hyperparameters import columns, counted, initial_process, trained_process, weak
 from etude.models.plugin_member import PluginMember
 from etude.models.process import Condition, Posteriors, Teaching, restored, taught
+from etude.protocols import FitData, Member, Posterior
+from etude.types import Array
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP

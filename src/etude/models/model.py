@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Channel, Column, Inputs, Log, Mask, Posterior, Trajectory
 from etude.errors import UsageError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import share_of
@@ -22,6 +21,8 @@ from etude.models.prediction import Prediction
 from etude.models.student_t import StudentT
 from etude.models.trust import outside, trusted
 from etude.progress import counted
+from etude.protocols import Candidate, Inputs, Posterior, Trajectory
+from etude.types import Array, Channel, Column, Log, Mask
 
 _InUse = tuple[Candidate, list[int]]
 _Each = Callable[[list[_InUse]], Iterable[_InUse]]
@@ -29,7 +30,7 @@ _Each = Callable[[list[_InUse]], Iterable[_InUse]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedModel:
-    """What was learned (implements `contracts.Model`).
+    """What was learned (implements `protocols.Model`).
 
     Attributes:
         inputs: of all processes, with the facts that the samples told.

@@ -7,8 +7,9 @@ from typing import cast
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Log, Mean
 from etude.models.gp.rest import resting
+from etude.protocols import Candidate, Mean
+from etude.types import Array, Log
 
 PHYSICAL = ("nominal", "identified")
 """Means that go on where no data are, so that a command may fade to them."""

@@ -8,8 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, FitData, Process
 from etude.errors import EtudeError, UsageError
+from etude.protocols import FitData, Process
+from etude.types import Array
 
 METHODS = ("latents", "predict", "held_out", "arrays", "c")
 VALUES = ("noise_variance", "signal_variance")

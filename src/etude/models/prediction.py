@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from etude.contracts import Array
+from etude.types import Array
 
 
 class Prediction(tuple[Array, Array]):

@@ -9,13 +9,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Array, Code, FitData, Index, Posterior
 from etude.errors import UsageError
 from etude.models.contracts import HasInputs, HasKernel
 from etude.models.forms import posterior_arrays, posterior_of, posterior_words
 from etude.models.gp.exact import ExactPosterior
 from etude.models.gp.rest import rests
 from etude.models.gp.shared_exact import SharedPosterior, shared_posterior
+from etude.protocols import FitData, Posterior
+from etude.types import Array, Code, Index
 
 WORDS = "words"
 Condition = Callable[[Array, Array], tuple[Posterior, ...]]
@@ -44,7 +45,7 @@ class Teaching:
 
 @dataclass(frozen=True, eq=False)
 class Posteriors:
-    """One posterior for each of m commands (implements `contracts.Process`).
+    """One posterior for each of m commands (implements `protocols.Process`).
 
     Attributes:
         own: the posteriors; those of one kernel share their factor.
@@ -203,7 +204,7 @@ def restored(arrays: Mapping[str, Array]) -> Posteriors:
 class Silent:
     """Beside a mean that predicts alone: says nothing itself, but knows where the robot has not been.
 
-    Implements `contracts.Process` in the units of another process: a mean of zero, and a variance found on
+    Implements `protocols.Process` in the units of another process: a mean of zero, and a variance found on
     motion held out.
 
     Attributes:

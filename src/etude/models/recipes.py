@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.models.config import ModelConfig
 from etude.models.score import while_any_moves
+from etude.types import Array
 
 if TYPE_CHECKING:
     from etude.models.fit import Folds, Rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask, Samples
+from etude.types import Array, Index, Mask, Samples
 
 HEARD = ("state", "command", "plan")
 """Roles of the channels that tell samples apart."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Candidate
 from etude.models.contracts import Offered
 from etude.models.fit import Folds, Rows, fit_data, floor_of, units_of
 from etude.models.held_out import Base, HeldOut, process_held_out
@@ -14,6 +13,7 @@ from etude.models.hyperparameters import is_held, on_schedule
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
+from etude.protocols import Candidate
 
 
 @dataclass(frozen=True, eq=False)

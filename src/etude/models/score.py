@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask, Samples
 from etude.errors import DataError, UsageError
 from etude.models.student_t import StudentT
+from etude.types import Array, Index, Mask, Samples
 
 NORMAL_95 = 1.959963984540054  # quantile of the normal distribution
 TRANSIENT_S = 5.0

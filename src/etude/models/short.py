@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Mask
 from etude.models.fit import Folds
 from etude.models.rows import seconds_of
+from etude.protocols import Candidate
+from etude.types import Array, Mask
 
 LEAST_STRETCHES, LEAST_MOVING = 2.0, 0.5
 """Motion that errors can be judged by, in stretches of `ModelConfig.stretch_s`, each held out of the other:

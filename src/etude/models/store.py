@@ -16,7 +16,6 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Inputs, Mean, Physics, Process
 from etude.errors import DataError
 from etude.models.changed import FREEDOM
 from etude.models.contracts import Offered, share_of
@@ -26,7 +25,9 @@ from etude.models.model import LearnedModel
 from etude.models.process import Silent
 from etude.models.recipes import CANDIDATES
 from etude.models.student_t import StudentT
+from etude.protocols import Candidate, Inputs, Mean, Physics, Process
 from etude.storage import arrays_of, packed, write_atomic
+from etude.types import Array
 
 VERSION = 2
 """Of the contents; 1 were the files of 0.1, an .npz beside a .json."""

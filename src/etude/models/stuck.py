@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Samples
+from etude.types import Array, Mask, Samples
 
 STUCK_S = 3.0
 """s of motion without any change."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 
 # Predicted over prior variance between which trust in a model goes from 1 to 0. Below half the model has
 # learnt more than it has left to learn; from 0.9 on it knows no more than before its first trajectory.

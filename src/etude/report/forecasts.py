@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Model, Samples
+from etude.protocols import Model
 from etude.report.curves import tests
 from etude.report.record import Record
 from etude.report.words import test_name
+from etude.types import Log, Samples
 
 Array = NDArray[np.float64]
 

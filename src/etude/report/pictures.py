@@ -8,13 +8,14 @@ from importlib import resources
 import numpy as np
 
 from etude.campaign.folder import Campaign
-from etude.contracts import Log, Trajectory
+from etude.protocols import Trajectory
 from etude.report.curves import score, tests
 from etude.report.markup import Html
 from etude.report.record import Record, read_record
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style, learning_panel
 from etude.report.svg import Line, Mark, panel, thinned
+from etude.types import Log
 
 SIZE = (560, 320)
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'

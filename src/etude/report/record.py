@@ -16,7 +16,8 @@ from etude.storage import sha256_of
 
 if TYPE_CHECKING:
     from etude.campaign.folder import Campaign
-    from etude.contracts import Channel, Limit, Log, Model, Trajectory
+    from etude.protocols import Limit, Model, Trajectory
+    from etude.types import Channel, Log
 
 T = TypeVar("T")
 Facts = dict[str, Any]

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log
 from etude.report.markup import Html
 from etude.report.pictures import SIZE, alone
 from etude.report.scales import Axis, Scale
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Line, Mark, panel, thinned
+from etude.types import Array, Channel, Finding, Log
 
 POINTS = 600
 THINNEST = 1.5

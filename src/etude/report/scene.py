@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Limit
+from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text

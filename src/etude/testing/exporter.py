@@ -6,15 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.contracts import Exporter, Kind
 from etude.deploy.played import HELD_STILL, ORDERS_HELD, certify_played
 from etude.limits.at_rest import at_rest
+from etude.protocols import Exporter, Kind
 from etude.testing.differences import close
 from etude.testing.world import World, world
 
 
 class ExporterSuite:
-    """Laws of `contracts.Exporter`. Set `exporter` (a staticmethod), `kind` and `robot`."""
+    """Laws of `protocols.Exporter`. Set `exporter` (a staticmethod), `kind` and `robot`."""
 
     exporter: ClassVar[Exporter]
     kind: ClassVar[Kind]

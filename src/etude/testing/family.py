@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Family, Trajectory
+from etude.protocols import Family, Trajectory
 from etude.testing.differences import central, close, same
 from etude.trajectories.json_text import from_json
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class FamilySuite:
-    """Laws of `contracts.Family` and `contracts.Trajectory`.
+    """Laws of `protocols.Family` and `protocols.Trajectory`.
 
     Set `family`, and override `draw` where not every parameter vector is a trajectory.
     """

@@ -6,13 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.contracts import Kind, Motion
+from etude.protocols import Kind
 from etude.testing.differences import central, close, same
 from etude.testing.world import World, world
+from etude.types import Motion
 
 
 class InputsSuite:
-    """Laws of `contracts.Inputs`, of one robot of a kind. Set `kind` and `robot`."""
+    """Laws of `protocols.Inputs`, of one robot of a kind. Set `kind` and `robot`."""
 
     kind: ClassVar[Kind]
     robot: ClassVar[str]

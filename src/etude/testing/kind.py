@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Family, Kind, Limit
 from etude.limits.certificate import certify
+from etude.protocols import Family, Kind, Limit
 from etude.testing.family import FamilySuite
 from etude.testing.inputs import InputsSuite
 from etude.testing.limits import LimitSuite
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
-    """Laws of `contracts.Kind`, those of its inputs, physics and simulated robot among them.
+    """Laws of `protocols.Kind`, those of its inputs, physics and simulated robot among them.
 
     Set `kind` and `robot`: a built-in name, or a file that the kind recognises.
     """

@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Cone, Family, Limit, Proof
+from etude.protocols import Family, Limit
 from etude.testing.differences import central, close
+from etude.types import Cone, Proof
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ SLACK = 0.03
 
 
 class LimitSuite:
-    """Laws of `contracts.Limit`. Set `limit`, `family`, and `home`, a pose (k,) well inside."""
+    """Laws of `protocols.Limit`. Set `limit`, `family`, and `home`, a pose (k,) well inside."""
 
     limit: ClassVar[Limit]
     family: ClassVar[Family]

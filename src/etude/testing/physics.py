@@ -6,14 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.contracts import Kind, Mean, Motion
+from etude.protocols import Kind, Mean
 from etude.testing.differences import close, same
 from etude.testing.simulated import samples_of
 from etude.testing.world import World, world
+from etude.types import Motion
 
 
 class PhysicsSuite:
-    """Laws of `contracts.Physics` and `contracts.Mean`, of one robot of a kind. Set `kind` and `robot`."""
+    """Laws of `protocols.Physics` and `protocols.Mean`, of one robot of a kind. Set `kind` and `robot`."""
 
     kind: ClassVar[Kind]
     robot: ClassVar[str]

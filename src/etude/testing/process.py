@@ -8,17 +8,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Column, FitData, Member, Process
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import SquaredExponential
+from etude.protocols import FitData, Member, Process
 from etude.testing.differences import central, close, same
+from etude.types import Column
 
 Array = NDArray[np.float64]
 COLUMNS: tuple[Column, ...] = tuple(("q", f"joint{i}", "rad", "") for i in range(3))
 
 
 class ProcessSuite:
-    """Laws of `contracts.Process` and of its member. Set `member` (a staticmethod unless it is an object)."""
+    """Laws of `protocols.Process` and of its member. Set `member` (a staticmethod unless it is an object)."""
 
     member: ClassVar[Member]
     commands: ClassVar[int] = 1

@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Reader
 from etude.errors import DataError
+from etude.protocols import Reader
 
 Array = NDArray[np.float64]
 
 
 class ReaderSuite:
-    """Laws of `contracts.Reader`. Set `reader` (a staticmethod) and `suffix`, and write files in `write`."""
+    """Laws of `protocols.Reader`. Set `reader` (a staticmethod) and `suffix`, and write files in `write`."""
 
     reader: ClassVar[Reader]
     suffix: ClassVar[str]

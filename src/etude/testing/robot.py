@@ -6,14 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from etude.contracts import Kind
+from etude.protocols import Kind
 from etude.testing.differences import same
 from etude.testing.simulated import log_of
 from etude.testing.world import World, world
 
 
 class RobotSuite:
-    """Laws of `contracts.Robot`, of one robot of a kind. Set `kind` and `robot`."""
+    """Laws of `protocols.Robot`, of one robot of a kind. Set `kind` and `robot`."""
 
     kind: ClassVar[Kind]
     robot: ClassVar[str]

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from etude.contracts import Log, Samples
 from etude.testing.world import World
+from etude.types import Log, Samples
 
 
 @lru_cache(maxsize=32)

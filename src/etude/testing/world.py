@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.campaign.config import preset_config
-from etude.contracts import Family, Inputs, Kind, Limit, Motion, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
+from etude.protocols import Family, Inputs, Kind, Limit, Trajectory
 from etude.storage import write_atomic
+from etude.types import Motion
 
 Array = NDArray[np.float64]
 _KNOWN: dict[tuple[int, str, str], World] = {}

@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Motion
 from etude.errors import UsageError
 from etude.trajectories.extremes import OVERSAMPLING
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.series import basis, instants, rest_nullspace
+from etude.types import Motion
 
 Array = NDArray[np.float64]
 

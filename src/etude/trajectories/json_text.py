@@ -6,8 +6,8 @@ import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from etude.contracts import Trajectory
 from etude.errors import UsageError
+from etude.protocols import Trajectory
 from etude.trajectories.chain import Chain
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Trajectory
+from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.series import series
 from etude.trajectories.splined import Splined

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array, Mask, Reachable
+from etude.types import Array, Mask, Reachable
 from etude_arm.clearance.gaps import TOLERANCE
 from etude_arm.clearance.limit import Clearance
 

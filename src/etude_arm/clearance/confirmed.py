@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.tracked import Scene
 

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 
 MOST = 256
 """Points that are taken at most."""

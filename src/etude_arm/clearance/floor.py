@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.clearance.gaps import Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.settled import ALWAYS, FEW, SEED, STILL

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 from etude_arm.clearance.skeleton import Shape, Skeleton
 from etude_arm.clearance.surroundings import Column, Wall
 

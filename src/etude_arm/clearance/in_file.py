@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.clearance.floor import BELOW, level
 from etude_arm.clearance.gaps import Gaps
 from etude_arm.clearance.pairs import gaps_of

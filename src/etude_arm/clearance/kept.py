@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
+from etude.types import Array, Index, Mask
 from etude_arm.clearance.gaps import TOLERANCE, Gaps
 from etude_arm.clearance.skeleton import BOX
 

@@ -10,13 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array, Cone, Family, Index, Margins, Motion, Proof, Trajectory
 from etude.limits.library import AxisLimit
 from etude.limits.ranges import tracked
 from etude.limits.remembered import remembered
 from etude.limits.tracking import ASSUMED
 from etude.limits.unseen import COLLISIONS
+from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array, Cone, Index, Margins, Motion, Proof
 from etude_arm.clearance.confirmed import excess
 from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.kept import kept

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Margins, Proof, Reachable
+from etude.types import Array, Margins, Proof, Reachable
 from etude_arm.clearance.clear_poses import one_turn, reachable
 from etude_arm.clearance.floor import with_floor
 from etude_arm.clearance.in_file import from_file

@@ -14,8 +14,8 @@ from itertools import combinations
 from types import MappingProxyType
 from typing import Any
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.clearance.fewer import Fewer
 from etude_arm.clearance.gaps import CUTOFF, Gap, Gaps
 from etude_arm.clearance.skeleton import BOX, Skeleton, skeleton_of

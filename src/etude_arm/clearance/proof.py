@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 from etude_arm.clearance.way import Way
 
 QUICK = 4

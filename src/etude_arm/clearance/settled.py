@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.clearance.gaps import TOLERANCE, Gap, Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.srdf import Pairs

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
 from etude.errors import UsageError
+from etude.types import Array, Index, Mask
 from etude_arm.loading.names import free_name
 from etude_arm.space.reach import reaches
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 from etude_arm.clearance.gaps import CUTOFF, Gaps
 
 POSES = 2048

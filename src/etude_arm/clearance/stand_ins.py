@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.clearance.fewer import Fewer, fewer
 from etude_arm.clearance.gaps import Gaps
 from etude_arm.clearance.skeleton import Shape, Skeleton

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
 from etude.operators import cross
+from etude.types import Array, Index, Mask
 from etude_arm.clearance.gaps import Gaps, unit
 from etude_arm.clearance.skeleton import Shape
 from etude_arm.clearance.surroundings import Column

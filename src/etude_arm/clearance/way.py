@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Trajectory
 from etude.trajectories.extremes import riesz_range
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.trajectories.ramp import phase
+from etude.types import Array, Index
 
 FIRST = 128
 """Intervals to begin with."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import NumericalError
+from etude.types import Array
 from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
 
 WEIGHT = 1.0

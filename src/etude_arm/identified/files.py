@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.identified.pseudo_inertia import PAIRS, inertia_of
 from etude_arm.loading.inertia import ENTRIES
 from etude_arm.loading.parsing import declared, parsed

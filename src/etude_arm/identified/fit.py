@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Samples
+from etude.types import Array, Samples
 from etude_arm.identified.consistent import Consistent, consistent
 from etude_arm.identified.files import JointTerms
 from etude_arm.identified.links import Links, links_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.inertia import NO_MASS
 from etude_arm.loading.load import load_arm
 from etude_arm.physics.kinematics import KinematicTree

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Samples
+from etude.types import Array, Index, Samples
 from etude_arm.identified.links import Links
 from etude_arm.physics.estimate import information_per_sample, output_priors
 from etude_arm.physics.mean import RigidBodyMean

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.inertia import ENTRIES
 
 SIZE = 10

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Delivered, Kind, Samples
 from etude.errors import UsageError
 from etude.logs.table_text import text_cell
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Delivered, Samples
 from etude_arm.identified.files import written
 from etude_arm.identified.fit import Identified, identified
 from etude_arm.identified.pseudo_inertia import is_possible
@@ -38,7 +39,7 @@ class Told:
 
 
 class Urdf:
-    """The target `urdf` (`contracts.Target`)."""
+    """The target `urdf` (`protocols.Target`)."""
 
     needs = ("samples",)
 

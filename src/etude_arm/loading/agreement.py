@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array, Index
 from etude.errors import UnsafeModelError
+from etude.types import Array, Index
 from etude_arm.loading.expected import Expected, Place
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.inertia import ENTRIES, possible
 from etude_arm.loading.limbs import Moving
 from etude_arm.loading.rotations import turn_of

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 from etude_arm.physics.kinematics import axis_rotation
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")

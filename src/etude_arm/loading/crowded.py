@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.loaded import Loaded
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask
+from etude.types import Array, Index, Mask
 
 SEED = 29
 """Of the pose: the same in every run, and no pose that a file was made for."""

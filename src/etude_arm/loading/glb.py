@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 
 MAGIC, HEAD = b"glTF", 12
 TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

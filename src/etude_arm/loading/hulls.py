@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from etude.contracts import Array, Index
+from etude.types import Array, Index
 
 THINNEST = 1e-4
 """m: thinner parts are made that thick, since a flat hull has no inside."""

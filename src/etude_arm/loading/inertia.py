@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.urdf_checks import number, vector
 from etude_arm.loading.urdf_tree import UrdfTree
 

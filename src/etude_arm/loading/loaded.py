@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import Index
 from etude.errors import UsageError
+from etude.types import Index
 from etude_arm.clearance.surroundings import Wall
 from etude_arm.loading.agreement import check_agreement
 from etude_arm.loading.expected import Expected

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.collada import collada_triangles, fans
 from etude_arm.loading.glb import glb_triangles
 from etude_arm.loading.ply import ply_triangles

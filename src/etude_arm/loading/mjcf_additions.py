@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.attached import Attached, Mounting
 from etude_arm.loading.inertia import ENTRIES
 from etude_arm.loading.rotations import turn_of

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.hulls import hull, obj_text
 from etude_arm.loading.mjcf_parts import MESH, geoms_of
 from etude_arm.loading.slabs import slabs

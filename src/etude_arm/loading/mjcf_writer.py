@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.attached import Additions, Attached, tip
 from etude_arm.loading.choice import Choice
 from etude_arm.loading.hulls import hull, obj_text

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 
 def turn_of(roll: float, pitch: float, yaw: float) -> Array:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.hulls import hull
 
 SLABS = 4

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 
 MOVING = ("revolute", "prismatic", "continuous")
 FLOATING = ("floating", "planar")

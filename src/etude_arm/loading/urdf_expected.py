@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.attached import Additions, Attached
 from etude_arm.loading.choice import Choice
 from etude_arm.loading.expected import Expected, Place, chain_matrix, gathered, pose_of_joints

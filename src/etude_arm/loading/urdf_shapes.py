@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.loading.hulls import hull, is_hull, obj_text
 from etude_arm.loading.mesh_paths import MeshPaths
 from etude_arm.loading.mesh_readers import read_triangles

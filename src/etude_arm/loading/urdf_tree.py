@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.limbs import Moving
 from etude_arm.loading.names import WORLD
 from etude_arm.loading.rotations import turn_of

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Mask, Samples
 from etude.errors import DataError, UsageError
+from etude.types import Mask, Samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.regressor import nominal_parameters

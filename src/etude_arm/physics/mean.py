@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Code, Index, Log, Samples
 from etude.errors import DataError, UsageError
 from etude.operators import Piece
+from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors
 from etude_arm.physics.estimate import IdentificationPrior, fitted, output_priors, require_axes
@@ -38,7 +38,7 @@ OWN = tuple(name for name in RigidBodyModel.__dataclass_fields__ if name not in 
 
 @dataclass(frozen=True, eq=False)
 class RigidBodyMean:
-    """Implements `contracts.Mean`: commands by a rigid-body model, of measured or desired states."""
+    """Implements `protocols.Mean`: commands by a rigid-body model, of measured or desired states."""
 
     model: RigidBodyModel
     spec: ArmSpec
@@ -90,7 +90,7 @@ class RigidBodyMean:
 
 @dataclass(frozen=True, eq=False)
 class ArmPhysics:
-    """Implements `contracts.Physics`: samples in, a mean out. The model file is read at the first call.
+    """Implements `protocols.Physics`: samples in, a mean out. The model file is read at the first call.
 
     Attributes:
         spec: the robot; it has a model file.
@@ -128,7 +128,7 @@ class ArmPhysics:
         return self._mean(self._fitted(samples, self._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
-        """Capability `contracts.HeldOutPhysics`: samples are looked at once, not once for each fold."""
+        """Capability `protocols.SupportsWithout`: samples are looked at once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
         regressors = self._regressors(samples)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.rigid_body import EXTRA_TERMS, RigidBodyModel, command_regressors
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Mask
+from etude.types import Mask
 from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.kinematics import KinematicTree, body_motion
 from etude_arm.physics.regressor import nominal_parameters, regressor_of_motion

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.operators import Piece, Value, cross
+from etude.types import Array
 from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.memory import MEMORY_RATE
 from etude_arm.onnx import followed

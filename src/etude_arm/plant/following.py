@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Motion, Trajectory
 from etude.errors import DataError, UsageError
+from etude.protocols import Controller, Trajectory
+from etude.types import Array, Log, Motion
 from etude_arm.plant.led_in import LedIn, control_times, led_in
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.spec import COMMAND, ORDERS, PATH, PLAN, ArmSpec
@@ -22,7 +23,7 @@ FEEDFORWARD, FEEDBACK, TRUE = "command_ff", "command_fb", "q_true"
 
 
 class Following(ABC):
-    """What every simulated arm does alike (implements `contracts.Robot`).
+    """What every simulated arm does alike (implements `protocols.Robot`).
 
     A controller that plans nothing is asked at every tick (`asks_each_tick`).
 

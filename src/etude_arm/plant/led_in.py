@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Motion
 from etude.errors import UsageError
+from etude.types import Array, Motion
 from etude_arm.plant.trace import LoopInputs
 from etude_arm.spec import ORDERS, PATH, PLAN
 

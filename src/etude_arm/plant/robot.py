@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.plant.changes import with_friction, with_payload
 from etude_arm.plant.following import Following
 from etude_arm.plant.parameters import ArmParameters, load_parameters, plant_names
@@ -18,7 +18,7 @@ Engine = Literal["compiled", "mujoco"]
 
 @dataclass(frozen=True, eq=False)
 class ArmRobot(Following):
-    """A simulated arm under its own PD control (implements `contracts.Robot`).
+    """A simulated arm under its own PD control (implements `protocols.Robot`).
 
     Attributes:
         name: the plant's name.

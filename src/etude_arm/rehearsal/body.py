@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from etude.contracts import Array, Index
 from etude.errors import UsageError
+from etude.types import Array, Index
 from etude_arm.loading.names import free_name
 from etude_arm.spec import ArmSpec
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.plant.trace import LoopInputs, Trace
 from etude_arm.rehearsal.body import rows
 from etude_arm.rehearsal.model import Made

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.memory import bristles_along
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.rehearsal.scales import Scales

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.plant.following import Following
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.rehearsal.body import bare_body, from_file, said_of_drives
@@ -22,7 +22,7 @@ from etude_arm.spec import FORCES, ArmSpec
 
 @dataclass(frozen=True, eq=False)
 class RehearsedRobot(Following):
-    """A robot as its model file and its drives make it (implements `contracts.Robot`).
+    """A robot as its model file and its drives make it (implements `protocols.Robot`).
 
     Attributes:
         made: its bodies, loop, drives and payload.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_arm.rehearsal.body import rows
 from etude_arm.spec import ArmSpec
 

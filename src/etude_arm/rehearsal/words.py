@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.rehearsal.motors import Motors
 from etude_arm.rehearsal.overlay import Simulate
 from etude_arm.rehearsal.scales import Scales

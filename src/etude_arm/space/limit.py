@@ -14,11 +14,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etude.contracts import Array, Cone, Family, Motion, Proof, Trajectory
 from etude.errors import UsageError
 from etude.limits.remembered import remembered
 from etude.limits.unseen import SPEED
 from etude.operators import cross
+from etude.protocols import Family, Trajectory
+from etude.types import Array, Cone, Motion, Proof
 from etude_arm.clearance.way import largest
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 from etude_arm.space.reach import bent

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.loading.load import load_arm
 from etude_arm.of_file import of_file
 from etude_arm.physics.geometry import read_geometry

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Mask
+from etude.types import Array, Mask
 
 
 def reaches(

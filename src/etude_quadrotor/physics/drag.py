@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Code, Index, Samples
 from etude.errors import DataError
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernels import SquaredExponential
+from etude.types import Array, Code, Index, Samples
 
 LATERAL = 2
 """Outputs: x and y."""

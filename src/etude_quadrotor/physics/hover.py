@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Log
+from etude.types import Log
 from etude_quadrotor.channels import SPECIFIC_FORCE
 from etude_quadrotor.vehicle import GRAVITY
 

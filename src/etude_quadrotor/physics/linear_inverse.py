@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Code, Column, Log, Mask
 from etude.errors import DataError
 from etude.operators import Piece
+from etude.types import Array, Code, Column, Log, Mask
 from etude_quadrotor.channels import STATES
 from etude_quadrotor.physics.hover import hovering
 from etude_quadrotor.physics.map_fit import map_fit
@@ -27,7 +27,7 @@ HUGE = 1e300
 
 @dataclass(frozen=True)
 class LinearInverse:
-    """command = offset + ((features - centre) / spread) weights. A `contracts.Mean`.
+    """command = offset + ((features - centre) / spread) weights. A `protocols.Mean`.
 
     Attributes:
         uses: names of the optional channels among the features.

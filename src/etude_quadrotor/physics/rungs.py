@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Mean, Samples
 from etude.errors import DataError
+from etude.protocols import Mean
+from etude.types import Array, Samples
 from etude_quadrotor.physics.linear_inverse import OPTIONAL, LinearInverse, identify_linear
 from etude_quadrotor.physics.vehicle_inverse import (
     VehicleInverse,
@@ -23,7 +24,7 @@ CORRELATION_S = 0.5
 
 @dataclass(frozen=True)
 class Nominal:
-    """The vehicle as its owner describes it. A `contracts.Physics`."""
+    """The vehicle as its owner describes it. A `protocols.Physics`."""
 
     vehicle: Vehicle
 
@@ -38,7 +39,7 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Identified:
-    """What flights tell: coefficients of the vehicle's motors, or weights of features. A `contracts.Physics`.
+    """What flights tell: coefficients of the vehicle's motors, or weights of features. A `protocols.Physics`.
 
     Attributes:
         vehicle: whose motors explain the commands, which are then V; None if nobody described them.

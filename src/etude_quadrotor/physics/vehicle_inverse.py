@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Array, Code, Log, Mask
 from etude.operators import Piece
+from etude.types import Array, Code, Log, Mask
 from etude_quadrotor.physics.hover import hovering
 from etude_quadrotor.physics.map_fit import map_fit
 from etude_quadrotor.vehicle import GRAVITY, Vehicle
@@ -53,7 +53,7 @@ exponentials, whatever the vehicle's true curve."""
 
 @dataclass(frozen=True)
 class VehicleInverse:
-    """Voltages of a vehicle whose constants are known, corrected by `coefficients`. A `contracts.Mean`.
+    """Voltages of a vehicle whose constants are known, corrected by `coefficients`. A `protocols.Mean`.
 
     Attributes:
         vehicle: nominal body and motors.

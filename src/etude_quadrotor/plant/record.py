@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Log
 from etude.errors import DataError, UsageError
+from etude.types import Channel, Log
 from etude_quadrotor.channels import (
     ALTITUDE,
     ANGULAR_ACCELERATION,

@@ -9,8 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Controller, Trajectory
+from etude.types import Array, Log
 from etude_quadrotor.controller import flight_plan
 from etude_quadrotor.plant.disturbance import Disturbance
 from etude_quadrotor.plant.record import flight_log
@@ -26,7 +27,7 @@ CHANGES = ("payload", "drag", "sag", "wind")
 
 @dataclass(frozen=True, eq=False)
 class SimulatedFlights:
-    """Implements `contracts.Robot`.
+    """Implements `protocols.Robot`.
 
     Attributes:
         vehicle: the truth, and its controller.

@@ -31,7 +31,7 @@ class _Local(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LWPRPosterior:
-    """K receptive fields, frozen (keeps `contracts.Posterior`, but has no covariance between inputs).
+    """K receptive fields, frozen (keeps `protocols.Posterior`, but has no covariance between inputs).
 
     Field k weighs an input by w = exp(-|F (x - c)|²/2) and predicts level + slope·(x - x0).
 

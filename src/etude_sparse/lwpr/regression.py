@@ -23,7 +23,7 @@ ACTIVE = 1e-3
 
 @dataclass(frozen=True)
 class LWPR:
-    """Locally weighted projection regression with its knobs (keeps `contracts.Regressor.condition`).
+    """Locally weighted projection regression with its knobs (keeps `protocols.Regressor.condition`).
 
     Choose it for very many samples, at a price a sample that does not depend on their number, when no
     hyperparameters can be trained beforehand and outputs look locally linear. It is no Gaussian process:

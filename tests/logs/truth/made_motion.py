@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
+from etude.types import Array, Channel, Log
 
 NAMES = ("hip", "knee", "toe")
 RATE = 100.0

@@ -8,10 +8,10 @@ import pytest
 from etude import plugins
 from etude.campaign.config import preset_config
 from etude.campaign.questions import Answers, Asked
-from etude.contracts import Array, Channel, Finding, Log
 from etude.logs.smoothing import segments
 from etude.logs.truth.brake import without_spans
 from etude.logs.truth.jump import jump_finding
+from etude.types import Array, Channel, Finding, Log
 
 SECONDS, AT, TOP = 30.0, 17.3, np.full(3, 6.0)
 POSITION = Channel("position", ("x", "y", "z"), ("m",) * 3, "aside")

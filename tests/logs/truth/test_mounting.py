@@ -9,9 +9,9 @@ import pytest
 from made_motion import COMMAND, DRY, INERTIA, VISCOUS, moved
 
 from etude.campaign.inspecting import inspect
-from etude.contracts import Array, Finding
 from etude.logs.truth.mounting import mounting_finding
 from etude.logs.truth.seen import seen
+from etude.types import Array, Finding
 
 DOWN = np.array([0.0, 0.0, -9.81])
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -10,11 +10,11 @@ import pytest
 from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command_of, moved
 from scipy.optimize import linear_sum_assignment
 
-from etude.contracts import Array, Finding, Log
 from etude.errors import UsageError
 from etude.logs.truth import rates, scale, sign, swapped
 from etude.logs.truth.judge import commanded, judge_commands, judge_motion
 from etude.logs.truth.repairs import REPAIRS, repaired
+from etude.types import Array, Finding, Log
 
 
 def told(log: Log, usual: float | None = RATE) -> dict[str, Finding]:

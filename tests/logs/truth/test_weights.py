@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, QD, Q
 
-from etude.contracts import Array, Log
 from etude.logs.truth import swapped
 from etude.logs.truth.judge import commanded, judge_commands
 from etude.logs.truth.seen import Seen
+from etude.types import Array, Log
 
 SECONDS, RATE = 60.0, 50.0
 FREQUENCIES = np.array([2.0, 3.0, 4.0]) / SECONDS

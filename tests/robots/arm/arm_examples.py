@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Motion
+from etude.types import Motion
 from etude_arm.kind import KIND
 from etude_arm.plant import compiled, mujoco_engine
 from etude_arm.plant.parameters import ArmParameters

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Motion
+from etude.types import Array, Motion
 from etude_arm.plant.led_in import control_times
 from etude_arm.plant.trace import LoopInputs
 from etude_arm.rehearsal.overlay import MotorTable, Simulate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Log, Samples
+from etude.types import Log, Samples
 from etude_arm.spec import ArmSpec, Axis
 
 NAMES = ("turn", "slide", "tilt", "reach", "lone")

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from clearance_examples import NAMES, PLANAR, clearance, planar, planar_spec
 
-from etude.contracts import Motion
 from etude.design.candidates import Source
 from etude.design.kept import Kept
 from etude.errors import UnsafeTrajectoryError, UsageError
@@ -20,6 +19,7 @@ from etude.limits.unseen import in_words
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.types import Motion
 from etude_arm.clearance.gaps import TOLERANCE
 from etude_arm.clearance.limit import TAKEN
 from etude_arm.clearance.of_robot import clearance_of, search_of

@@ -10,10 +10,11 @@ from clearance_examples import NAMES, REACH, clearance, planar
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.contracts import Array, Motion, Proof, Trajectory
 from etude.limits.certificate import spare
+from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
+from etude.types import Array, Motion, Proof
 from etude_arm.clearance.gaps import CUTOFF
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.proof import MOST, nearest

@@ -16,14 +16,15 @@ import numpy as np
 import pytest
 from loading_examples import bullet_robot, example_robot
 
-from etude.contracts import Array, Candidate, Posterior
 from etude.design.config import DesignConfig
 from etude.design.solve import design
 from etude.limits.certificate import certify
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import structured
+from etude.protocols import Candidate, Posterior
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.of_robot import search_of
 from etude_arm.clearance.surroundings import Surroundings

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from arm_examples import Swing, simulated
 
-from etude.contracts import Log, Motion
 from etude.errors import DataError, UsageError
+from etude.types import Log, Motion
 from etude_arm.controller import PerfectController
 from etude_arm.plant.led_in import control_times
 from etude_arm.plant.robot import ArmRobot

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from arm_examples import Swing, simulated
 
-from etude.contracts import Log, Motion
 from etude.errors import NumericalError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.ladder import train_ladder
 from etude.models.trust import trusted
+from etude.types import Log, Motion
 from etude_arm.controller import ModelController, PerfectController
 from etude_arm.inputs import ArmInputs
 from etude_arm.recipe import ArmData, samples_of

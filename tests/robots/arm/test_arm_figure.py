@@ -11,7 +11,7 @@ import pytest
 from rehearsal_examples import ARM, spec_of
 from robots_of_others import robot_of
 
-from etude.contracts import Figure, Thing
+from etude.types import Figure, Thing
 from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
 from etude_arm.kind import KIND
 from etude_arm.loading.attached import Attached, Mounting

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.contracts import Log, Motion, Samples
 from etude.errors import UsageError
+from etude.types import Log, Motion, Samples
 from etude_arm.inputs import ArmInputs, stick_gains
 from etude_arm.spec import ArmSpec, Axis
 

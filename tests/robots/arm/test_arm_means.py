@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from arm_examples import Swing, simulated
 
-from etude.contracts import Samples
 from etude.errors import DataError, UsageError
+from etude.types import Samples
 from etude_arm.inputs import ArmInputs
 from etude_arm.physics.mean import ArmPhysics, RigidBodyMean, physics_of
 from etude_arm.recipe import ArmData, samples_of

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Log, Motion
+from etude.types import Log, Motion
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import pulled, remembered
 from etude_arm.recipe import ArmData, samples_of

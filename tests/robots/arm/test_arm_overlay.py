@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rehearsal_examples import ABOUT, ARM, GRAVITY, LEVER, TABLE, made, motor, spec_of
 
-from etude.contracts import Array
 from etude.errors import UsageError
+from etude.types import Array
 from etude_arm.rehearsal.robot import RehearsedRobot
 from etude_arm.robot_file import parse_robot, robot_to_toml
 

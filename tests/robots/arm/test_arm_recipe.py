@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Samples
 from etude.errors import DataError, UsageError
 from etude.logs.steps import duration
+from etude.types import Log, Samples
 from etude_arm.kind import KIND
 from etude_arm.recipe import ArmData, samples_of
 from etude_arm.spec import ArmSpec, Axis

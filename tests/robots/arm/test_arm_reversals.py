@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.contracts import Array, Log, Mask, Samples
+from etude.types import Array, Log, Mask, Samples
 from etude_arm.kind import KIND
 from etude_arm.recipe import ArmData, samples_of
 from etude_arm.reversals import near_reversals, spared

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from arm_examples import ENGINES, simulated
 
-from etude.contracts import Motion
 from etude.errors import UsageError
+from etude.types import Motion
 from etude_arm.controller import PerfectController
 from etude_arm.kind import KIND
 from etude_arm.plant.parameters import plant_names

@@ -11,8 +11,8 @@ import pytest
 
 from etude import plugins
 from etude.campaign.predict import along
-from etude.contracts import Log, Motion, Samples
 from etude.models.given import followed
+from etude.types import Log, Motion, Samples
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import remembered, turning
 from etude_arm.physics.mean import ArmPhysics, RigidBodyMean

@@ -16,9 +16,9 @@ import etude
 from etude.campaign.ask import ask
 from etude.campaign.create import Part, create_campaign
 from etude.cli import main
-from etude.contracts import Trajectory
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
+from etude.protocols import Trajectory
 from etude.trajectories.moves import PointToPoint
 from etude_arm.commands import NO_MOTION, commands_of
 from etude_arm.spec import ArmSpec

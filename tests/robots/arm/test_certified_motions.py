@@ -18,7 +18,6 @@ from robots_of_others import FILES, robot_of
 
 from etude.campaign.config import preset_config
 from etude.campaign.create import find_robot
-from etude.contracts import Array, Family, Limit, Motion, Trajectory
 from etude.design.chain import linked
 from etude.design.config import DesignConfig
 from etude.design.prior import prior_latents
@@ -26,9 +25,11 @@ from etude.design.solve import design
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled, uniform
+from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import OVERSAMPLING
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array, Motion
 from etude_arm.kind import KIND
 from etude_arm.motions import family as arm_family
 from etude_arm.motions import limits as arm_limits

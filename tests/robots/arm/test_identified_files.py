@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from loading_examples import write
 
-from etude.contracts import Log, Samples
 from etude.errors import UsageError
+from etude.types import Log, Samples
 from etude_arm.identified.files import central, written
 from etude_arm.identified.fit import Identified, identified
 from etude_arm.identified.links import links_of

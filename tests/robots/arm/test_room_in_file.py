@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from etude.contracts import Described
 from etude.errors import UsageError
+from etude.types import Described
 from etude_arm.clearance.of_robot import clearance_of
 from etude_arm.description import ROBOT_FILE, describe
 from etude_arm.robot_file import read_robot

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Log, Samples
+from etude.types import Array, Log, Samples
 from etude_quadrotor.channels import STATES, command
 from etude_quadrotor.physics.vehicle_inverse import VehicleInverse
 from etude_quadrotor.spec import QuadrotorSpec
@@ -88,7 +88,7 @@ def samples_of(log: Log, group: Array | None = None) -> Samples:
 
 def flights(count: int, *, seed: int = 0, noise: float = 0.003) -> Samples:
     """`count` flights of 30 s at 10 Hz."""
-    from etude.contracts import joined_samples
+    from etude.types import joined_samples
 
     rng = np.random.default_rng(seed)
     parts = []

@@ -9,7 +9,7 @@ import pytest
 from inverse_flights import SPEC, flights, flown
 from test_flight_inputs import motion
 
-from etude.contracts import Array, Log, Samples
+from etude.types import Array, Log, Samples
 from etude_quadrotor.battery import slow_voltage, usual_voltage
 from etude_quadrotor.channels import BATTERY, command
 from etude_quadrotor.inputs import QuadrotorInputs

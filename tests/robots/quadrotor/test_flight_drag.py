@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from inverse_flights import log_with, samples_of
 
-from etude.contracts import Samples
 from etude.errors import DataError
+from etude.types import Samples
 from etude_quadrotor.physics.drag import DragModel, train_drag
 
 

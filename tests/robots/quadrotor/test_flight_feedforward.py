@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Candidate, Log, Motion, Trajectory
 from etude.errors import DataError, NumericalError, UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
+from etude.protocols import Candidate, Trajectory
+from etude.types import Array, Log, Motion
 from etude_quadrotor.channels import POSITION, POSITION_DES
 from etude_quadrotor.controller import (
     PID_ALONE,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from inverse_flights import SPEC, flights, random_log, samples_of
 
-from etude.contracts import Motion
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Motion
 from etude_quadrotor.flatness import VECTORS
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.recipe import FlightData

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Limit, Trajectory
 from etude.deploy.exporters.offboard import OFFBOARD
 from etude.deploy.exporters.poly4d import POLY4D
 from etude.deploy.played import certify_played
@@ -17,8 +16,10 @@ from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.limits.unseen import WAY
+from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import Chain
 from etude.trajectories.splined import Splined
+from etude.types import Array
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.kind import KIND
 from etude_quadrotor.room import home, limits, ways

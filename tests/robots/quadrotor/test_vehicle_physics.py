@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from inverse_flights import SPEC, TRUTH, VEHICLE, flights, log_with, random_log, samples_of, voltages
 
-from etude.contracts import Samples
 from etude.errors import DataError
+from etude.types import Samples
 from etude_quadrotor.physics.linear_inverse import LinearInverse, identify_linear
 from etude_quadrotor.physics.rungs import Identified, Nominal
 from etude_quadrotor.physics.vehicle_inverse import (

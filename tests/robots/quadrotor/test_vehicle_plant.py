@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.contracts import Log
 from etude.errors import DataError, UsageError
+from etude.types import Log
 from etude_quadrotor.channels import command
 from etude_quadrotor.kind import KIND
 from etude_quadrotor.plant.disturbance import Disturbance

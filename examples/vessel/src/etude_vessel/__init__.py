@@ -11,18 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude import contracts as nouns
-from etude.contracts import Channel, Controller, Index, Log, Model, Motion, Row, Samples, Trajectory
+from etude import types
 from etude.errors import UsageError
 from etude.limits.library import AxisLimit
 from etude.logs.steps import smooth
+from etude.protocols import Controller, Limit, Model, Trajectory
 from etude.toml_tables import decoded, from_table, read_text
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.moves import random_moves
+from etude.types import Array, Channel, Index, Log, Motion, Row, Samples
 
-Array = NDArray[np.float64]
 AXES, STATES = ("x", "y"), ("position", "velocity", "acceleration")
 ALL = (
     Channel("position", AXES, ("m", "m"), required=True),
@@ -69,7 +68,7 @@ class VesselInputs:
     rate: float = 0.0
 
     @property
-    def columns(self) -> Sequence[nouns.Column]:
+    def columns(self) -> Sequence[types.Column]:
         plain = [(name, a, CHANNELS[name].units[0], "") for name in STATES for a in AXES]
         return [*plain, *(("velocity", a, "m^2/s^2", "square") for a in AXES)]
 
@@ -81,7 +80,7 @@ class VesselInputs:
         v = log["velocity"]
         return np.concatenate([*(log[name] for name in STATES), v * np.abs(v)], axis=1)
 
-    def plan(self, motion: Motion, keep: Index | None = None) -> nouns.Planned:
+    def plan(self, motion: Motion, keep: Index | None = None) -> types.Planned:
         kept = slice(None) if keep is None else keep
         X, v = self.of_log(self.states(motion)), motion.orders[1]
 
@@ -92,7 +91,7 @@ class VesselInputs:
             out[1, kept] += 2.0 * np.abs(v[kept]) * in_X[:, 6:8]
             return out
 
-        return nouns.Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
+        return types.Planned(X[kept], np.ones((len(X[kept]), 2)), pull)
 
     def step(self, row: Row, memory: Array | None) -> tuple[Array, Array]:
         return self.of_log(_row(0.0, row))[0], np.zeros(0)
@@ -216,7 +215,7 @@ class SimulatedVessel:
 
 
 class VesselKind:
-    """See `etude.contracts.Kind`."""
+    """See `etude.protocols.Kind`."""
 
     name, path = "vessel", "position"
     tables: Mapping[str, type] = {"trajectory": FourierConfig, "data": VesselData}
@@ -229,8 +228,8 @@ class VesselKind:
     def recognises(self, path: Path) -> bool:
         return path.suffix == ".toml" and decoded(read_text(path), str(path)).get("kind") == self.name
 
-    def described(self, path: Path) -> nouns.Described:
-        return nouns.Described({"robot.toml": path.read_bytes()})
+    def described(self, path: Path) -> types.Described:
+        return types.Described({"robot.toml": path.read_bytes()})
 
     def spec(self, path: Path) -> VesselSpec:
         return from_table(VesselSpec, decoded(read_text(path), str(path)), str(path))
@@ -244,14 +243,14 @@ class VesselKind:
     def channels(self, spec: VesselSpec) -> Sequence[Channel]:
         return ALL
 
-    def expected(self, spec: VesselSpec) -> nouns.Expected:
+    def expected(self, spec: VesselSpec) -> types.Expected:
         room = np.array(spec.lower), np.array(spec.upper)
-        return nouns.Expected(spec.rate, room[1] - room[0], {"position": room})
+        return types.Expected(spec.rate, room[1] - room[0], {"position": room})
 
     def family(self, spec: VesselSpec, config: Any) -> FourierFamily:
         return FourierFamily.of(config.trajectory, 2)
 
-    def limits(self, spec: VesselSpec, *_: Any) -> Sequence[nouns.Limit]:
+    def limits(self, spec: VesselSpec, *_: Any) -> Sequence[Limit]:
         speed, bend = np.full(2, spec.speed), np.full(2, spec.acceleration)
         return (
             AxisLimit("position", 0, AXES, np.array(spec.lower), np.array(spec.upper)),
@@ -268,11 +267,11 @@ class VesselKind:
     def physics(self, spec: VesselSpec, config: Any) -> Mapping[str, Any]:
         return {"identified": Identified()}
 
-    def checks(self, spec: VesselSpec, log: Log) -> Sequence[nouns.Finding]:
+    def checks(self, spec: VesselSpec, log: Log) -> Sequence[types.Finding]:
         return ()
 
     def samples(self, spec: VesselSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
-        return nouns.joined_samples([self._samples(config, *own) for own in zip(logs, groups, strict=True)])
+        return types.joined_samples([self._samples(config, *own) for own in zip(logs, groups, strict=True)])
 
     def _samples(self, config: Any, log: Log, group: Index) -> Samples:
         found = smooth(log.t, log["position"], config.data.cutoff_hz)

@@ -15,11 +15,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Inputs, Samples
 from etude.models.config import ModelConfig
 from etude.models.fit import LARGEST_FLOOR
 from etude.models.linear import LinearPhysics
 from etude.models.score import score
+from etude.protocols import Inputs
+from etude.types import Samples
 from etude_studies.model_cost import held_bytes, predict_seconds
 from etude_studies.model_members import MEMBERS, Member
 from etude_studies.model_table import FIGURES

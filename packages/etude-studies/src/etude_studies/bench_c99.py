@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.target import Files, c_files
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import session, taken_by
 from etude.errors import UsageError
+from etude.types import Array
 from etude_studies.c99_models import Sized, sized
 from etude_studies.rows import Row, rows_json, table
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Index, Samples, joined_samples
 from etude.models.held_out import near
 from etude.models.judged import Judged, judged
 from etude.progress import counted
+from etude.types import Index, Samples, joined_samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.crazyflie_flights import crazyflie, crazyflie_flights
 from etude_studies.real_logs import REAL_LOGS, arm_log

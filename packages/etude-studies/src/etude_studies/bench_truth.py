@@ -17,13 +17,13 @@ import msgspec
 import numpy as np
 
 from etude.campaign.questions import Answers, Asked, judged_commands
-from etude.contracts import Finding, Log
 from etude.errors import EtudeError
 from etude.logs.read import clean_log
 from etude.logs.truth.judge import judge_motion
 from etude.logs.truth.seen import seen
 from etude.logs.truth.words import Mendable
 from etude.storage import write_atomic
+from etude.types import Finding, Log
 from etude_studies.engines.each import each
 from etude_studies.rows import Row, rows_json, table
 from etude_studies.truth_logs import Source, as_recorded, load, real_sources, simulated_sources

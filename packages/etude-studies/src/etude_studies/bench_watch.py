@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import joined_samples
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.judged import Judged, judged
 from etude.models.ladder import train_ladder
+from etude.types import joined_samples
 from etude_studies.crazypad import MOTORS, NORMAL, Flight, Inputs, flights
 from etude_studies.rows import Row, rows_json, table
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Index, Log, Mask, Samples, joined_samples
 from etude.models.held_out import block_masks
 from etude.models.model import LearnedModel
 from etude.models.score import figures
+from etude.types import Array, Index, Log, Mask, Samples, joined_samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.real_between import again
 from etude_studies.real_draws import DRAWS, drawn

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log, Motion, Trajectory
+from etude.protocols import Trajectory
+from etude.types import Array, Log, Motion
 
 OFFSET, GAIN, ENCODER, STUCK_S = 0.15, 1.4, 0.1, 20.0
 """Part of the command's range; times; rad; s at which a sensor gets stuck."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude import plugins
-from etude.contracts import Candidate, Kind
 from etude.models.gp.exact import posterior_given
 from etude.models.gp.kernels import ard_se, structured
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.protocols import Candidate, Kind
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 Array = NDArray[np.float64]

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log, Trajectory
 from etude.models.changed import first_alarm
 from etude.models.judged import Judged, judged
 from etude.progress import counted
+from etude.protocols import Trajectory
 from etude.storage import write_atomic
+from etude.types import Array, Log
 from etude_studies.changed_rows import rows_of
 from etude_studies.rows import rows_json, table
 from etude_studies.seven_joints import SevenJoints

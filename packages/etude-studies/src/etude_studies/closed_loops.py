@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Limit, Log, Margins, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.limits.tracking import HELD, Ranges, margins_of, within_room
 from etude.logs.tracked import largest_errors
+from etude.protocols import Controller, Limit, Trajectory
 from etude.trajectories.moves import random_moves
+from etude.types import Array, Log, Margins
 from etude_arm.controller import PerfectController
 from etude_arm.spec import ArmSpec
 from etude_studies.seven_loop import seven_loop

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.foretold import errors, left_over, moving, trained_speeds, without_it
-from etude.contracts import Array, Controller, Log, Motion, Trajectory
 from etude.models.model import LearnedModel
 from etude.progress import counted
+from etude.protocols import Controller, Trajectory
 from etude.storage import write_atomic
+from etude.types import Array, Log, Motion
 from etude_studies.rows import Row, rows_json, table
 from etude_studies.seven_loop import seven_loop
 from etude_studies.world import World
@@ -103,7 +104,7 @@ def _joints(world: World, model: LearnedModel, motion: Any, logs: list[Log]) -> 
 
 @dataclass(frozen=True, eq=False)
 class Partly:
-    """Another motion, of which each joint goes a part of the way (enough of a `contracts.Trajectory`)."""
+    """Another motion, of which each joint goes a part of the way (enough of a `protocols.Trajectory`)."""
 
     once: Trajectory
     factors: Array

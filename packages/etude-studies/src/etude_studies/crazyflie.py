@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Log, Mask
 from etude.models.score import NORMAL_95
 from etude.progress import counted
 from etude.threads import threads_for
+from etude.types import Array, Log, Mask
 from etude_studies.crazyflie_flights import (
     Outcome,
     by_block,

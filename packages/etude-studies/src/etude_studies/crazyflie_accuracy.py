@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Mask
+from etude.types import Mask
 from etude_studies.crazyflie_flights import (
     Outcome,
     by_block,

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Column, Log, Samples
 from etude.errors import UsageError
+from etude.types import Array, Channel, Column, Log, Samples
 
 FILE = "crazypad_motor.npz"
 MOTORS = ("m1", "m2", "m3", "m4")
@@ -42,7 +42,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The states as they are (the part of `contracts.Inputs` that learning takes)."""
+    """The states as they are (the part of `protocols.Inputs` that learning takes)."""
 
     orders, rate = 1, 0.0
 

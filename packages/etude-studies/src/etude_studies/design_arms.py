@@ -9,14 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Samples, Trajectory
 from etude.design.candidates import Source
 from etude.design.chain import design_chain, linked
 from etude.design.prior import prior_latents
 from etude.design.reference import MOTIONS
 from etude.models.config import Rung
 from etude.models.model import LearnedModel
+from etude.protocols import Controller, Trajectory
 from etude.trajectories.chain import segment_starts
+from etude.types import Array, Log, Samples
 from etude_studies.seven_joints import PANDA_LIKE, SevenJoints
 from etude_studies.world import World
 

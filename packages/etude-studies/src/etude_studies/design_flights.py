@@ -13,8 +13,9 @@ import numpy as np
 from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
 from etude.campaign.simulate import simulate
-from etude.contracts import Array, Controller, Log
 from etude.logs.log_file import read_log_file
+from etude.protocols import Controller
+from etude.types import Array, Log
 from etude_quadrotor.controller import leaning
 from etude_studies.flight_world import Flights
 

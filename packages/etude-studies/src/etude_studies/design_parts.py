@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Log, Trajectory
 from etude.errors import DataError
+from etude.protocols import Trajectory
 from etude.trajectories.moves import PointToPoint
+from etude.types import Array, Log
 from etude_studies.design_arms import Arm, arm_of
 from etude_studies.design_flights import flights, room
 from etude_studies.world import one_period

@@ -10,9 +10,9 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Samples
 from etude.errors import DataError
 from etude.logs.read import clean_log
+from etude.types import Log, Samples
 from etude_arm.spec import ArmSpec, Axis
 from etude_studies.world import World
 

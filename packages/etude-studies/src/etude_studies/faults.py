@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Motion, Row
+from etude.protocols import Controller
+from etude.types import Array, Motion, Row
 
 LENGTH_S = 40.0
 """Of a run."""
@@ -58,7 +59,7 @@ def drawn(kind: str, parts: int, rng: np.random.Generator) -> Fault:
 
 @dataclass(eq=False)
 class FaultyWire:
-    """A controller whose measurements pass a faulty wire (implements `contracts.Controller`).
+    """A controller whose measurements pass a faulty wire (implements `protocols.Controller`).
 
     Attributes:
         own: what learns. fault: of the wire, or of the robot: then it passes all. path: channel of the path.

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Trajectory
 from etude.design.aim import objective
 from etude.design.config import DesignConfig
 from etude.design.objective import Objective
@@ -16,7 +15,9 @@ from etude.design.refine import refine
 from etude.design.solve import design
 from etude.limits.samplers import uniform
 from etude.models.model import LearnedModel
+from etude.protocols import Trajectory
 from etude.threads import threads_for
+from etude.types import Array
 from etude_studies.flight_world import THESIS_ROOM, Flights
 from etude_studies.rows import Row
 

@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Controller, Log
 from etude.errors import UsageError
+from etude.protocols import Controller
 from etude.storage import write_atomic
+from etude.types import Log
 from etude_quadrotor.controller import FlightFeedforward
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.physics.vehicle_inverse import nominal_inverse

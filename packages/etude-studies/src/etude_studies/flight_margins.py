@@ -28,9 +28,10 @@ from etude.campaign.create import create_campaign
 from etude.campaign.folder import Campaign
 from etude.campaign.loop import CERTAIN, RUN_STREAM, TEST_STREAM, test_motions
 from etude.campaign.stored import newest_model
-from etude.contracts import Array, Controller, Log, Robot, Trajectory
 from etude.logs.log_file import write_log
+from etude.protocols import Controller, Robot, Trajectory
 from etude.trajectories.json_text import from_json
+from etude.types import Array, Log
 from etude_studies.paired import paired
 
 ROBOTS = ("quadrotor_rough", "quadrotor")

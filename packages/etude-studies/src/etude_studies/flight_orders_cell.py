@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.config import preset_config
-from etude.contracts import Array, Samples, Trajectory
 from etude.design.config import DesignConfig
 from etude.design.solve import design
+from etude.protocols import Trajectory
+from etude.types import Array, Samples
 from etude_quadrotor.kind import KIND
 from etude_studies.flight_orders_judge import Judge, Round
 from etude_studies.flight_orders_world import World

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from etude.contracts import Inputs
 from etude.models.config import ModelConfig
+from etude.protocols import Inputs
 from etude_quadrotor.flatness import Drag
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_studies.flight_world import THESIS_ROOM, Flights

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Family, Limit, Log, Trajectory
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, timid, uniform
 from etude.models.ladder import Ladder
 from etude.models.model import LearnedModel
 from etude.models.student_t import fit_student
+from etude.protocols import Family, Limit, Trajectory
+from etude.types import Array, Log
 from etude_quadrotor.plant.robot import SimulatedFlights
 from etude_studies.world import World
 

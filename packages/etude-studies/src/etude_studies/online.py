@@ -17,11 +17,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Robot, Trajectory
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
+from etude.protocols import Robot, Trajectory
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude.types import Log
 from etude_online.guard_effort import Feedback, feedback_of
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel

@@ -16,10 +16,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Controller, Trajectory
 from etude.storage import write_atomic
 from etude.threads import threads_for
+from etude.types import Array, Log
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel
 from etude_studies.faults import KINDS, LENGTH_S, NEVER, Fault, FaultyWire, change, drawn
@@ -82,7 +83,7 @@ class Found(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Shortened:
-    """The beginning of a motion (a `contracts.Trajectory`)."""
+    """The beginning of a motion (a `protocols.Trajectory`)."""
 
     whole: Trajectory
     duration: float

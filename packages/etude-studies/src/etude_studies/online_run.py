@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log, Motion, Row, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Trajectory
+from etude.types import Log, Motion, Row
 from etude_online.model import OnlineModel
 
 Array = NDArray[np.float64]
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """A motion that ends where it starts, several times over (a `contracts.Trajectory`).
+    """A motion that ends where it starts, several times over (a `protocols.Trajectory`).
 
     Raises:
         UsageError: less than one pass.
@@ -62,7 +63,7 @@ class Repeated:
 
 @dataclass(eq=False)
 class Watched:
-    """A controller that keeps count of itself (implements `contracts.Controller`).
+    """A controller that keeps count of itself (implements `protocols.Controller`).
 
     Attributes:
         own: what is watched.

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import joined_samples
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.score import figures, while_any_moves
+from etude.types import joined_samples
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row
 

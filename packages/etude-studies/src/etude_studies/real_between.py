@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Log, Samples, joined_samples
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.fixed_inducing import FixedInducing
 from etude.models.held_out import block_masks
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.score import figures
+from etude.protocols import Candidate
+from etude.types import Array, Log, Samples, joined_samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log

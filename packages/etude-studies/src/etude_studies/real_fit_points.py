@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Samples
 from etude.errors import UsageError
 from etude.models.config import USUAL_COMMANDS
 from etude.models.score import figures
+from etude.types import Samples
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row, table
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Log, Samples
 from etude.models.fit import Folds
 from etude.models.held_out import fold_numbers, near, split_blocks
+from etude.types import Array, Log, Samples
 from etude_arm.recipe import filter_cutoff
 from etude_lagrangian.member import all_lin
 from etude_lagrangian.together import data_together

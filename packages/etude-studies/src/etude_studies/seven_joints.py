@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Log, Mean, Trajectory
 from etude.errors import UsageError
+from etude.protocols import Mean, Trajectory
+from etude.types import Array, Log
 from etude_studies.world import World
 
 AXES = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")

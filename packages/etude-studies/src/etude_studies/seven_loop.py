@@ -7,7 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from etude.contracts import Array, Controller, Log, Trajectory
+from etude.protocols import Controller, Trajectory
+from etude.types import Array, Log
 from etude_studies.seven_joints import ENCODER, PANDA_LIKE, RATE, SevenJoints, mjcf
 from etude_studies.world import World
 

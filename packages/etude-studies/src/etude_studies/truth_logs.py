@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log
 from etude.errors import DataError
+from etude.types import Array, Channel, Log
 from etude_studies.real_logs import EXAMPLES, REAL_LOGS, arm_log
 from etude_studies.world import World
 

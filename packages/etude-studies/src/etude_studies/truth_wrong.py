@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from etude.contracts import Log, Mask
+from etude.types import Log, Mask
 
 STANDING_S = 3.0
 JUMPS = {"rad": 0.5, "m": 1.0}

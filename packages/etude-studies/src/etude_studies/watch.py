@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Log, Samples
 from etude.models.judged import Judged, judged
 from etude.models.manner import manner
 from etude.models.model import LearnedModel
 from etude.storage import write_atomic
+from etude.types import Log, Samples
 from etude_studies.broken_sensors import FAULTS, broken
 from etude_studies.changed_robot import FRICTION, LOAD, LOGS, ROBOTS, UNCHANGED, Plant, facts_of
 from etude_studies.rows import rows_json, table

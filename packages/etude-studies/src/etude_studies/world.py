@@ -12,7 +12,6 @@ import numpy as np
 from etude import plugins
 from etude.campaign.config import CampaignConfig, preset_config
 from etude.campaign.create import find_robot
-from etude.contracts import Array, Inputs, Kind, Log, Robot, Samples, Trajectory
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
@@ -20,6 +19,8 @@ from etude.logs.read import read_log
 from etude.models.config import ModelConfig
 from etude.models.ladder import Ladder, train_ladder
 from etude.models.model import LearnedModel
+from etude.protocols import Inputs, Kind, Robot, Trajectory
+from etude.types import Array, Log, Samples
 
 
 @dataclass(frozen=True, eq=False)

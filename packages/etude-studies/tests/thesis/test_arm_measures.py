@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from etude.contracts import Channel, Log
+from etude.types import Channel, Log
 from etude_studies.thesis.arm_measures import (
     density_loss,
     description,

@@ -9,11 +9,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude.contracts import Array, Family, Log
 from etude.models.linear import linear_inputs
+from etude.protocols import Family
 from etude.testing.differences import same
 from etude.testing.family import FamilySuite
 from etude.trajectories.json_text import from_json
+from etude.types import Array, Log
 from etude_studies.measured import comparable
 from etude_studies.spec import Spec, run_one
 from etude_studies.thesis import arm_lines

@@ -13,9 +13,9 @@ import pytest
 from scipy.stats import norm, spearmanr
 
 from etude.campaign.config import CampaignConfig, preset_config
-from etude.contracts import Array
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
+from etude.types import Array
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.kind import KIND
 from etude_studies.measured import comparable, measured_table

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from etude.contracts import Array, Channel, Log, Motion, Trajectory
 from etude.errors import DataError, UsageError
+from etude.protocols import Trajectory
+from etude.types import Array, Channel, Log, Motion
 from etude_studies.thesis.ilc import learned_command
 from etude_studies.world import World
 

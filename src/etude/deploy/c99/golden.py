@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Index
 from etude.deploy.c99.plan import UNBOUNDED, WIDENED, Plan
 from etude.deploy.states import log_of
 from etude.models.trust import outside, trust
+from etude.types import Array, Index
 
 COUNT = 100
 SEED = 20

@@ -6,18 +6,18 @@ import re
 from importlib import resources
 from typing import Any
 
-from etude.contracts import Code
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.source import prelude, resolved
 from etude.deploy.c99.tables import tables
 from etude.models.gp.c99 import real
+from etude.types import Code
 
 
 def lean_files(inputs: Any, name: str, form: Form) -> tuple[dict[str, bytes], Code | None]:
     """Both files of a vehicle's inputs, and the code of its drag; without the capability a drag of 0.
 
     Args:
-        inputs: of the model; see `contracts.Dragging`.
+        inputs: of the model; see `protocols.SupportsDrag`.
         name: prefix in C. form: numbers are float, or double.
     """
     told = getattr(inputs, "drag_c", None)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Candidate, Channel, Code, Kind, Mean
 from etude.deploy.c99.names import identifier, identifiers
 from etude.deploy.states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
+from etude.protocols import Candidate, Kind, Mean
+from etude.types import Array, Channel, Code
 
 WIDENED = 0.5
 """Without deviations: parts of the range trained on beyond which, at either end, an input is far outside."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.deploy.c99.golden import Golden
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.tables import PER_LINE, numbers
+from etude.types import Array
 
 EXACT, FAST, SINGLE = 1e-12, 1e-9, 1e-4
 """Largest deviation from Python as a part of each command's limit: double, with -ffast-math, and float."""

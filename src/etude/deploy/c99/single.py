@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array
 from etude.models.model import LearnedModel
+from etude.types import Array
 
 
 def single(model: LearnedModel) -> LearnedModel:

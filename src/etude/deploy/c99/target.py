@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Delivered, Kind
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
@@ -22,6 +21,8 @@ from etude.deploy.fading import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Delivered
 
 REALS = ("double", "float")
 USUAL = 1000.0
@@ -92,7 +93,7 @@ def c_files(
 
 
 def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
-    """The target (`contracts.Target`).
+    """The target (`protocols.Target`).
 
     Raises:
         UsageError: unknown options, what cannot be exported, or float where it would be wrong.
@@ -223,6 +224,7 @@ def _offer(model: LearnedModel, made: Files) -> str:
     for number, process in enumerate(processes.values()):
         code = process.c(f"p{number}") if process is not None else None
         operations += 0 if code is None else sum(code.operations[: 1 + made.form.deviations])
+    operations *= 1 + made.form.fade  # as `Plan.operations`: in doubt it asks twice
     return f"about {1e6 * operations / CLOCK:.0f} us; {errors(best)}"
 
 

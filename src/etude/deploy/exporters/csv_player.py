@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Kind, Trajectory
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.joint_trajectory import ORDERS
 from etude.deploy.exporters.knots import NANO, knots_of, require_joints
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 
 TABLE, PLAYER = "points.csv", "play.py"
@@ -23,7 +23,7 @@ EFFORT = "effort"
 
 
 class CsvPlayer:
-    """A `contracts.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
+    """A `protocols.Exporter`: points.csv (`position/shoulder`, ...) and play.py, a node for rclpy."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no robot of joints, or too quick a motion."""

@@ -15,11 +15,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from etude.contracts import Kind, Trajectory
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
 from etude.errors import UsageError
 from etude.logs.extras import needed
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
@@ -33,7 +33,7 @@ SUFFIX = {"mcap": "mcap", "sqlite3": "db3"}
 
 @dataclass(frozen=True)
 class JointTrajectoryBag:
-    """A `contracts.Exporter`: a folder that `ros2 bag play` publishes, one message on TOPIC.
+    """A `protocols.Exporter`: a folder that `ros2 bag play` publishes, one message on TOPIC.
 
     Attributes:
         storage: "mcap" or "sqlite3".

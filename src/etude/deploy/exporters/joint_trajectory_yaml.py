@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from etude.contracts import Kind, Trajectory
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.joint_trajectory import MESSAGE, ORDERS, TOPIC, played
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 
 FILE = "joint_trajectory.yaml"
@@ -19,7 +19,7 @@ ARGUMENT = 128 * 1024
 
 
 class JointTrajectoryYaml:
-    """A `contracts.Exporter`: the message as one YAML document that is JSON below its comments."""
+    """A `protocols.Exporter`: the message as one YAML document that is JSON below its comments."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The file. UsageError: no robot of joints, or too quick a motion."""

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index, Kind, Trajectory
 from etude.deploy.commanded import Commanded, parted
 from etude.errors import UsageError
 from etude.limits.certificate import REST_TOLERANCE
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
+from etude.types import Array, Index
 
 NANO = 10**9
 SLOWEST, FASTEST = 10.0, 1000.0

@@ -15,17 +15,18 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array, Channel, Kind, Trajectory
 from etude.deploy.commanded import Commanded, parted
 from etude.deploy.exporters.knots import require_joints
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
+from etude.types import Array, Channel
 
 INFO, DATA = "meta/info.json", "data/chunk-000/file-000.parquet"
 SUFFIX = ".pos"
 
 
 class LerobotActions:
-    """A `contracts.Exporter`: meta/info.json and one data file."""
+    """A `protocols.Exporter`: meta/info.json and one data file."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no robot of joints."""

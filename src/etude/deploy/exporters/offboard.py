@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Kind, Trajectory
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.csv_player import player
 from etude.deploy.exporters.knots import require_space
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.lead_in import STILL
 from etude.trajectories.splined import Splined
+from etude.types import Array
 
 TABLE, PLAYER = "setpoints.csv", "play.py"
 RATE = 50.0
@@ -41,7 +42,7 @@ HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("nor
 
 
 class Offboard:
-    """A `contracts.Exporter`: setpoints.csv and play.py, a node for rclpy and px4_msgs."""
+    """A `protocols.Exporter`: setpoints.csv and play.py, a node for rclpy and px4_msgs."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """Both files. UsageError: no path in space."""

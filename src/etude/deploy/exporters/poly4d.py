@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Index, Kind, Trajectory
 from etude.deploy.commanded import Commanded, parted
 from etude.deploy.exporters.knots import require_space
 from etude.errors import UsageError
+from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
+from etude.types import Array, Index
 
 FILE = "poly4d.csv"
 PIECES = 31
@@ -33,7 +34,7 @@ MEET = 1e-4
 
 
 class Poly4d:
-    """A `contracts.Exporter`: one CSV file, for `Crazyflie.uploadTrajectory` and the like. Heading zero."""
+    """A `protocols.Exporter`: one CSV file, for `Crazyflie.uploadTrajectory` and the like. Heading zero."""
 
     def __call__(self, what: Trajectory | Commanded, kind: Kind, spec: Any) -> Mapping[str, bytes]:
         """The file. UsageError: no path in space, or one that 31 pieces do not follow."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from etude.contracts import Delivered, Kind
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
@@ -16,6 +15,8 @@ from etude.deploy.c99.target import Files, held
 from etude.deploy.flight.chips import M4F, M7, Chip, chosen_rate, cost_in_words
 from etude.errors import UsageError
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Delivered
 
 MOTORS = 4
 READS: Mapping[str, Sequence[str]] = {
@@ -51,7 +52,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Autopilot:
-    """A `contracts.Target`: the glue of one autopilot.
+    """A `protocols.Target`: the glue of one autopilot.
 
     Attributes:
         name: of the target. sources: templates, and how their files are called.

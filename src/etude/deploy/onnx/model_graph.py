@@ -8,7 +8,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.contracts import Candidate, Inputs
 from etude.deploy.onnx.graph import Graph, needed
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
@@ -16,6 +15,7 @@ from etude.models.model import LearnedModel
 from etude.models.parts import is_physical, level_of, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
+from etude.protocols import Candidate, Inputs
 
 Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""

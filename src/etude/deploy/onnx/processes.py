@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Process
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import covariance, prior, reads, unwritable
 from etude.models.contracts import SupportsOnnx
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.process import Posteriors, Silent
+from etude.protocols import Process
 
 Moments = tuple[str, str]
 """Mean and variance (n, m); the variance "" where it was not asked for."""

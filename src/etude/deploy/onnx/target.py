@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Delivered, Kind
 from etude.deploy.c99.names import identifier
 from etude.deploy.fading import fading
 from etude.deploy.onnx.graph import OPSET, needed
@@ -18,6 +17,8 @@ from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.trust import outside
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Array, Channel, Delivered
 
 REALS: Mapping[str, Any] = {"double": np.float64, "float": np.float32}
 COUNT, SEED = 100, 20
@@ -62,7 +63,7 @@ class Taken:
 
 
 def ONNX(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
-    """The target (`contracts.Target`).
+    """The target (`protocols.Target`).
 
     Raises:
         UsageError: unknown options, ONNX is not installed, a part of the model has no operators, or float

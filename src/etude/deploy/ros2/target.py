@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from etude.contracts import Channel, Delivered, Kind
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
@@ -16,6 +15,8 @@ from etude.deploy.commanded import require_forces
 from etude.deploy.fading import fading
 from etude.errors import UsageError
 from etude.options import taken
+from etude.protocols import Kind
+from etude.types import Channel, Delivered
 
 ORDERS = ("position", "velocity", "acceleration")
 PLANNED = "_des"
@@ -46,7 +47,7 @@ class Options:
 
 
 def ROS2(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
-    """The target (`contracts.Target`).
+    """The target (`protocols.Target`).
 
     Raises:
         UsageError: unknown options, a robot that is not one of joints, commands that are no efforts, or what

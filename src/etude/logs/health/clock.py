@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Log, Mask
 from etude.logs.smoothing import GAP_FACTOR
+from etude.types import Array, Finding, Log, Mask
 
 JITTER = 0.5  # of a step, in 95 % of the rows: beyond, linear interpolation starts to bend the motion
 REPEATED = 0.01  # of the rows

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Index, Log, Mask
 from etude.logs.health.clock import SPANS
 from etude.logs.smoothing import GAP_FACTOR
 from etude.logs.units import Limits
+from etude.types import Array, Channel, Finding, Index, Log, Mask
 
 COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot make up for
 DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can tell

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log
 from etude.logs.lag import LONGEST_LAG, command_lag
 from etude.logs.smoothing import median_rate, resample, uniform_grid
 from etude.logs.steps import longest_stretch
 from etude.logs.truth.seen import LEAST_ROWS, RATE, Seen
 from etude.logs.truth.words import named
 from etude.logs.units import Limits
+from etude.types import Array, Channel, Finding, Log
 
 NOISY = 0.3  # deviation of the acceleration's noise over that of the acceleration
 THIRD = 20.0  # variance of the third difference of white noise

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log, Mask
 from etude.logs.truth.runs import runs
+from etude.types import Array, Channel, Finding, Log, Mask
 
 CHECK = "brake"
 WINDOW_S = 0.5

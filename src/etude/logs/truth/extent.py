@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding
 from etude.logs.truth.rates import FACTORS, clock_finding
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import accepted, named
+from etude.types import Array, Finding
 
 DEGREES = "degrees"
 TURN = 6.5  # rad: no hinge of an arm turns further, all of them together

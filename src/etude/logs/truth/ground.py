@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Log, Mask
 from etude.logs.truth.runs import runs
+from etude.types import Array, Finding, Log, Mask
 
 CHECK = "ground"
 WINDOW_S = 0.2

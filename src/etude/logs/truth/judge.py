@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Finding, Log, Mean
 from etude.logs.leaps import leap_finding
 from etude.logs.ranges import top_speed
 from etude.logs.smoothing import median_rate
@@ -17,6 +16,8 @@ from etude.logs.truth.scale import scale_findings
 from etude.logs.truth.seen import Seen, joints, seen
 from etude.logs.truth.words import Mendable
 from etude.logs.units import Limits
+from etude.protocols import Mean
+from etude.types import Array, Channel, Finding, Log
 
 SHORT = f"Less than {sign.LEAST_S:g} s of motion: too little to tell whose a command is, its sign or unit."
 STILL = "Nothing moves: no joint changes its position by more than its noise."

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Log, Mask
 from etude.logs.smoothing import GAP_FACTOR
+from etude.types import Array, Finding, Log, Mask
 
 CHECK = "jump"
 LEAST = 0.2  # m: below, a correction

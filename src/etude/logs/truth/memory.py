@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array
+from etude.types import Array
 
 
 def memory(values: Array, step: float) -> Array:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding
 from etude.logs.truth.seen import MOVING, Seen
 from etude.logs.truth.swapped import APART_S, LEAST_ROWS
+from etude.types import Array, Finding
 
 CHECK = "mounting"
 TURNED = 20.0  # degrees off the file's gravity: no zero of a joint that is a little off

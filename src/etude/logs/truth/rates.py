@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Mask
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable, accepted, both, named
+from etude.types import Array, Finding, Mask
 
 TIME, DIRECTION, VELOCITY = "time", "direction", "velocity"
 """The checks: the clock's scale, its direction, and the velocities as such."""

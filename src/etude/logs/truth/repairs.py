@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.contracts import Channel, Finding, Log
 from etude.errors import UsageError
 from etude.logs.truth import rates, sign, swapped
 from etude.logs.truth.words import Mendable, named
+from etude.types import Channel, Finding, Log
 
 
 def repaired(log: Log, finding: Finding) -> Log:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Mask
+from etude.types import Mask
 
 
 def runs(marked: Mask) -> Sequence[tuple[int, int]]:

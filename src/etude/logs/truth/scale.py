@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Mask
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import accepted, named
+from etude.types import Array, Finding, Mask
 
 CHECK, GRAVITY = "scale", "gravity"
 FOLLOWS, SLOPE = 0.7, 3.0

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Channel, Log, Mask
 from etude.logs.smoothing import (
     Smoothed,
     median_rate,
@@ -19,6 +18,7 @@ from etude.logs.smoothing import (
     uniform_grid,
 )
 from etude.logs.steps import auto_cutoff, longest_stretch
+from etude.types import Array, Channel, Log, Mask
 
 RATE = 50.0  # Hz: what a motion holds beyond is noise
 MOVING = 0.05  # of a joint's top speed: below, it stands, and friction says nothing

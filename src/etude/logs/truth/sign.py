@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Mask
 from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import Seen
 from etude.logs.truth.words import Mendable, both, named
+from etude.types import Array, Finding, Mask
 
 CHECK = "sign"
 ALIKE = 0.9  # |cosine| of command and the model file's torque: gravity tells their sign

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.contracts import Array, Finding, Index, Mask
 from etude.logs.truth.memory import memory
 from etude.logs.truth.seen import MOVING, Seen
 from etude.logs.truth.sign import ALIKE, SURE, likeness
 from etude.logs.truth.words import Mendable, accepted, named
+from etude.types import Array, Finding, Index, Mask
 
 CHECK = "swapped"
 MARGIN = 10.0  # log likelihood: whole right logs of arms have none, stretches of 5 s and more stay below

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Finding, Mask
+from etude.types import Finding, Mask
 
 
 @dataclass(frozen=True)

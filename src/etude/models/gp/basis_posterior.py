@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 class BasisPosterior:
     """mean(x) = k_u(x)ᵀ w and cov(x, z) = k(x, z) - k_u(x)ᵀ Rᵀ R k_u(z), with k_u(x) = k(basis, x).
 
-    Implements `contracts.Posterior`. O(u) a point for the mean, O(u²) for the variance, whatever number of
+    Implements `protocols.Posterior`. O(u) a point for the mean, O(u²) for the variance, whatever number of
     samples taught it. Far from the basis points the prior returns.
 
     Attributes:

@@ -100,7 +100,7 @@ class BayesianLinear:
 
 @dataclass(frozen=True)
 class LinearPosterior:
-    """Weights conditioned on n samples (implements `contracts.Posterior`). Variances are latent.
+    """Weights conditioned on n samples (implements `protocols.Posterior`). Variances are latent.
 
     Attributes:
         prior: the regression it came from.

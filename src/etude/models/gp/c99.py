@@ -12,12 +12,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from etude.contracts import Array, Code, Index
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
 from etude.models.gp.plugin_kernel import PluginKernel
 from etude.models.gp.rest import RestNoise
+from etude.types import Array, Code, Index
 
 BLOCK = 32
 """As in deploy/c99/prelude.c."""

@@ -96,7 +96,7 @@ class ExactGP:
 
 @dataclass(frozen=True)
 class ExactPosterior:
-    """A Gaussian process conditioned on n points (implements `contracts.Posterior`). Variances are latent.
+    """A Gaussian process conditioned on n points (implements `protocols.Posterior`). Variances are latent.
 
     Its factor is made when it is first asked for: of what was stored mostly a part is.
 

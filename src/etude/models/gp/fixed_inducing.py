@@ -11,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from etude.contracts import Array, Index
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.rest import mean_signal, rest_variance
 from etude.threads import threads_for
+from etude.types import Array, Index
 
 JITTER = 1e-8
 """Part of the mean prior variance at the inducing inputs that is added to their covariance."""

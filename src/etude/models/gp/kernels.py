@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Column
 from etude.errors import UsageError
 from etude.models.gp import lower_half
 from etude.models.gp.inputs import active, check_dims, places
 from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Product, Pull, Role, Sum
 from etude.models.gp.squared_exponential import SquaredExponential
+from etude.types import Column
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Column
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Array, Kernel, Of, Pull, Role, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential, own_columns, structured
+from etude.types import Column
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Figure, Thing
 from etude.report.markup import text
 from etude.report.polygons import cut
 from etude.report.scene import AZIMUTH, ELEVATION, Camera, Room
 from etude.report.svg import CHARACTER, polyline
+from etude.types import Figure, Thing
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from etude.contracts import Array, Proof
 from etude.report.markup import Html, number, paragraph, table
 from etude.report.record import Facts
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Level, Line, Mark, panel
+from etude.types import Array, Proof
 
 NEAREST = 6
 """Distances that are shown one by one; an arm has dozens."""

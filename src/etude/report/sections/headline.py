@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from etude.campaign.news import bad_news
-from etude.contracts import Finding
 from etude.report.curves import (
     Array,
     Evaluation,
@@ -20,6 +19,7 @@ from etude.report.curves import (
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
 from etude.report.words import Baseline, baseline, in_telling_order, test_name
+from etude.types import Finding
 
 SAME = 0.02
 """Errors that differ by no more than this part are told as the same."""

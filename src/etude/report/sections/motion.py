@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 
-from etude.contracts import Array, Figure, Trajectory
 from etude.errors import EtudeError
+from etude.protocols import Trajectory
 from etude.report.markup import Html, element, missing, paragraph, section, text
 from etude.report.record import Record
 from etude.report.scene import Camera, camera_of, drawn_room, project
 from etude.report.sections.around import beyond, carried_pose, legend, room_around, standing
 from etude.report.svg import polyline
+from etude.types import Array, Figure
 
 FRAMES_PER_S = 10.0
 MOST_FRAMES = 900

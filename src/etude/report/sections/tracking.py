@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Channel, Log
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.views import views
 from etude.report.svg import Level, Line, Mark, panel, thinned
 from etude.report.words import FEEDBACK, unit_sign
+from etude.types import Channel, Log
 
 Array = NDArray[np.float64]
 

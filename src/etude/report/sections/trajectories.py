@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.campaign.stored_files import changed_since
-from etude.contracts import Limit, Trajectory
+from etude.protocols import Limit, Trajectory
 from etude.report.markup import (
     Html,
     duration,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Model, Motion
 from etude.errors import EtudeError
+from etude.protocols import Model
 from etude.report.colour_bar import colour_bar
 from etude.report.markup import Html, grid, join, missing, paragraph, section
 from etude.report.png import colours, png_address
@@ -14,6 +14,7 @@ from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.views import through_space
 from etude.report.svg import Image, Mark, Points, panel
+from etude.types import Motion
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.contracts import Log
 from etude.report.markup import Html, grid
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.svg import Line, Mark, panel
+from etude.types import Log
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.config import preset_config
-from etude.contracts import Array, Controller, Inputs, Log, Motion, Row
 from etude.models.linear import linear_inputs
+from etude.protocols import Controller, Inputs
+from etude.types import Array, Log, Motion, Row
 from etude_studies.world import World
 
 RIDGE = 0.1
@@ -19,7 +20,7 @@ RIDGE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Commands by ridge regression in the inputs, standardised (a `contracts.Mean` as far as a run needs it).
+    """Commands by ridge regression in the inputs, standardised (a `protocols.Mean` as far as a run needs it).
 
     Attributes:
         inputs: gives the regressors. centre, scale: (D,) of them. weights: (D, J). offset: (J,).
@@ -49,7 +50,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """A mean's command of the planned motion, clipped (implements `contracts.Controller`)."""
+    """A mean's command of the planned motion, clipped (implements `protocols.Controller`)."""
 
     mean: Any
     inputs: Inputs
@@ -73,7 +74,7 @@ class Applied:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """A command that is known ahead, clipped (implements `contracts.Controller`).
+    """A command that is known ahead, clipped (implements `protocols.Controller`).
 
     Attributes:
         commands: (T, J) at the control ticks. rate: of these, Hz. limit: (J,).

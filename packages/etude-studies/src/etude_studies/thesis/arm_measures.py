@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
-from etude.contracts import Array, Index, Log
 from etude.models.score import NORMAL_95
+from etude.types import Array, Index, Log
 
 REVERSAL_SHARE = 0.2
 """Part of the time, nearest to a reversal, of which the share of the error is taken."""

@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from etude.campaign.config import CampaignConfig
-from etude.contracts import Family
 from etude.models.config import ModelConfig
+from etude.protocols import Family
 from etude_studies.thesis.own_omega0 import JointByJointFamily
 from etude_studies.world import World
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Log
 from etude.threads import threads_for
+from etude.types import Log
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
 from etude_studies.thesis.arm import PRIMARY, plan_of, stages, tested

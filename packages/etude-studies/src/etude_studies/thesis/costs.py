@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.minimize import minimize
 from etude.models.gp.training import initial_gp
 from etude.threads import threads_for
+from etude.types import Array
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_studies.measured import Measured

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial import cKDTree
 
-from etude.contracts import Array, Mean
 from etude.models.model import LearnedModel
+from etude.protocols import Mean
+from etude.types import Array
 from etude_studies.measured import Measured
 from etude_studies.thesis.arm_lines import Linear
 from etude_studies.thesis.arm_measures import Figure, honesty

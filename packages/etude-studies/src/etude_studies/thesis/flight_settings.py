@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Any
 
 from etude.campaign.config import CampaignConfig
-from etude.contracts import Log, Samples
 from etude.design.config import DesignConfig
+from etude.types import Log, Samples
 from etude_studies.flight_world import THESIS_ROOM, Flights
 
 PELICAN_ROOM = {"margin": 0.0, "vertical_margin": 0.3}

@@ -8,9 +8,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from etude.contracts import Array, Index, Mask, Samples, Trajectory
 from etude.design.reference import reference_states
 from etude.models.score import TRANSIENT_S
+from etude.protocols import Trajectory
+from etude.types import Array, Index, Mask, Samples
 from etude_studies.flight_orders_cell import some_extremes
 from etude_studies.thesis.flight_rounds import (
     FRESH,

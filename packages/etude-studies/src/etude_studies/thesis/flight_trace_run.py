@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array
+from etude.types import Array
 from etude_studies.measured import Measured
 from etude_studies.thesis.flights import flight_traces
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array
 from etude.threads import threads_for
+from etude.types import Array
 from etude_studies.measured import Measured
 from etude_studies.thesis.flight_measures import (
     PARTS,

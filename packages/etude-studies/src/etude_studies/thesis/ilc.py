@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.contracts import Array, Log, Motion, Row
 from etude.errors import DataError, UsageError
 from etude.logs.steps import smooth
+from etude.types import Array, Log, Motion, Row
 
 COMMAND = "command"
 CUTOFF_HZ = 2.0
@@ -21,7 +21,7 @@ CUTOFF_HZ = 2.0
 
 @dataclass(frozen=True, eq=False)
 class LearnedCommand:
-    """Plays a command over time, of whatever robot (implements `contracts.Controller`).
+    """Plays a command over time, of whatever robot (implements `protocols.Controller`).
 
     Attributes:
         t: (T,) s, the control ticks of the motion that it was learned on.

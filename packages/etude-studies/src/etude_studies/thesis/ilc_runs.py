@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array, Controller, Motion, Row, Trajectory
+from etude.protocols import Controller, Trajectory
 from etude.threads import threads_for
+from etude.types import Array, Motion, Row
 from etude_arm.adaptive import AdaptiveController, craig_hsu_sastry, slotine_li
 from etude_studies.measured import Measured
 from etude_studies.spec import Spec
@@ -112,7 +113,7 @@ def _adapted(
 
 @dataclass(eq=False)
 class Frozen:
-    """An adaptive law that uses its estimates and changes them no more (implements `contracts.Controller`).
+    """An adaptive law that uses its estimates and changes them no more (implements `protocols.Controller`).
 
     Attributes:
         controller: of its own. weights: (J, n) its estimates.

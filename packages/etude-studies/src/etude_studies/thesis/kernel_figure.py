@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from etude.contracts import Array
 from etude.models.gp.kernels import SquaredExponential
+from etude.types import Array
 from etude_sparse.spectral_features import SpectralFeatures
 from etude_studies.measured import Measured
 

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from etude.contracts import Array, Motion, Trajectory
+from etude.protocols import Trajectory
 from etude.trajectories.family import FourierFamily
 from etude.trajectories.fourier import FourierTrajectory
+from etude.types import Array, Motion
 
 
 @dataclass(frozen=True, eq=False)
 class JointByJoint:
-    """Joint j moves as joint j of the j-th of its Fourier series (a `contracts.Trajectory`).
+    """Joint j moves as joint j of the j-th of its Fourier series (a `protocols.Trajectory`).
 
     Attributes:
         series: one for each of the k joints, of k axes and the same duration each.
@@ -57,7 +58,7 @@ class JointByJoint:
 
 @dataclass(frozen=True, eq=False)
 class JointByJointFamily:
-    """Members of k Fourier families that differ in omega0 alone (a `contracts.Family`)."""
+    """Members of k Fourier families that differ in omega0 alone (a `protocols.Family`)."""
 
     families: tuple[FourierFamily, ...]
 

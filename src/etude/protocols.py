@@ -1,223 +1,45 @@
-"""The nouns. A kind of robot supplies these; design, certify, write, read, clean, train, score, stop,
-deploy, simulate and report are one pipeline over them and name no kind.
+"""What the pipeline asks of its parts: the first file to read.
 
-Shapes: T planned or logged instants, n training samples, k path coordinates (joints; x, y, z), O
-derivative orders (0 = position), P parameters of a family, D model inputs, J commands, m of them
-learned together. SI units and radians; commands in the robot's own unit. Values are frozen, checked
-where they enter; random numbers are passed in. A method that may answer None is a capability: who lacks
-it is named in a sentence, never stubbed.
+A kind of robot supplies these; design, certify, write, read, clean, train, score, stop, deploy, simulate and
+report are one pipeline over them and name no kind. A `Supports...` is an optional ability: a part has it if
+it has these methods. What lacks it is named in a sentence, never stubbed. A method that may answer None is
+optional too. Shapes and values: `types`. Random numbers are passed in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from etude.types import (
+    Array,
+    Channel,
+    Code,
+    Column,
+    Cone,
+    Delivered,
+    Described,
+    Expected,
+    Figure,
+    Finding,
+    Index,
+    Log,
+    Margins,
+    Mask,
+    Motion,
+    Planned,
+    Proof,
+    Reachable,
+    Row,
+    Samples,
+)
 
 if TYPE_CHECKING:
     from etude.operators import Piece
-    from etude.shown import Picture
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-Role = Literal["state", "command", "plan", "aside", "truth"]
-Row = Mapping[str, Array]  # one instant of a log: (parts,) by channel name
-Margins = Mapping[
-    str, tuple[Array, Array | float]
-]  # by Trajectory.form: (O, k), NaN where not held, and its confidence, 0 where assumed: (O, k) or one number
-Column = tuple[str, str, str, str]  # an input: channel, part, unit, op ("": the channel itself; "tanh", ...)
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A named signal: `Channel("q", ("lift", "elbow"), ("m", "rad"))`; in files its columns are q_lift,
-    q_elbow. role: "state" what a model may look at; "command" what it predicts; "plan" what was wanted;
-    "aside" the rest; "truth" known to simulators only. required: no log is usable without. For the log
-    doctor: derivative_of, the channel whose rate this is; acts_on, the coordinate that this command
-    does work on; reach, the largest true values; quantum, the sensor's step. nominal: what a plan
-    assumes of a state that no motion gives (volts).
-    """
-
-    name: str
-    parts: tuple[str, ...]
-    units: tuple[str, ...]
-    role: Role = "state"
-    required: bool = False
-    derivative_of: str = ""
-    acts_on: str = ""
-    reach: tuple[float, ...] = ()
-    quantum: tuple[float, ...] = ()
-    nominal: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One check of the doctor: a sentence, the next step, spans (s) to mark. flag: the question that it
-    answers; "": certain, so refused or repaired. "cannot tell" is neither a detection nor a false
-    alarm.
-    """
-
-    check: str
-    light: Literal["green", "yellow", "red", "cannot tell"]
-    sentence: str
-    step: str = ""
-    flag: str = ""
-    spans: tuple[tuple[float, float], ...] = ()
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Log:
-    """A motion, recorded or planned: t (T,) s, increasing, 0 where the trajectory starts; values by
-    channel name, each (T, parts). One table for every robot; what a log lacks is not in it. repairs: a
-    sentence each. As a reader gives it: a Log for each topic, a channel for each raw column, nothing
-    matched or converted.
-    """
-
-    t: Array
-    channels: Mapping[str, Channel]
-    values: Mapping[str, Array]
-    source: str = ""
-    repairs: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        span = f"{self.t[0]:.3g} to {self.t[-1]:.3g} s" if len(self.t) else "empty"
-        parts = ", ".join(f"{n} ({len(c.parts)})" for n, c in self.channels.items())
-        return f"Log of {len(self.t)} rows, {span}, from {self.source or 'nowhere'}: {parts}"
-
-    def plot(self, path: str | Path | None = None) -> Picture:
-        """States and commands over time: shown by a notebook, and saved as SVG if there is a path."""
-        from etude.shown import picture_of
-
-        return picture_of("log", self, path)
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.values
-
-    def __getitem__(self, name: str) -> Array:
-        """(T, parts) of that channel. KeyError with the channels that there are."""
-        if name not in self.values:
-            raise KeyError(f"the log has no channel {name!r}; it has {', '.join(self.values)}")
-        return self.values[name]
-
-    def get(self, name: str) -> Array | None:
-        """(T, parts) of that channel, None if the log lacks it."""
-        return self.values.get(name)
-
-    def take(self, index: Index | Mask | slice) -> Log:
-        """The rows at `index`, in all channels."""
-        return replace(self, t=self.t[index], values={n: v[index] for n, v in self.values.items()})
-
-    def put(self, channel: Channel, values: Array) -> Log:
-        """The log with one more channel, or another in its place; values (T, parts)."""
-        shape = (len(self.t), len(channel.parts))
-        if values.shape != shape:
-            raise ValueError(f"channel {channel.name} has shape {values.shape}, not {shape}")
-        return replace(
-            self,
-            channels={**self.channels, channel.name: channel},
-            values={**self.values, channel.name: values},
-        )
-
-    def without(self, *names: str) -> Log:
-        """The log less these channels."""
-        return replace(
-            self,
-            channels={n: c for n, c in self.channels.items() if n not in names},
-            values={n: v for n, v in self.values.items() if n not in names},
-        )
-
-    def repaired(self, *sentences: str) -> Log:
-        """The log with more repairs on record."""
-        return replace(self, repairs=(*self.repairs, *sentences))
-
-
-def joined_logs(parts: Sequence[Log]) -> Log:
-    """The rows of one log after the other's, times as they are; a channel that one lacks, the whole
-    lacks.
-    """
-    names = [n for n in parts[0].values if all(n in part for part in parts)]
-    return replace(
-        parts[0],
-        t=np.concatenate([part.t for part in parts]),
-        channels={n: parts[0].channels[n] for n in names},
-        values={n: np.concatenate([part.values[n] for part in parts]) for n in names},
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """What the log doctor may expect of a robot's logs. rate: Hz at which they are usually recorded, which
-    tells the unit of their times; scale (k,): sizes of the path's coordinates, in parts of which motions
-    are compared; limits: lower and upper (parts,) of positions, their rates and commands, by channel; rest:
-    rows before and after the trajectory are kept (a joint at rest teaches, a vehicle on the ground does
-    not).
-    """
-
-    rate: float
-    scale: Array
-    limits: Mapping[str, tuple[Array, Array]]
-    rest: bool = True
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Samples:
-    """What models learn from: rows of several logs at the model's rate. log: states, plans, "command"
-    (n, J); what inputs remember (friction) is a state in it, computed on the whole log before thinning.
-    group (n,): the segment, what is held out together. usable (n, J): False where that command says
-    nothing (on the ground, braked, saturated); moving (n, J): False where it says little (joint at
-    rest). Scores are given over both.
-    """
-
-    log: Log
-    group: Index
-    usable: Mask
-    moving: Mask
-
-    def __repr__(self) -> str:
-        return f"Samples of {len(np.unique(self.group))} groups, {self.log!r}"
-
-    def __len__(self) -> int:
-        return len(self.log)
-
-    @property
-    def t(self) -> Array:
-        """(n,) s inside each sample's own log."""
-        return self.log.t
-
-    @property
-    def command(self) -> Array:
-        """(n, J) what models predict."""
-        return self.log["command"]
-
-    def take(self, index: Index | Mask | slice) -> Samples:
-        """The samples at `index`."""
-        return Samples(self.log.take(index), self.group[index], self.usable[index], self.moving[index])
-
-
-def joined_samples(parts: Sequence[Samples]) -> Samples:
-    """One after the other; groups as they are."""
-    return Samples(
-        joined_logs([part.log for part in parts]),
-        np.concatenate([part.group for part in parts]),
-        np.concatenate([part.usable for part in parts]),
-        np.concatenate([part.moving for part in parts]),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A trajectory at times t (T,) s: orders (O, T, k), orders[i] the i-th time derivative of the path."""
-
-    t: Array
-    orders: Array
 
 
 class Trajectory(Protocol):
@@ -255,40 +77,6 @@ class Family(Protocol):
     ) -> tuple[Array, Array, float]: ...  # bound in p: (k, M, P), (k, M), kappa
 
 
-@dataclass(frozen=True, eq=False)
-class Cone:
-    """|rows_m p + offset_m| <= 1 + slope_m p at M instants: rows (c, M, P), offset (c, M), slope (M, P)
-    or None. c = 1 without slope is a slab; c > 1 a ball, or with slope a cone. Zero columns: not
-    coupled.
-    """
-
-    name: str
-    rows: Array
-    offset: Array
-    slope: Array | None = None
-
-
-@dataclass(frozen=True)
-class Proof:
-    """One row of the certificate: the interval that holds `quantity`, and its limit less tracking's
-    margin with that confidence (0: nobody measured it). where: "forearm and table at 3.2 s". control: which
-    one the margin is of, in words. What is not looked at is a row too, its numbers NaN.
-    """
-
-    axis: str
-    quantity: str
-    lower: float
-    upper: float
-    proved_lower: float
-    proved_upper: float
-    method: str
-    status: Literal["proved", "sampled", "not looked at"] = "proved"
-    margin: float = 0.0
-    confidence: float = 1.0
-    where: str = ""
-    control: str = ""
-
-
 class Limit(Protocol):
     """One limit: how the search keeps it, how the final bytes are judged, what it measures. One that is
     not convex gives a penalty; its cones, if any, say where to search and prove nothing. Its result is
@@ -303,44 +91,6 @@ class Limit(Protocol):
     def of_motion(
         self, motion: Motion
     ) -> Array: ...  # (T, r) what is limited, by the rows of `prove`: plans and runs
-
-
-@dataclass(frozen=True, eq=False)
-class Planned:
-    """A plan as the model will see its log: X (T, D); gains (T, J), square roots of the samples'
-    weights; pull (in_X, in_gains) -> (O, T, k), the gradient in the motion, with what is remembered
-    held fixed.
-    """
-
-    X: Array
-    gains: Array
-    pull: Callable[[Array, Array], Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Code:
-    """C99 of a function `name` over the type `real` and with the helpers of deploy/c99/prelude.c, no name of
-    its own but such as begin with `name`. body: its definitions, the function last:
-
-    Inputs: void name(const real *channel, ..., real *memory, real *x); memory is all zero to begin.
-    Mean: void name(const real *channel, ..., real *memory, real *command), without memory where it needs
-    none, and name_static(const real *channel, ..., real *command), what remains at rest.
-    Process: void name(const real *x, real *mean, real *variance); variance is there where VARIANCE is 1, and
-    may be 0 then too. It holds what is enough: an upper bound that is no larger may be said in place of the
-    variance, and 0 asks for that itself.
-    data: static tables by name, of real or int; variance: those that variances alone need. reads: the
-    channels, in order; memory: words of it; rate: Hz at which it must be called, as it remembers; work: reals
-    on the stack; operations: of real numbers in one call at worst, and those more for variances.
-    """
-
-    body: str
-    data: Mapping[str, Any]
-    variance: Mapping[str, Any] = field(default_factory=dict)
-    reads: tuple[str, ...] = ()
-    memory: int = 0
-    rate: float = 0.0
-    work: int = 0
-    operations: tuple[int, int] = (0, 0)
 
 
 class Inputs(Protocol):
@@ -374,7 +124,7 @@ class Inputs(Protocol):
     def c(self, name: str) -> Code | None: ...
 
 
-class Scaled(Protocol):
+class SupportsScales(Protocol):
     """Capability of `Inputs` with an op: (D,) what the op's channel is divided by first, tanh(c / s) and
     exp(-|c / s|) of "rest"; 1 of plain columns, NaN where an op is no formula.
     """
@@ -382,7 +132,7 @@ class Scaled(Protocol):
     def scales(self) -> Array: ...
 
 
-class Followed(Protocol):
+class SupportsFollowing(Protocol):
     """Capability of `Inputs` of robots whose physics remembers the way: the log with what is remembered, for
     rows that follow one another as in a run from rest; as it is where it carries that. `states` of a motion
     are such. apart: for rows that do not follow one another, so that nothing is remembered. carried: as
@@ -394,7 +144,7 @@ class Followed(Protocol):
     def carried(self, row: Log, before: Array | None) -> tuple[Log, Array | None]: ...
 
 
-class Dragging(Protocol):
+class SupportsDrag(Protocol):
     """Capability of `Inputs` of vehicles that know the air's drag. drag: (dx, dy, dz) 1/s, by which attitudes
     are found; drag_c: C99 of void name(const real *body_velocity, real *force), the lateral force per mass
     along the body's x and y; None: not known.
@@ -405,7 +155,7 @@ class Dragging(Protocol):
     def drag_c(self, name: str) -> Code | None: ...
 
 
-class Graphed(Protocol):
+class SupportsOnnx(Protocol):
     """Capability of `Inputs` and of a `Mean`: itself as a piece of a graph of ONNX. Law: in a run from rest
     the graph says what Python says of the same rows.
     """
@@ -415,8 +165,8 @@ class Graphed(Protocol):
 
 class Mean(Protocol):
     """Commands (n, J) from states, without a process; a row's are its own, since what a robot remembers is
-    a state too (`Followed`). static: the part that remains at rest (gravity). Who looks at states that a
-    model's inputs need not hold has their `columns`, as `Inputs` has.
+    a state too (`SupportsFollowing`). static: the part that remains at rest (gravity). Who looks at states
+    that a model's inputs need not hold has their `columns`, as `Inputs` has.
     parameters: identified value and deviation by name, inf where data do not tell.
     """
 
@@ -436,7 +186,7 @@ class Physics(Protocol):
     def restore(self, arrays: Mapping[str, Array]) -> Mean: ...
 
 
-class HeldOutPhysics(Protocol):
+class SupportsWithout(Protocol):
     """Capability of a `Physics` whose means from parts of the same samples share work: `without` says, by
     number of a fold, what the mean that has not seen it says of all samples, (n, J); fold (n,). A fold
     without which nothing can be identified is missing. Who lacks the method is asked fold by fold.
@@ -454,7 +204,7 @@ class Regressor(Protocol):
     def pullback(self, X: Array, G: Array) -> Array: ...
 
 
-class Regressed(Protocol):
+class SupportsRegressors(Protocol):
     """Capability of a `Physics` that is linear in its parameters: a regressor for each command (criterion
     d_opt). Who lacks the method has none.
     """
@@ -583,22 +333,12 @@ class Controller(Protocol):
     def observe(self, t: float, row: Row) -> None: ...
 
 
-class Accelerating(Protocol):
+class SupportsAccelerations(Protocol):
     """Capability of a `Controller` of robots whose feedback takes accelerations: (T, k) what it is to be told
     along a motion, the motion's own and what the model adds to it; None: the motion's own.
     """
 
     def accelerations(self, motion: Motion) -> Array | None: ...
-
-
-@dataclass(frozen=True)
-class Described:
-    """A robot's description, whole: files that a campaign folder needs, robot.toml among them, by name,
-    and a sentence for each assumption that a person should confirm.
-    """
-
-    files: Mapping[str, bytes]
-    confirm: tuple[str, ...] = ()
 
 
 class Robot(Protocol):
@@ -667,7 +407,7 @@ class Kind(Protocol):
     ) -> Controller: ...  # the model beside the feedback
 
 
-class Choosing(Protocol):
+class SupportsSelection(Protocol):
     """Capability of a `Kind` whose descriptions may hold more than one robot needs: `described` of the
     joints that move (names or patterns; none: those that the file's one robot has), with others held at
     given positions, folders in which to look for meshes first, limits (joint or pattern -> "lower",
@@ -686,44 +426,13 @@ class Choosing(Protocol):
     ) -> Described: ...
 
 
-@dataclass(frozen=True, eq=False)
-class Thing:
-    """Something beside a robot, as flat faces.
-
-    Attributes:
-        name: that a person gave it.
-        kind: "solid": the robot stays out of it; "plane": one face without end, of which the points show a
-            part about the robot, which stays on one side; "inside": it stays in there; "carried" by it;
-            "stand": a line from its base down to the floor.
-        points: (T, P, 3) m in the world along the poses of a figure, T = 1 for what stands still.
-        faces: convex polygons, each the numbers of its points in order.
-    """
-
-    name: str
-    kind: Literal["solid", "plane", "inside", "carried", "stand"]
-    points: Array
-    faces: tuple[tuple[int, ...], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Figure:
-    """A robot as sticks: points (T, P, 3) m in the world along T poses; sticks (S, 2) pairs of points; tips:
-    the points at its ends; things: what stands around it and what it carries.
-    """
-
-    points: Array
-    sticks: Index
-    tips: tuple[int, ...]
-    things: tuple[Thing, ...] = ()
-
-
-class Drawn(Protocol):
+class SupportsFigure(Protocol):
     """Capability of a `Kind`: its robot along positions q (T, k) of its path. Who lacks it is not drawn."""
 
     def figure(self, spec: Any, q: Array) -> Figure | None: ...
 
 
-class Mended(Protocol):
+class SupportsKnownFaults(Protocol):
     """Capability of a `Kind`: codes of docs/known_faults.md that what earlier generations wrote of this robot
     has.
     """
@@ -731,7 +440,7 @@ class Mended(Protocol):
     def mended(self, spec: Any) -> Sequence[str]: ...
 
 
-class Posed(Protocol):
+class SupportsPoses(Protocol):
     """Capability of a `Kind` whose robots stand elsewhere than motions may be: poses (k,) by name, beside
     home, from which its ways lead.
     """
@@ -739,7 +448,7 @@ class Posed(Protocol):
     def poses(self, spec: Any) -> Mapping[str, Array]: ...
 
 
-class Resting(Protocol):
+class SupportsLeadIn(Protocol):
     """Capability of a `Kind` whose families make motions that are in motion at their ends: whether those of
     this robot get a lead-in from rest and a lead-out to rest. Who lacks it sends motions as they are.
     """
@@ -747,26 +456,7 @@ class Resting(Protocol):
     def from_rest(self, spec: Any) -> bool: ...
 
 
-@dataclass(frozen=True, eq=False)
-class Reachable:
-    """Where a robot's motions can be: lower, upper (k,), ends of each coordinate's range, of a hinge one turn
-    at most; poses (n, k) inside them that are clear of everything and seen from home in a straight line,
-    home first; none where nothing has to be kept clear of.
-    """
-
-    lower: Array
-    upper: Array
-    poses: Array
-
-    @property
-    def clear(self) -> tuple[Array, Array]:
-        """(k,) ends between which clear poses lie; of a robot without any, the range."""
-        if not len(self.poses):
-            return self.lower, self.upper
-        return self.poses.min(axis=0), self.poses.max(axis=0)
-
-
-class Roaming(Protocol):
+class SupportsReachable(Protocol):
     """Capability of a `Kind` that knows where its robots can be: motions are then looked for about clear
     poses all over it, and what they visit is told. Who lacks the method, or answers None, has motions about
     home alone.
@@ -775,7 +465,7 @@ class Roaming(Protocol):
     def reachable(self, spec: Any) -> Reachable | None: ...
 
 
-class Placed(Protocol):
+class SupportsBoxes(Protocol):
     """Capability of a `Limit` on the path alone, however fast it is gone through. about: the same limit, its
     cones another box (k,), (k,) for searches; roughly: whether poses (T, k) of a motion of that form about
     `pose` (k,) keep it, for little. A part of a motion may then be widened to one side as long as the path
@@ -786,7 +476,7 @@ class Placed(Protocol):
     def roughly(self, form: str, pose: Array) -> Callable[[Array], bool]: ...
 
 
-class Blocking(Protocol):
+class SupportsBlocking(Protocol):
     """Capability of a `Limit` that can say what a pose (k,) in a motion of that form runs into: a phrase,
     "" for nothing.
     """
@@ -794,7 +484,7 @@ class Blocking(Protocol):
     def blocked(self, form: str, pose: Array) -> str: ...
 
 
-class Gained(Protocol):
+class SupportsLargestError(Protocol):
     """Capability of a `Kind` that knows its robots' feedback: largest position errors (k,) that it allows,
     NaN where unknown.
     """
@@ -805,20 +495,11 @@ class Gained(Protocol):
 # `etude.exporters`: (trajectory or model, kind, spec) -> files; `back(files)` is what their receiver
 # plays: certify that; `notes(files)`, if there is one, are sentences on what they hold beside the motion
 Exporter = Callable[[Any, Kind, Any], Mapping[str, bytes]]
+
+
 # `etude.readers`: (path, topics or ()) -> a Log for each topic, at times of its own; attribute
 # `recognises(path, head)`
 Reader = Callable[[Any, Sequence[str]], Mapping[str, Log]]
-
-
-@dataclass(frozen=True, eq=False)
-class Delivered:
-    """A model as another program takes it: files by name (with folders: "a/b.h"), sentences for people and
-    facts for machines about them.
-    """
-
-    files: Mapping[str, bytes]
-    said: tuple[str, ...] = ()
-    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 # `etude.targets`: (model, kind, spec, options) -> files of a model that leaves. options: those of the command
