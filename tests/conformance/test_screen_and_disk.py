@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -364,6 +365,117 @@ def test_the_way_from_another_home_is_written_anew(copy: Path) -> None:
 
 def _look(path: Path) -> list[str]:
     return list(status(open_campaign(path))["proved_otherwise"])
+
+
+def _edit(path: Path, pattern: str, new: str) -> None:
+    text = path.read_text()
+    assert re.search(pattern, text, re.MULTILINE)
+    path.write_text(re.sub(pattern, new, text, count=1, flags=re.MULTILINE))
+
+
+def _asked_again(copy: Path) -> None:
+    assert cli.main(["ask", str(copy), "--continue"]) == 0
+
+
+def _told_again(copy: Path) -> None:
+    words = [word for answer in ANSWERS for word in ("--accept", answer)]
+    assert cli.main(["tell", str(copy), str(copy.parent / "log2.csv"), *words]) == 0
+
+
+REMARK = ("robot.toml", r"\A", "# by hand\n")
+PAYLOAD = (
+    "robot.toml",
+    r"(?s)(.*)\Z",
+    '\\1\n[payload]\nlink = "fore"\nmass = 0.2\nshape = "sphere"\nsize = [0.02]\n',
+)
+SETTING = ("campaign.toml", "^candidates = 1", "candidates = 2")
+
+
+@pytest.mark.parametrize(
+    ("edit", "take_up"),
+    [(REMARK, _asked_again), (PAYLOAD, _asked_again), (PAYLOAD, _told_again), (SETTING, _told_again)],
+)
+def test_what_people_edit_is_no_problem_and_the_next_ask_or_tell_takes_it_up(
+    copy: Path,
+    edit: tuple[str, str, str],
+    take_up: Callable[[Path], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert status(open_campaign(copy))["edited"] == []
+    name = edit[0]
+    _edit(copy / name, *edit[1:])
+    found = status(open_campaign(copy))
+    (sentence,) = found["edited"]
+    assert sentence.startswith(f"{name} was edited since")
+    assert f"etude ask {copy}" in sentence
+    assert found["problems"] == []
+    assert cli.main(["status", str(copy)]) == 0
+    said = capsys.readouterr().out
+    assert "Problem" not in said
+    assert f"Edited: {sentence}" in said
+    take_up(copy)
+    found = status(open_campaign(copy))
+    assert found["edited"] == found["problems"] == []
+    _edit(copy / name, r"\A", "# and again\n")
+    assert [one.partition(" ")[0] for one in status(open_campaign(copy))["edited"]] == [name]
+    assert status(open_campaign(copy))["problems"] == []
+
+
+def test_another_command_leaves_an_edit_to_ask_and_tell(copy: Path) -> None:
+    _edit(copy / "robot.toml", *REMARK[1:])
+    assert cli.main(["abandon", str(copy), "2"]) == 0
+    assert len(status(open_campaign(copy))["edited"]) == 1
+
+
+def test_a_robot_toml_that_is_gone_is_a_problem(copy: Path) -> None:
+    (copy / "robot.toml").unlink()
+    assert damaged_files(copy, read_events(copy)) == ["robot.toml is missing"]
+
+
+def test_an_open_motion_that_leaves_the_new_limits_names_what_helps(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _edit(copy / "robot.toml", r"^velocity = .*$", "velocity = 0.4")
+    with pytest.raises(UnsafeTrajectoryError, match=r"since robot\.toml changed") as refused:
+        ask(open_campaign(copy), go_on=True)
+    assert f"etude ask {copy} --new." in refused.value.next_step
+    assert "put back robot.toml" in refused.value.next_step
+    assert cli.main(["ask", str(copy), "--new", "--continue"]) == 0
+    # the older one is not proved again by asking: what helps there is named too
+    said = _look(copy)
+    assert said
+    assert all(one.endswith(f"etude abandon {copy} 2") for one in said)
+    assert cli.main(["abandon", str(copy), "2"]) == 0
+    assert _look(copy) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "gone"),
+    [
+        ("from_home/approach.csv", False),
+        ("from_home/certificate.json", True),
+        ("from_home/ros2_csv/points.csv", False),
+        ("ros2_csv/play.py", True),
+    ],
+)
+def test_the_advice_for_a_changed_file_mends_it_to_the_letter(copy: Path, name: str, gone: bool) -> None:
+    """The files and the command that are printed, in a shell."""
+    way = ["--from", "home"] if name.startswith("from_home") else []
+    command = ["ask", str(copy), "--continue", *way, "--format", FORMAT]
+    assert cli.main(command) == 0
+    path = copy / "proposals/0002" / name
+    before = path.read_bytes()
+    if gone:
+        path.unlink()
+    else:
+        path.write_bytes(before.replace(b"0", b"1"))
+    with pytest.raises(UsageError, match=re.escape(name)) as refused:
+        ask(open_campaign(copy), go_on=True, start=way[1] if way else "", formats=(FORMAT,))
+    files = refused.value.next_step.partition("run the same command again: ")[2]
+    subprocess.run(files, shell=True, check=True)
+    assert cli.main(command) == 0
+    assert path.read_bytes() == before
+    assert damaged_files(copy, read_events(copy)) == []
 
 
 def test_a_changed_run_is_not_learned_and_the_advice_mends_it(copy: Path) -> None:

@@ -12,6 +12,7 @@ from etude.commands.outcome import Outcome, Say, table
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""
 LARGEST = 1000.0
+MEND = "Next: restore these files from a copy; a command that needs one of them says what else mends it."
 BASES = {
     "identified": "physics identified from this log",
     "nominal": "physics of the description",
@@ -65,7 +66,9 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
     lines += faults(found["known_faults"])
     lines += [f"Look: {sentence}." for sentence in found["proved_otherwise"]]
+    lines += [f"Edited: {sentence}" for sentence in found["edited"]]
     lines += [f"Problem: {problem}." for problem in found["problems"]]
+    lines += [MEND] * bool(found["problems"])
     return lines
 
 

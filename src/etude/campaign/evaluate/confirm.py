@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etude.campaign.edited import take_up
 from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
@@ -84,6 +85,7 @@ def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, 
     written = [
         export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
     ]
+    take_up(campaign)
     return replace(found, exported=tuple(written))
 
 

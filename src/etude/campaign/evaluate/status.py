@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from etude.campaign.edited import edited
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.ingest.confirmed import confirmed
 from etude.campaign.record.alerts import bad_news
@@ -26,7 +27,9 @@ def status(campaign: Campaign) -> dict[str, Any]:
     held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
     confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
     not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
-    before robot.toml or campaign.toml changed), verdict, problems.
+    before robot.toml or campaign.toml changed), verdict, edited (which of robot.toml and campaign.toml were
+    edited since ask or tell took them up), problems (committed files that are missing, or changed though
+    nobody edits them).
     """
     events = campaign.events()
     state = campaign.state()
@@ -66,6 +69,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
         },
         "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
         "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
+        "edited": edited(campaign, events),
         "problems": damaged_files(campaign.path, events),
     }
 

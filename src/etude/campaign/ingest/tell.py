@@ -11,6 +11,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from etude.campaign.edited import take_up
 from etude.campaign.ingest.confirmed import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import Asked, Given, answers_of
@@ -78,6 +79,8 @@ def finished(
     if changed:
         answer(campaign, campaign.state(), changed, [one.number for one in told])
     done = tuple(learn_pending(campaign, learner, say))
+    if told or done:
+        take_up(campaign)
     state = campaign.state()
     held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
     aside = {number for number, r in state.rounds.items() if r.aside}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from etude.campaign.edited import take_up
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.propose.proposal import proposed
 from etude.campaign.propose.proposal_constraints import Kept, kept_then
@@ -22,7 +23,13 @@ from etude.campaign.record.journal import Event, recorded, require_intact
 from etude.campaign.record.proposals import FULL, proposal_advice, speed_folder, stored_trajectory
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import is_learned, newest_model
-from etude.campaign.record.stored_files import name_of, require_description, settle, stored_bytes
+from etude.campaign.record.stored_files import (
+    changed_since,
+    name_of,
+    require_description,
+    settle,
+    stored_bytes,
+)
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.limits.open_commands import require_possible
@@ -126,7 +133,9 @@ def ask(
         motion = stored_trajectory(campaign, number, speed)
         way = _way(campaign, number, motion, found, start, kept) if start else None
         whole = (motion, found.folder) if way is None or way.whole is None else (way.whole, way.folder)
-        return replace(found, exported=_exported(campaign, number, whole, formats, effort), way=way)
+        exported = _exported(campaign, number, whole, formats, effort)
+        take_up(campaign)
+        return replace(found, exported=exported, way=way)
 
 
 # what a plain `ask` does not need is not loaded: it is the command that is run most
@@ -260,6 +269,18 @@ def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> Trajectory
         return _files(campaign, trajectory, kept.limits(campaign, described=True), kept)
 
 
+def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
+    """Why an open proposal cannot be run as it is, and how to come by another."""
+    asked = [e for e in campaign.events() if (e.event, e.number) == ("asked", number)]
+    why = changed_since(campaign, asked, [name for e in asked for name in e.files])
+    return UnsafeTrajectoryError(
+        f"trajectory {number}, which is open, is not proved{f' since {why}' if why else ''}: {problem.fact}",
+        where=problem.where,
+        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} --new."
+        + (f" Or put back {why.removesuffix(' changed')} as it was." if why else ""),
+    )
+
+
 def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
     if not state.trained:
         return
@@ -298,7 +319,10 @@ def present(
         full = stored_trajectory(campaign, number)
         motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
-            files = _again(campaign, motion, kept)
+            try:
+                files = _again(campaign, motion, kept)
+            except UnsafeTrajectoryError as problem:
+                raise _outside_now(campaign, number, problem) from None
         else:
             files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
         if speed == FULL:  # what waits for its log stays what it is, to the byte

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import ROBOT_SHA256
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import MODEL, newest_model, read_stored
-from etude.campaign.record.stored_files import ROBOT_SHA256, require_description
+from etude.campaign.record.stored_files import require_description
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic
@@ -66,7 +67,12 @@ def _of_another(campaign: Campaign, number: int) -> str:
     before = trained[-1].facts.get(ROBOT_SHA256) if trained else None
     if before in (None, campaign.robot_sha256):
         return ""
-    return " robot.toml changed since it was learned, so its physics are others: learn the logs again."
+    told = campaign.state().rounds[number].told or {}
+    return (
+        " robot.toml changed since it was learned, so its physics are others. The next log that is told has "
+        f"all learned again; or now: etude untell {campaign.path} {number}, then "
+        f"etude tell {campaign.path} {told.get('source', 'LOG')}."
+    )
 
 
 def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
-from etude.campaign.record.journal import JOURNAL, Event, commit, read_events
+from etude.campaign.record.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
 from etude.campaign.record.names import require_plain
 from etude.campaign.record.state import Round, State, replay
 from etude.errors import UsageError
@@ -127,7 +127,7 @@ class Campaign:
 
         Its files are on the disk already. The caller holds the lock.
         """
-        own = {"robot_sha256": self.robot_sha256, "generation": GENERATION}
+        own = {ROBOT_SHA256: self.robot_sha256, "generation": GENERATION}
         commit(self.path, event, number, self.config_sha256, files, **facts, **own)
 
     @contextlib.contextmanager

@@ -9,18 +9,18 @@ today is written anew, committed, and named.
 from __future__ import annotations
 
 import hashlib
+import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from etude.campaign.record.folder import ROBOT, Campaign
-from etude.campaign.record.journal import Event, recorded, require_intact
+from etude.campaign.record.journal import ROBOT_SHA256, Event, recorded, require_intact
 from etude.errors import UsageError
 from etude.generation import GENERATION
 from etude.storage import unreadable, write_atomic
 
 RESTORE = "Restore the file from a copy."
-AGAIN = "Do not run it. Restore the file from a copy, or delete the folder's files and ask again."
-ROBOT_SHA256, CONFIG_SHA256 = "robot_sha256", "config_sha256"
 
 
 def name_of(campaign: Campaign, path: Path) -> str:
@@ -89,7 +89,7 @@ def run_advice(campaign: Campaign, number: int) -> str:
 
 
 def settle(
-    campaign: Campaign, number: int, contents: Mapping[Path, bytes], next_step: str = AGAIN, **facts: object
+    campaign: Campaign, number: int, contents: Mapping[Path, bytes], next_step: str = "", **facts: object
 ) -> tuple[str, ...]:
     """Has these files hold these bytes when it returns; a sentence if that took writing them anew.
 
@@ -100,7 +100,8 @@ def settle(
     Args:
         campaign: the folder. number: of the proposal.
         contents: path -> bytes, the certificate last.
-        next_step: where a file was changed. facts: of the `exported` event.
+        next_step: where a file was changed; "": to delete all of them and repeat the command, which then
+            writes them anew. facts: of the `exported` event.
 
     Raises:
         UsageError: a file is missing or was changed; nothing is written.
@@ -112,7 +113,7 @@ def settle(
     wrong = [path for path, data in contents.items() if not _holds(path, data)]
     # one that holds what is to be written needs no other witness: a writer may have been killed on its way
     held = {names[path]: known[names[path]] for path in committed if path in wrong}
-    require_intact(campaign.path, [Event("exported", "", number, "", held)], next_step)
+    require_intact(campaign.path, [Event("exported", "", number, "", held)], next_step or _anew(there))
     if not wrong and {names[path]: _digest(data) for path, data in contents.items()}.items() <= known.items():
         if _is_older(events, names):  # proved again, by this generation
             campaign.commit("exported", number, list(contents), **facts)
@@ -130,6 +131,14 @@ def settle(
         "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
     )
     return (f"Written anew, since {why}: {what}.",)
+
+
+def _anew(there: Sequence[Path]) -> str:
+    """What to do where files were changed that the same command writes again once none of them is there."""
+    return (
+        "Do not run it. Restore the file from a copy; or delete all that was written with it, and run the "
+        f"same command again: rm {shlex.join(str(path) for path in there)}"
+    )
 
 
 def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> str:
@@ -159,7 +168,12 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
     for folder, files in folders.items():
         why = changed_since(campaign, events, files)
         if why:
-            found.append(f"{folder} was proved before {why}: ask for it again, before it is run")
+            own = re.match(r"proposals/0*(\d+)", folder)
+            number = int(own[1]) if own else 0
+            again = number == max(numbers, default=0)  # the newest is what ask proves again
+            step = f"etude ask {campaign.path}" if again else f"etude abandon {campaign.path} {number}"
+            advice = "ask for it again, before it is run" if again else "do not run it, give it up"
+            found.append(f"{folder} was proved before {why}: {advice}: {step}")
     return found
 
 
