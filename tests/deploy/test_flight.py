@@ -234,7 +234,7 @@ def fast_px4(model: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_px4_of_a_rejected_set_point_nothing_is_added(
     px4: Path, fast_px4: Path, hostile: dict[int, float]
 ) -> None:
-    """What fades is the last good answer with the acceleration that it answered; each motor goes back evenly."""
+    """What fades is the last good answer with the acceleration that it answered."""
     rows = px4_rows(motion())
     for column, value in hostile.items():
         rows[60:, column] = value
