@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import tracemalloc
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,8 +19,10 @@ from etude.logs.readers import read_raw
 from etude.logs.unpacking import unpacked
 from etude.storage import arrays_of, packed
 
-SMALL = 2**22
+SMALL = 2**24
 """Bytes that stand for the gigabyte, so that the tests cost no memory."""
+ROWS = SMALL // 8 // 4
+BLOCK = 2**20
 
 
 @pytest.fixture(autouse=True)
@@ -50,9 +53,6 @@ def mat(path: Path, *variables: bytes) -> Path:
     return path
 
 
-ROWS = SMALL // 8 // 4
-
-
 def test_a_mat_whose_variables_are_small_each_and_too_many_together(tmp_path: Path) -> None:
     one = [matrix(f"v{i}", ROWS, 9, 8) for i in range(5)]
     assert len(read_raw(mat(tmp_path / "fits.mat", one[0]))) == ROWS
@@ -63,6 +63,65 @@ def test_a_mat_whose_variables_are_small_each_and_too_many_together(tmp_path: Pa
 def test_a_mat_of_bytes_counts_as_the_numbers_that_they_become(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="unpacks to more than"):
         read_raw(mat(tmp_path / "bytes.mat", *(matrix(f"v{i}", 2 * ROWS, 2, 1) for i in range(3))))
+
+
+def peak_of(path: Path) -> int:
+    """Bytes held at most at once while it is refused."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match="unpacks to more than"):
+            read_raw(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def text(name: str, size: int) -> bytes:
+    """A variable that is no numbers, and is left out."""
+    return matrix(name, size, 2, 1).replace(
+        struct.pack("<IIII", 6, 8, 6, 0), struct.pack("<IIII", 6, 8, 4, 0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("variables", "most"),
+    [
+        ([matrix("q", 2 * SMALL, 9, 8)], 5 * BLOCK),
+        ([matrix("q", 4 * SMALL, 2, 1)], 5 * BLOCK),
+        ([matrix(f"v{i}", ROWS // 4, 9, 8) for i in range(40)], SMALL + 5 * BLOCK),
+        ([text("x", 4 * SMALL)], 5 * BLOCK),
+        ([matrix("q", 2, 9, 8) + bytes(4 * SMALL)], 5 * BLOCK),
+    ],
+    ids=["doubles", "bytes", "many", "left out", "behind"],
+)
+def test_a_mat_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, variables: list[bytes], most: int
+) -> None:
+    """Whatever it states: one large variable, many that are small, or what is not read at all."""
+    path = mat(tmp_path / "bomb.mat", *variables)
+    assert path.stat().st_size < SMALL / 32
+    assert peak_of(path) < most
+
+
+def test_an_older_mat_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    data = np.zeros(2 * SMALL // 8).tobytes()
+    path = tmp_path / "old.mat"
+    path.write_bytes(struct.pack("<5i", 0, len(data) // 8, 1, 0, 2) + b"q\0" + data)
+    assert peak_of(path) < SMALL / 4
+
+
+def test_text_that_repeats_counts_as_often_as_it_stands_there(tmp_path: Path) -> None:
+    path = tmp_path / "text.parquet"
+    pl.DataFrame({"a": ["x" * 1000] * (SMALL // 500), "b": np.zeros(SMALL // 500)}).write_parquet(path)
+    assert path.stat().st_size < SMALL / 100
+    peak_of(path)
+
+
+def test_lists_count_their_entries(tmp_path: Path) -> None:
+    path = tmp_path / "lists.parquet"
+    pl.DataFrame({"position": [[0.0] * 100] * (SMALL // 1600)}).write_parquet(path)
+    assert path.stat().st_size < SMALL / 100
+    peak_of(path)
 
 
 def test_a_table_of_run_lengths(tmp_path: Path) -> None:
@@ -84,9 +143,9 @@ def test_what_unpacks_without_end_is_counted_on_the_way(tmp_path: Path) -> None:
         (lz4.compress(data), lz4.LZ4FrameDecompressor()),
     ):
         with pytest.raises(DataError, match="unpacks to more than"):
-            unpacked(unpacker, own, tmp_path, SMALL)
+            unpacked(unpacker, own, tmp_path)
     few = zstd.compress(data[:1000])
-    assert unpacked(zstd.ZstdDecompressor(), few, tmp_path, SMALL) == data[:1000]
+    assert unpacked(zstd.ZstdDecompressor(), few, tmp_path) == data[:1000]
 
 
 @pytest.mark.parametrize("packing", ["zstd", "lz4"])
@@ -102,8 +161,7 @@ def test_a_chunk_of_a_bag(tmp_path: Path, packing: str) -> None:
     magic = b"\x89MCAP0\r\n"
     path = tmp_path / "bag.mcap"
     path.write_bytes(magic + b"\x06" + struct.pack("<Q", len(chunk)) + chunk + bytes(0) + magic)
-    with pytest.raises(DataError, match="unpacks to more than"):
-        read_raw(path)
+    assert peak_of(path) < SMALL
 
 
 def test_arrays_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:

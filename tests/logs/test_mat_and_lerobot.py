@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -55,11 +56,11 @@ def test_numbers_of_version_4(dtype: str) -> None:
     head = np.array([kind, 2, 3, 0, 2], dtype=">i4" if machine else "<i4").tobytes()
     data = head + b"q\0" + values.tobytes(order="F")
     assert is_mat4(data)
-    np.testing.assert_array_equal(variables4(data * 2, Room(Path()))["q"], values)
+    np.testing.assert_array_equal(variables4(io.BytesIO(data * 2), Room(Path()))["q"], values)
     with pytest.raises(ValueError, match="longer than what is left"):
-        variables4(data[:-1], Room(Path()))
+        variables4(io.BytesIO(data[:-1]), Room(Path()))
     with pytest.raises(ValueError, match=r"byte .* begins no variable"):
-        variables4(data + b"\1" * 30, Room(Path()))
+        variables4(io.BytesIO(data + b"\1" * 30), Room(Path()))
 
 
 def test_version_5_is_not_taken_for_version_4(tmp_path: Path) -> None:
@@ -118,7 +119,8 @@ def test_variables_are_those_of_scipy(tmp_path: Path) -> None:
     own = {name: rng.integers(0, 100, (5, 3)).astype(name) for name in ("int8", "uint16", "int32", "float32")}
     own |= {"one": 7.0, "text": "elbow", "cells": np.array([1, "a"], dtype=object), "empty": np.zeros((0, 3))}
     savemat(tmp_path / "run.mat", {**own, "outer": {"inner": {"q": np.arange(4.0)}, "name": "ur10"}})
-    found = variables((tmp_path / "run.mat").read_bytes(), Room(tmp_path))
+    with (tmp_path / "run.mat").open("rb") as file:
+        found = variables(file, Room(tmp_path))
     theirs = loadmat(tmp_path / "run.mat")
     for name in ("int8", "uint16", "int32", "float32", "one"):
         np.testing.assert_array_equal(found[name], theirs[name])

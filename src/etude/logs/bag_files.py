@@ -18,7 +18,7 @@ from typing import Any
 from etude.errors import DataError
 from etude.logs.extras import needed
 from etude.logs.mcap_mend import check_chunks, is_cut, mend
-from etude.logs.unpacking import LARGEST, unpacked
+from etude.logs.unpacking import LARGEST, PIECE, blocks_of, unpacked
 
 STORAGES = (".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -95,9 +95,13 @@ def _check_room(path: Path) -> None:
 
 def _count(path: Path, packing: bytes, data: bytes) -> None:
     if packing == b"zstd":
-        unpacked(_zstd(path).ZstdDecompressor(), data, path)
+        unpacker = _zstd(path).ZstdDecompressor()
     elif packing == b"lz4":
-        unpacked(needed("lz4.frame", "ros", path).LZ4FrameDecompressor(), data, path)
+        unpacker = needed("lz4.frame", "ros", path).LZ4FrameDecompressor()
+    else:
+        return
+    for _ in blocks_of(unpacker, data, path):
+        pass
 
 
 def _is_cut(path: Path) -> bool:
@@ -116,7 +120,7 @@ def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
 def _started(torn: bytes, path: Path) -> bytes:
     """What the beginning of compressed data holds; nothing if that cannot be told."""
     try:
-        most = min(LARGEST_RATIO * len(torn), LARGEST)
+        most = min(LARGEST_RATIO * len(torn), LARGEST // PIECE)
         return bytes(_zstd(path).ZstdDecompressor().decompress(torn, most))
     except Exception:
         return b""

@@ -53,20 +53,40 @@ def _text(series: pl.Series) -> pl.Series:
     return pl.Series(series.name, cells, dtype=pl.String)
 
 
-def lists_of(series: pl.Series) -> list[Any] | None:
-    """The cells of a column of lists, or of text such as `[0.1, 0.2]`; None for any other."""
+def is_list(series: pl.Series) -> bool:
+    """Whether its cells are lists, or text such as `[0.1, 0.2]`."""
+    import polars as pl
+
+    if isinstance(series.dtype, pl.List | pl.Array):
+        return True
+    first = "" if series.dtype != pl.String else next((c for c in series.head(100).to_list() if c), "")
+    return LIST.fullmatch(first) is not None
+
+
+def lists_of(series: pl.Series) -> list[Any]:
+    """The cells of a column of lists (`is_list`); None for those of lists within lists."""
     import polars as pl
 
     if isinstance(series.dtype, pl.List | pl.Array):
         inner = series.dtype.inner
         nested = isinstance(inner, pl.List | pl.Array | pl.Struct)
         return [None] * len(series) if nested else series.to_list()
-    if series.dtype != pl.String:
-        return None
-    first = next((cell for cell in series.head(100).to_list() if cell), "")
-    if not LIST.fullmatch(first):
-        return None
     return [None if cell is None else _split(cell) for cell in series.to_list()]
+
+
+def rectangle(series: pl.Series) -> Array | None:
+    """(T, n) of a column of lists of n numbers each, without a Python object for each; None for any other."""
+    import polars as pl
+
+    if not isinstance(series.dtype, pl.List | pl.Array) or not series.dtype.inner.is_numeric():
+        return None
+    series = series.arr.to_list() if isinstance(series.dtype, pl.Array) else series
+    lengths = series.list.len()
+    width = lengths.min()
+    if series.null_count() or not width or width != lengths.max():
+        return None
+    flat = series.explode().cast(pl.Float64).fill_null(float("nan")).to_numpy()
+    return np.array(flat, dtype=np.float64).reshape(len(series), -1)[:, :LONGEST]
 
 
 def _split(cell: str) -> list[str]:

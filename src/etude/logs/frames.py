@@ -10,6 +10,7 @@ import contextlib
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 DEEPEST = 8  # structs within structs
+TEXTS = 2  # how often a column of text is held while it is read as numbers
 
 
 def raw_log(columns: Mapping[str, Array], source: str, repairs: tuple[str, ...] = ()) -> Log:
@@ -48,9 +50,11 @@ def frame_log(frame: pl.DataFrame, path: Path, repairs: tuple[str, ...] = ()) ->
     Raises:
         DataError: a joint's name stands twice in a row.
     """
-    columns = {s.name: s for s in guarded(lambda: _flat(frame), path, "a table").iter_columns()}
+    columns = {s.name: s for s in guarded(partial(_flat, frame), path, "a table").iter_columns()}
     named, used, sentences = guarded(lambda: named_columns(columns, str(path)), path, "a table")
-    numbers = {name: numbers_of(series) for name, series in columns.items() if name not in used}
+    del frame
+    # a column leaves the table as it becomes numbers: both at once would take twice the room
+    numbers = {name: numbers_of(columns.pop(name)) for name in list(columns) if name not in used}
     clash = next((name for name in named if name in numbers), None)
     if clash is not None:
         raise DataError(
@@ -65,7 +69,20 @@ def parquet_frame(path: Path) -> pl.DataFrame:
     """All columns of a Parquet file. DataError: missing, truncated, or not Parquet."""
     import polars as pl
 
-    return _from_parquet(path, pl.read_parquet)
+    frame = _from_parquet(path, pl.read_parquet)
+    guarded(lambda: _count_text(frame, Room(path)), path, "Parquet")
+    return frame
+
+
+def _count_text(frame: pl.DataFrame, room: Room) -> None:
+    """Text that repeats stands in the file once, and in memory too until it is looked at."""
+    import polars as pl
+
+    for series in frame.iter_columns():
+        if series.dtype in (pl.String, pl.Categorical, pl.Enum):
+            size = int(series.cast(pl.String).str.len_bytes().sum() or 0)
+            room.take(size)
+            room.require(TEXTS * size)
 
 
 def parquet_metadata(path: Path) -> Mapping[str, str]:

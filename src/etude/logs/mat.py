@@ -14,11 +14,12 @@ from etude.errors import DataError
 from etude.logs.frames import raw_log
 from etude.logs.mat4 import is_mat4, variables4
 from etude.logs.mat5 import Variable, variables
-from etude.logs.unpacking import Room
+from etude.logs.unpacking import BESIDE, Room
 from etude.types import Array, Log
 
 HDF5 = (b"\x89HDF", b"MATLAB 7.3")
 SIGNALS = ".signals.values"
+HEAD = 128
 WIDEST = 1000
 """Columns of a matrix: wider ones are images."""
 
@@ -30,7 +31,7 @@ def mat_log(path: Path) -> Log:
         DataError: no MAT file, one of version 7.3, or without two variables of one length.
     """
     with path.open("rb") as file:
-        head = file.read(128)
+        head = file.read(HEAD)
     if head.startswith(HDF5):
         raise DataError(
             "this is a MAT file of version 7.3 (HDF5), which is not read",
@@ -78,14 +79,26 @@ def _without_struct(own: Mapping[str, Array]) -> dict[str, Array]:
 
 def _loaded(path: Path) -> Mapping[str, Variable]:
     try:
-        data = path.read_bytes()
-        return variables4(data, Room(path)) if is_mat4(data) else variables(data, Room(path))
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+            file.seek(0)
+            room = Room(path)
+            found = variables4(file, room) if is_mat4(head) else variables(file, room)
+        room.require(BESIDE * max((_rows(value) for value in found.values()), default=0))
+        return found
     except (ValueError, struct.error, zlib.error) as problem:
         raise DataError(
             f"the file cannot be read as MAT ({problem})",
             where=str(path),
             next_step="It is cut or another kind of file; save it again, with '-v7'.",
         ) from None
+
+
+def _rows(value: Variable) -> int:
+    """Of the longest array in it."""
+    if isinstance(value, Mapping):
+        return max((_rows(own) for own in value.values()), default=0)
+    return int(max(value.shape))
 
 
 def _columns(found: Mapping[str, Variable], prefix: str) -> Iterator[tuple[str, Array]]:

@@ -6,11 +6,13 @@ columns, whether it is complex, length of the name), the name, and its numbers c
 
 from __future__ import annotations
 
+import os
 import struct
+from typing import BinaryIO
 
 import numpy as np
 
-from etude.logs.unpacking import Room
+from etude.logs.unpacking import Room, as_float
 from etude.types import Array
 
 NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
@@ -20,34 +22,33 @@ FULL = 0
 """Kind of a matrix that is neither text nor sparse."""
 
 
-def is_mat4(data: bytes) -> bool:
+def is_mat4(head: bytes) -> bool:
     """Whether a file begins with a variable of this format."""
-    return _order(data) is not None
+    return _order(head) is not None
 
 
-def variables4(data: bytes, room: Room) -> dict[str, Array]:
+def variables4(file: BinaryIO, room: Room) -> dict[str, Array]:
     """Name -> (rows, columns); complex numbers, text and sparse matrices are left out.
 
     Raises:
         ValueError, struct.error: damaged, or another format. DataError: there is no room for them.
     """
-    found, place = {}, 0
-    while place < len(data):
-        order = _order(data[place : place + HEADER])
+    found, place, whole = {}, 0, file.seek(0, os.SEEK_END)
+    while place < whole:
+        file.seek(place)
+        head = file.read(HEADER)
+        order = _order(head)
         if order is None:
             raise ValueError(f"byte {place} begins no variable")
-        kind, rows, columns, parts, length = struct.unpack_from(f"{order}5i", data, place)
+        kind, rows, columns, parts, length = struct.unpack(f"{order}5i", head)
         number = np.dtype(order + NUMBERS[kind // 10 % 10])
-        start, size = place + HEADER + length, rows * columns * number.itemsize
-        end = start + size * (1 + parts)
-        if end > len(data):
+        place += HEADER + length + rows * columns * number.itemsize * (1 + parts)
+        if place > whole:
             raise ValueError("a variable is longer than what is left")
-        name = data[place + HEADER : start].split(b"\0")[0].decode(errors="replace")
+        name = file.read(length).split(b"\0")[0].decode(errors="replace")
         if kind % 10 == FULL and not parts and rows and columns:
             room.take(rows * columns * np.dtype(np.float64).itemsize)
-            values = np.frombuffer(data, number, rows * columns, start).astype(np.float64)
-            found[name] = values.reshape((rows, columns), order="F")
-        place = end
+            found[name] = as_float(file.read, rows * columns, number).reshape((rows, columns), order="F")
     return found
 
 

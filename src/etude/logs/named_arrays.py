@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.cells import is_text, lists_of, matrix, numbers_of, texts_of
+from etude.logs.cells import is_list, is_text, lists_of, matrix, numbers_of, rectangle, texts_of
 from etude.logs.words import normal
 from etude.types import Array
 
@@ -144,24 +144,34 @@ def _columns(columns: Mapping[str, pl.Series], entries: Mapping[int, str], indic
 
 def _lists(columns: Mapping[str, pl.Series]) -> list[_Arrays]:
     """Arrays as one column of lists; those without names are reported as such."""
-    lists = {header: cells for header, series in columns.items() if (cells := lists_of(series)) is not None}
+    lists = {header: series for header, series in columns.items() if is_list(series)}
     texts = {h: p["prefix"] for h in lists if (p := NAMES.fullmatch(normal(h))) is not None}
     found: list[_Arrays] = []
     taken: set[str] = set()
     for header, prefix in texts.items():
         own = [h for h in lists if h not in texts and normal(h).startswith(prefix)]
-        values = {h: matrix(lists[h], float) for h in own}
-        found.append(_Arrays(matrix(lists[header], str), values, (header, *own)))
+        values = {h: _numbers(lists[h]) for h in own}
+        found.append(_Arrays(matrix(lists_of(lists[header]), str), values, (header, *own)))
         taken.update((header, *own))
     alone = tuple(h for h in lists if h not in taken)
     values = {h: rows for h in alone if (rows := _unnamed(lists[h])) is not None}
     return [*found, *([_Arrays(None, values, alone)] if alone else [])]
 
 
-def _unnamed(cells: list[Any]) -> Array | None:
+def _numbers(series: pl.Series) -> Array:
+    """(T, n) of lists of any length."""
+    even = rectangle(series)
+    return np.asarray(matrix(lists_of(series), float)) if even is None else even
+
+
+def _unnamed(series: pl.Series) -> Array | None:
     """(T, n) of lists without names; None if they differ in length, which hides whose each entry is, hold no
     numbers, or more than any robot has joints.
     """
+    even = rectangle(series)
+    if even is not None:
+        return even if even.shape[1] <= MOST_JOINTS and np.isfinite(even).any() else None
+    cells = lists_of(series)
     lengths = Counter(len(cell) for cell in cells if cell)
     (width, rows), *_ = lengths.most_common(1) or [(0, 0)]
     if not 0 < width <= MOST_JOINTS or rows < SAME_LENGTH * len(cells):

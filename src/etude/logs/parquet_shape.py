@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etude.logs.unpacking import Room
+from etude.logs.unpacking import BESIDE, Room
 
 MAGIC = b"PAR1"
 DEEPEST = 32  # structs within structs
 DATA, DICTIONARY, DATA_V2 = 0, 2, 3  # types of pages
 LARGEST_RATIO = 2**17  # of a page's size to its compressed size: run lengths of zeros
 NUMBER = 8  # bytes of a value in memory, of run lengths too
+OF_LIST = 24  # and of one in a list, which is held as a table and as an array at once
 LEAST = 2**20  # bytes of a page that are always believed
 
 
@@ -35,9 +36,11 @@ def check_shape(data: bytes, room: Room) -> None:
     groups = footer.get(4, [])
     if sum(group[3] for group in groups) != footer.get(3, 0):
         raise ValueError("its row groups do not add up to its rows")
+    room.take(BESIDE * max(int(footer.get(3, 0)), 0))
     for group in groups:
         for chunk in group[1]:
-            room.take(NUMBER * max(int(chunk[3][5]), 0))
+            whole = NUMBER if len(chunk[3][3]) == 1 else OF_LIST
+            room.take(whole * max(int(chunk[3][5]), 0))
             _check_chunk(data, end, chunk[3], group[3])
 
 

@@ -6,15 +6,23 @@ where the unpacking itself can be counted.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from etude.errors import DataError
+from etude.types import Array
 
 LARGEST = 2**30
 """Bytes in memory, of one file."""
 BLOCK = 2**20
+BESIDE = 16
+"""Bytes in memory of a row beside its columns: its time, and its place when times are put in order."""
+PIECE = 4
+"""Part of the room for what is unpacked whole: it is held twice while it is read."""
 
 
 @dataclass
@@ -28,11 +36,24 @@ class Room:
     path: Path
     left: int = field(default_factory=lambda: LARGEST)
 
+    def require(self, size: int) -> None:
+        """DataError: there is no room for so much."""
+        if size > self.left:
+            raise too_large(self.path)
+
     def take(self, size: int) -> None:
         """Counts what is about to be unpacked. DataError: there is no room for it."""
+        self.require(size)
         self.left -= size
-        if self.left < 0:
-            raise too_large(self.path)
+
+
+def as_float(read: Callable[[int], bytes], count: int, number: np.dtype[Any]) -> Array:
+    """(count,) numbers of that type, as they are read block by block. ValueError: there are less."""
+    found, each = np.empty(count), BLOCK // number.itemsize
+    for place in range(0, count, each):
+        block = np.frombuffer(read(min(each, count - place) * number.itemsize), number)
+        found[place : place + each] = block
+    return found
 
 
 class Unpacker(Protocol):
@@ -45,18 +66,22 @@ class Unpacker(Protocol):
     def decompress(self, data: bytes, max_length: int = -1) -> bytes: ...
 
 
-def unpacked(unpacker: Unpacker, data: bytes, path: Path, most: int | None = None) -> bytes:
-    """All of `data`, unpacked. DataError: it is more than `most` bytes, `LARGEST` if not said."""
-    parts, size, packed = [], 0, data
+def unpacked(unpacker: Unpacker, data: bytes, path: Path) -> bytes:
+    """All of `data`, unpacked. DataError: it is more than a piece of a file may be."""
+    return b"".join(blocks_of(unpacker, data, path))
+
+
+def blocks_of(unpacker: Unpacker, data: bytes, path: Path) -> Iterator[bytes]:
+    """The same block by block: who only counts holds one."""
+    size, packed = 0, data
     while not unpacker.eof:
         part = unpacker.decompress(packed, BLOCK)
         packed, size = b"", size + len(part)
-        if size > (LARGEST if most is None else most):
+        if size > LARGEST // PIECE:
             raise too_large(path)
-        parts.append(part)
+        yield part
         if not part and unpacker.needs_input:
             break
-    return b"".join(parts)
 
 
 def too_large(path: Path) -> DataError:
