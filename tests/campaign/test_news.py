@@ -13,8 +13,8 @@ from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
 from etude.campaign.folder import Campaign
-from etude.campaign.news import UNMOVED, bad_news
-from etude.campaign.state import CHANGED, Round, State
+from etude.campaign.news import bad_news
+from etude.campaign.state import CHANGED, UNMOVED, Round, State
 from etude.campaign.stopping import judge
 from etude.cli import main
 from etude.models.choice import TOO_FEW

@@ -267,10 +267,11 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     """Why an open proposal cannot be run as it is, and how to come by another."""
     asked = [e for e in campaign.events() if (e.event, e.number) == ("asked", number)]
     why = changed_since(campaign, asked, [name for e in asked for name in e.files])
+    confirm = "--confirm " * campaign.round(number).confirms
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{f' since {why}' if why else ''}: {problem.fact}",
         where=problem.where,
-        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} --new."
+        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} {confirm}--new."
         + (f" Or put back {why.removesuffix(' changed')} as it was." if why else ""),
     )
 

@@ -14,8 +14,7 @@ from etude.campaign.folder import Campaign, Say
 from etude.campaign.forecast import forecast
 from etude.campaign.groups import known_groups, told_samples
 from etude.campaign.journal import jsonable
-from etude.campaign.news import UNMOVED
-from etude.campaign.state import Round, State
+from etude.campaign.state import UNMOVED, Round, State
 from etude.campaign.stored import (
     LEFT_OUT,
     LINEAR,

@@ -9,7 +9,7 @@ from typing import Any
 
 from etude.campaign.findings import kept_findings
 from etude.campaign.rounds import measured, summary
-from etude.campaign.state import CHANGED, Round, State
+from etude.campaign.state import CHANGED, UNMOVED, Round, State
 from etude.models.choice import TOO_FEW
 from etude.models.short import UNCERTAIN
 from etude.types import Finding
@@ -22,8 +22,6 @@ BEATEN, WORSE = 1.1, 1.1
 """Error over that of linear regression, and over that of the round before, from which it is told."""
 TOLD_BY_TRAINING = {UNCERTAIN: "too little motion", TOO_FEW: "linear regression"}
 """Words of a training's warnings that are told here, and of which check they are."""
-UNMOVED = "unmoved"
-"""Fact of a training: outputs whose joints stood still in all logs."""
 FEEDBACK = ("pd", "pid")
 """Simulated baselines without any model."""
 
