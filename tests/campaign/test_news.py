@@ -12,13 +12,13 @@ import pytest
 from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
-from etude.campaign.folder import Campaign
-from etude.campaign.news import bad_news
-from etude.campaign.state import CHANGED, UNMOVED, Round, State
-from etude.campaign.stopping import judge
+from etude.campaign.evaluate.stopping import judge
+from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
 from etude.cli import main
-from etude.models.choice import TOO_FEW
-from etude.models.short import UNCERTAIN
+from etude.models.data.insufficient_data import UNCERTAIN
+from etude.models.selection.selection_rule import TOO_FEW
 from etude.types import Finding
 
 OUTPUTS = ("hip", "knee")
