@@ -11,7 +11,7 @@ import pytest
 
 import etude
 from etude import cli, distribution
-from etude.logs.extras import REQUIREMENTS, needed
+from etude.logs.readers.extras import REQUIREMENTS, needed
 
 ROOT = Path(__file__).parents[1]
 FROM_THE_INDEX = re.compile(

@@ -104,7 +104,7 @@ def _trust(command: object) -> None:
         raise UsageError(
             "--trust is of commands that have a campaign's folder", next_step="etude status FOLDER --trust."
         )
-    from etude.campaign.config_file import trust_campaign
+    from etude.campaign.record.config_file import trust_campaign
 
     trust_campaign(folder)
     _say(f"Trusted from now on, by you: code that the files in {folder} name.")

@@ -16,7 +16,7 @@ NEXT_STEP = "Install Étude into an environment of its own: python3 -m venv .ven
 def strangers() -> list[str]:
     """Other installed distributions whose files lie in the package `etude`: "etude-sdk 0.2.6".
 
-    The list of files (RECORD) tells, since the name of a distribution says nothing of the packages it installs.
+    The list of files (RECORD) tells, since the name of a distribution does not say which packages it has.
     """
     from importlib import metadata  # here: every command imports this module, few need it
 

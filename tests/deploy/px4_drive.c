@@ -37,8 +37,8 @@ int main(void)
         for (i = 0; i < 4; ++i)
             motors.control[i] = number();
         beside.nav_state = (uint8_t)number();
-        asked.timestamp = 1000000;
-        beside.now = asked.timestamp + (uint64_t)(1e6f * number());
+        asked.timestamp = 10000000000u;
+        beside.now = asked.timestamp + (uint64_t)(int64_t)(1e6f * number());
         beside.hover_thrust = number();
         beside.leans = (int)number();
         beside.decoupled = 1;

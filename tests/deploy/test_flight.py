@@ -204,6 +204,69 @@ def test_px4_without_a_set_point_it_fades_and_stopped_motors_stay(px4: Path) -> 
     np.testing.assert_allclose(found[80:, 1:5], 0.5, atol=1e-7)
 
 
+NORTH, EAST, DOWN = 8, 9, 10
+"""Columns of the acceleration; velocity stands three before, jerk three behind."""
+REJECTED = {
+    "no thrust": {DOWN: 8.0},
+    "thrust downwards": {DOWN: 30.0},
+    "far outside": {NORTH: 20.0},
+    "squares to infinity": {NORTH: 1e20},
+    "infinite over nothing": {NORTH: 1e20, DOWN: 9.81},
+    "infinite": {EAST: np.inf},
+    "fast": {NORTH - 3: 60.0},
+    "faster than squares": {NORTH - 3: 1e20},
+    "turns at once": {NORTH + 3: 1e30},
+    "nowhere": {2: np.nan},
+    "stamp of the future": {-3: -3600.0},
+    "stamp a little ahead": {-3: -0.05},
+}
+
+
+@pytest.fixture(scope="module")
+def fast_px4(model: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As some build firmware: comparisons with NaN then mean nothing."""
+    folder = tmp_path_factory.mktemp("fast")
+    build(folder, PX4, model, "vehicle_px4.c", "px4_stubs", "-O2", "-ffast-math")
+    return folder
+
+
+@pytest.mark.parametrize("hostile", list(REJECTED.values()), ids=list(REJECTED))
+def test_px4_of_a_rejected_set_point_nothing_is_added(
+    px4: Path, fast_px4: Path, hostile: dict[int, float]
+) -> None:
+    """What fades is the last good answer with the acceleration that it answered."""
+    rows = px4_rows(motion())
+    for column, value in hostile.items():
+        rows[60:, column] = value
+    left = 1.0 - np.minimum(20, np.arange(61)) * DT / FADE
+    for folder in (px4, fast_px4):
+        found = drive(folder, rows)
+        assert (found[60:, 0] != 0).all()
+        last = found[59, 1:5] - 0.5
+        assert np.abs(last).max() > 1e-3
+        np.testing.assert_allclose(found[59:, 1:5], 0.5 + left[:, None] * last, atol=2e-6)
+    rows[:, list(hostile)] = list(hostile.values())
+    np.testing.assert_allclose(drive(px4, rows)[:, 1:5], 0.5, atol=1e-7)
+
+
+@pytest.mark.parametrize("hover", [np.inf, -np.inf, np.nan, 3.0, -0.2])
+def test_px4_a_hover_thrust_that_is_none_is_the_models_own(px4: Path, fast_px4: Path, hover: float) -> None:
+    rows = px4_rows(motion())
+    rows[:, -2] = np.nan
+    wanted = drive(px4, rows)[:, 1:5]
+    assert np.isfinite(wanted).all()
+    rows[60:, -2] = hover
+    for folder in (px4, fast_px4):
+        np.testing.assert_allclose(drive(folder, rows)[:, 1:5], wanted, atol=1e-5)
+
+
+def test_px4_a_stamp_ahead_by_less_than_clocks_differ_is_no_fault(px4: Path) -> None:
+    rows = px4_rows(motion())
+    wanted = drive(px4, rows)
+    rows[:, -3] = -0.004
+    np.testing.assert_array_equal(drive(px4, rows), wanted)
+
+
 def test_px4_angular_acceleration_does_not_jump_over_a_gap(px4: Path) -> None:
     rows = px4_rows(motion())
     rows[60:100, 9] = np.nan
@@ -273,6 +336,27 @@ def test_a_crazyflies_heading_turns_the_world_and_old_set_points_fade(model: Any
         late = drive(tmp_path, other)[60:100]
         np.testing.assert_allclose(late[:, 1:5], np.tile(PID / 65535.0, (40, 1)), atol=2e-5)
         np.testing.assert_allclose(late[:, -2:], np.tile([1.0, 2.0], (40, 1)), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [(11, 1e20), (13, -9.0), (14, 1e30), (17, np.nan)],
+    ids=["slide", "drop", "jerk", "heading"],
+)
+def test_of_a_set_point_that_a_crazyflie_rejects_nothing_is_added(
+    dragged: Any, tmp_path: Path, column: int, value: float
+) -> None:
+    """Motors and lean go back evenly from what the last good one had."""
+    build(tmp_path, CRAZYFLIE, dragged, "controller_vehicle.c", "crazyflie_stubs")
+    rows = crazyflie_rows(motion())
+    rows[40:100, column] = value
+    found = drive(tmp_path, rows)[:100]
+    added = found[:, 1:5] - PID / 65535.0
+    lean = found[:, -2:] - [1.0, 2.0]
+    assert np.abs(lean[39]).max() > 0.5
+    left = (1.0 - np.minimum(20, np.arange(61)) * DT / FADE)[:, None]
+    np.testing.assert_allclose(lean[39:], left * lean[39], atol=1e-4)
+    np.testing.assert_allclose(added[39:], left * added[39], atol=2e-5)
 
 
 def test_a_crazyflie_leans_as_the_motion_and_the_drag_need(dragged: Any, tmp_path: Path) -> None:

@@ -24,11 +24,11 @@ from etude.deploy.onnx import target
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import ONNX, in_turn, taken_by
 from etude.errors import EtudeError, UsageError
-from etude.models.given import followed
+from etude.models.data.as_log import followed
 from etude.models.gp.exact import posterior_given
-from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Log
 
 for library in ("onnx", "onnxruntime"):
@@ -50,7 +50,7 @@ def mixed() -> LearnedModel:
 
 
 def fitted(model: LearnedModel, log: Any) -> Array:
-    from etude.models.linear import linear_inputs
+    from etude.models.selection.linear import linear_inputs
 
     X = linear_inputs(model.inputs, model.inputs.of_log(log))
     return np.asarray(np.linalg.lstsq(X, 0.2 * log["command"], rcond=None)[0])

@@ -137,6 +137,94 @@ def test_a_vehicle_that_is_elsewhere_gets_no_setpoint(
     assert "the motion begins at" in capsys.readouterr().err
 
 
+WAITS, FLIES = {"nav_state": 2, "arming_state": 2}, {"nav_state": 14, "arming_state": 2}
+THERE = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 0.0, "vy": 0.0, "vz": 0.0, "xy_valid": True, "z_valid": True}
+LOOKS = {"heading": 1.5, "heading_good_for_control": True}
+
+
+def told(*ticks: tuple[dict[str, int], dict[str, Any]]) -> Callable[[Ros], bool]:
+    """PX4's status and what differs of its position, tick by tick."""
+    left = iter(ticks)
+
+    def script(ros: Ros) -> bool:
+        found = next(left, None)
+        if found is not None and STATUS in ros.callbacks:
+            ros.callbacks["/fmu/out/vehicle_local_position"](Record(**{**THERE, **LOOKS, **found[1]}))
+            ros.callbacks[STATUS](Record(**found[0]))
+        return found is not None
+
+    return script
+
+
+@pytest.mark.parametrize(
+    ("look", "named"),
+    [
+        ({"heading": -1.6}, "turn it 178 deg clockwise"),
+        ({"heading": 2.5}, "turn it 57 deg anticlockwise"),
+        ({"heading": float("nan")}, "the nose points to nan"),
+        ({"heading_good_for_control": False}, "does not know its heading"),
+    ],
+)
+def test_a_vehicle_that_looks_elsewhere_gets_no_setpoint(
+    ros: Ros, setpoints: Any, look: Any, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """PX4 would turn it at once, half around at lift-off."""
+    ros.script = told((WAITS, look), (WAITS, look), (FLIES, look), (FLIES, look))
+    assert setpoints.main([]) == 1
+    assert north(ros) == []
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 2])
+def test_headings_are_angles(ros: Ros, setpoints: Any, turns: int) -> None:
+    look = {"heading": 1.4 + turns * 6.283185307}
+    ros.script = told(*[(WAITS, look)] * 2, *[(FLIES, look)] * 2)
+    assert setpoints.main([]) == 0
+    assert north(ros) == [1.0, 1.0, 1.0, 1.1]
+
+
+@pytest.mark.parametrize(
+    ("place", "named", "last"),
+    [
+        ({"x": 51.0}, "49.90 m from its set-point", 51.0),
+        ({"z": -1.5}, "1.50 m from its set-point", 1.0),
+        ({"xy_valid": False}, "does not know its position any more", 1.0),
+        ({"z_valid": False}, "does not know its position any more", 1.0),
+        ({"y": float("nan")}, "does not know its position any more", 1.0),
+    ],
+    ids=["far", "fallen", "no place", "no height", "nan"],
+)
+def test_a_vehicle_that_is_no_more_on_its_way_is_told_to_stay(
+    ros: Ros, setpoints: Any, place: Any, named: str, last: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A far set-point would have it cross the room, or, after a leap of the estimate, leave it."""
+    ros.script = told((WAITS, {}), (FLIES, {}), *[(FLIES, place)] * 9)
+    assert setpoints.main([]) == 1
+    assert named in capsys.readouterr().err
+    sent = [m for topic, m in ros.sent if topic == "/fmu/in/trajectory_setpoint"]
+    assert sent[-1].position[0] == last
+    assert len(sent) <= 3
+    if "x" in place or "z" in place:
+        assert [*sent[-1].position] == [{**THERE, **place}[name] for name in "xyz"]
+        assert [*sent[-1].velocity, *sent[-1].acceleration] == [0.0] * 6
+    ros.sent.clear()
+
+
+def test_how_far_it_may_get_can_be_said(ros: Ros, setpoints: Any) -> None:
+    ros.script = told((WAITS, {}), *[(FLIES, {"x": 2.5})] * 1)
+    assert setpoints.main(["--away", "5", "--tolerance", "2"]) == 0
+
+
+def test_offboard_mode_that_was_on_before_begins_nothing(
+    ros: Ros, setpoints: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another program flies it, or this one's last run, whose set-point is held."""
+    ros.script = told(*[(FLIES, {})] * 9)
+    assert setpoints.main([]) == 1
+    assert north(ros) == []
+    assert "in offboard mode already" in capsys.readouterr().err
+
+
 def test_a_pilot_who_takes_over_ends_the_motion(
     ros: Ros, setpoints: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
 from etude.errors import UsageError
-from etude.logs.extras import needed
+from etude.logs.readers.extras import needed
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 

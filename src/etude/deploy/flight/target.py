@@ -23,7 +23,7 @@ READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
     "specific_force": ("dot(x, push)", "dot(y, push)", "dot(z, push)"),
     "rates": ("rates[0]", "rates[1]", "rates[2]"),
-    "angular_acceleration": ("own->turning[0]", "own->turning[1]", "own->turning[2]"),
+    "angular_acceleration": ("next->turning[0]", "next->turning[1]", "next->turning[2]"),
     "body_velocity": ("dot(x, velocity)", "dot(y, velocity)", "dot(z, velocity)"),
     "body_acceleration": ("dot(x, acceleration)", "dot(y, acceleration)", "dot(z, acceleration)"),
     "battery_voltage": ("asked->battery",),
@@ -105,7 +105,7 @@ def _words(made: Files, target: str, rate: float) -> dict[str, str]:
         "F": "f" if single_precision else "",
         "MASK": "0x7f800000u" if single_precision else "0x7ff0000000000000u",
         "FILL": "\n".join(_fill(plan, "own->input", READS, "    ")),
-        "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "        ")),
+        "HOVER": "\n".join(_fill(plan, "hover", HOVERS, "    ")),
         "MOTORS": ", ".join(map(str, _motors(plan, target))),
         "RATE": f"{rate:.0f}",
     }

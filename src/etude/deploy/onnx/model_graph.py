@@ -11,9 +11,9 @@ import numpy as np
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
-from etude.logs.extras import needed
+from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
-from etude.models.parts import is_physical, level_of, rests_of
+from etude.models.selection.parts import is_physical, level_of, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs

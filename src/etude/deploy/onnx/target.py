@@ -14,7 +14,7 @@ from etude.deploy.onnx.graph import OPSET
 from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.deploy.states import labels, log_of, trained
 from etude.errors import EtudeError, UsageError
-from etude.logs.extras import needed
+from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
 from etude.models.trust import outside
 from etude.options import taken

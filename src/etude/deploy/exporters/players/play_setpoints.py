@@ -1,11 +1,13 @@
 """Sends setpoints.csv to PX4 in offboard mode, if the vehicle is where the motion begins and at rest.
 
-    python3 play.py [--tolerance 0.3] [--speed 0.2] [--wait 5]
+    python3 play.py [--tolerance 0.3] [--heading 15] [--speed 0.2] [--away 1.0] [--wait 5]
 
 Bring the vehicle to the first row of setpoints.csv (north, east, down of the local frame): it hovers there,
-or stands there if the motion begins with a take-off. Run this, arm, and switch to offboard mode while it says
-so; switch back at any time. It needs ROS 2 with rclpy, px4_msgs of the firmware's version (1.14 or newer) and
-PX4's uXRCE-DDS bridge; no package of Etude. The last row, which is at rest, is held until you take over.
+or stands there if the motion begins with a take-off. Its nose points as the row's yaw says. Run this, arm,
+and switch to offboard mode while it says so; switch back at any time. If the vehicle gets farther than --away
+from its set-point, or loses its position, the motion ends where the vehicle is. It needs ROS 2 with rclpy,
+px4_msgs of the firmware's version (1.14 or newer) and PX4's uXRCE-DDS bridge; no package of Etude. The last
+row, which is at rest, is held until you take over.
 """
 
 import argparse
@@ -23,6 +25,7 @@ RATE = 50.0  # Hz; offboard mode ends below 2
 PLACE, STATUS = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_status"
 VERSIONS = 9  # of messages, that names are tried for where px4_msgs does not say its own
 SILENT = 2.0  # s without a word, after which the vehicle is not known; its state comes twice a second
+AWAY = 1.0  # m: twice the margin that robots keep of their walls by default; within it tracking is no fault
 ARMED = 2  # VehicleStatus.ARMING_STATE_ARMED
 QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
@@ -55,7 +58,8 @@ class Player(Node):
     def __init__(self, rows, given):
         super().__init__("etude_player")
         self.rows, self.given = rows, given
-        self.place, self.velocity, self.offboard, self.armed = None, None, False, False
+        self.place, self.velocity, self.heading, self.good = None, None, None, True
+        self.offboard, self.armed, self.free = False, False, False
         self.heard = {"position": None, "status": None}
         self.begun, self.said, self.problem = None, None, ""
         self.started = self.now()
@@ -73,16 +77,19 @@ class Player(Node):
         return self.get_clock().now().nanoseconds * 1e-9
 
     def on_place(self, message):
-        """Where the vehicle is and how it moves; nowhere while the estimate does not hold."""
+        """Where the vehicle is, how it moves and where it looks; nowhere while the estimate does not hold."""
         valid = getattr(message, "xy_valid", True) and getattr(message, "z_valid", True)
         self.place = (message.x, message.y, message.z) if valid else None
         self.velocity = tuple(getattr(message, name, 0.0) for name in ("vx", "vy", "vz"))
+        self.heading = getattr(message, "heading", None)
+        self.good = getattr(message, "heading_good_for_control", True)
         self.heard["position"] = self.now()
 
     def on_status(self, message):
         """Whether the pilot has armed and switched to offboard mode."""
         self.offboard = message.nav_state == VehicleStatus.NAVIGATION_STATE_OFFBOARD
         self.armed = getattr(message, "arming_state", ARMED) == ARMED
+        self.free = self.free or not (self.offboard and self.armed)
         self.heard["status"] = self.now()
 
     def wrong(self):
@@ -96,7 +103,41 @@ class Player(Node):
         speed = math.hypot(*self.velocity)
         if not speed <= self.given.speed:
             return f"the vehicle moves at {speed:.2f} m/s, and the motion begins at rest"
-        return ""
+        return self.turned()
+
+    def turned(self):
+        """Why its heading is not that of the first set-point, or nothing: PX4 would turn at once."""
+        if not self.good:
+            return "the vehicle does not know its heading (heading_good_for_control is false)"
+        if self.heading is None:
+            return ""
+        asked = self.rows[0][10]
+        turn = asked - self.heading
+        off = math.degrees(math.remainder(turn, math.tau)) if math.isfinite(turn) else math.nan
+        if abs(off) <= self.given.heading:
+            return ""
+        return (
+            f"the nose points to {math.degrees(self.heading) % 360.0:.0f} deg, and the motion begins at "
+            f"{math.degrees(asked) % 360.0:.0f} deg (0 north, 90 east): turn it {abs(off):.0f} deg "
+            f"{'clockwise' if off > 0.0 else 'anticlockwise'} seen from above, by hand or with the yaw stick"
+        )
+
+    def strayed(self, row):
+        """Why the motion cannot go on, or nothing.
+
+        Where its place is known, the vehicle is told to stay there:
+        PX4 holds the last set-point until it leaves offboard mode (COM_OF_LOSS_T), and it may be far off.
+        """
+        if self.place is None or not all(map(math.isfinite, self.place)):
+            return "the vehicle does not know its position any more: nothing more is sent, take over"
+        away = math.dist(self.place, row[1:4])
+        if away <= self.given.away:
+            return ""
+        self.send([row[0], *self.place, *[0.0] * 6, row[10]], int(self.now() * 1e6))
+        return (
+            f"the vehicle is {away:.2f} m from its set-point, more than --away {self.given.away:g}: "
+            "it is told to stay where it is, nothing more is sent, take over"
+        )
 
     def silent(self, now):
         """A sentence if PX4 does not answer, or does not any more."""
@@ -123,6 +164,12 @@ class Player(Node):
             self.problem = "offboard mode ended: the pilot has the vehicle, nothing more is sent"
             return
         if self.begun is None:
+            if not self.free:
+                self.problem = (
+                    "the vehicle is armed and in offboard mode already: end what flies it, "
+                    "leave offboard mode, start this again, and switch to offboard mode when it says so"
+                )
+                return
             wrong = self.wrong()
             if wrong and self.offboard and self.armed:
                 self.problem = wrong
@@ -132,6 +179,9 @@ class Player(Node):
             self.begun = now if self.offboard and self.armed else None
         seconds = 0.0 if self.begun is None else now - self.begun
         k = min(int(seconds * RATE + 1e-6), len(self.rows) - 1)
+        self.problem = self.strayed(self.rows[k]) if self.begun is not None else ""
+        if self.problem:
+            return
         self.send(self.rows[k], int(now * 1e6))
         self.say(now, self.state(seconds, self.rows[k]))
 
@@ -142,8 +192,7 @@ class Player(Node):
         last = self.rows[-1][0]
         over = "over: the last set-point is held"
         what = f"playing {seconds:.0f} of {last:.0f} s" if seconds < last else over
-        away = math.nan if self.place is None else math.dist(self.place, row[1:4])
-        return f"{what}, {away:.2f} m from the set-point"
+        return f"{what}, {math.dist(self.place, row[1:4]):.2f} m from the set-point"
 
     def say(self, now, text):
         """One line a second."""
@@ -166,7 +215,11 @@ def main(arguments=None):
     """The exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tolerance", type=float, default=0.3, help="m at the start")
+    parser.add_argument("--heading", type=float, default=15.0, help="deg at the start")
     parser.add_argument("--speed", type=float, default=0.2, help="m/s at the start")
+    parser.add_argument(
+        "--away", type=float, default=AWAY, help="m from the set-point, at which the motion ends"
+    )
     parser.add_argument("--wait", type=float, default=5.0, help="s for PX4's first answer")
     given = parser.parse_args(arguments)
     rclpy.init()

@@ -98,8 +98,8 @@ static void ask(void)
         added[j] = more[j];
     /* the PID makes no attitude of accelerations: it is given one that lacks the lean of the set-point.
        Its pitch is positive nose up, against the right hand */
-    roll_offset = trust * asinf((float)own.axes[7]) * DEGREES;
-    pitch_offset = trust * atan2f((float)own.axes[6], (float)own.axes[8]) * DEGREES;
+    roll_offset = trust * asinf((float)own.good.axes[7]) * DEGREES;
+    pitch_offset = trust * atan2f((float)own.good.axes[6], (float)own.good.axes[8]) * DEGREES;
     found_at = now;
     taskEXIT_CRITICAL();
 }

@@ -14,6 +14,7 @@ typedef @NAME@_real real;
 
 #define GRAVITY R(9.81)
 #define SMOOTH_S R(0.02) /* time constant of the angular acceleration, which is a difference of rates */
+#define UNUSABLE (@UPPER@_NOT_A_NUMBER | @UPPER@_FAR | @UPPER@_NO_ANSWER)
 #define ROUNDS 3         /* of finding the motion's own acceleration: each leaves a tenth of the error */
 
 /* By bits, so that it holds under -ffast-math. */
@@ -37,12 +38,19 @@ static void turned(const real *world, real cosine, real sine, real *out)
     out[2] = world[2];
 }
 
+static int numbers(const real *values, int count)
+{
+    int i, known = 1;
+    for (i = 0; i < count; ++i)
+        known = known && is_number(values[i]);
+    return known;
+}
+
 static int complete(const @NAME@_setpoint *asked)
 {
-    int i, known = is_number(asked->altitude) && is_number(asked->yaw) && is_number(asked->battery);
-    for (i = 0; i < 3; ++i)
-        known = known && is_number(asked->velocity[i]) && is_number(asked->acceleration[i]);
-    return known && asked->followed && is_number(asked->age) && asked->age <= R(@UPPER@_OLD_S);
+    return is_number(asked->altitude) && is_number(asked->yaw) && is_number(asked->battery) &&
+           numbers(asked->velocity, 3) && numbers(asked->acceleration, 3) && asked->followed &&
+           is_number(asked->age) && asked->age <= R(@UPPER@_OLD_S);
 }
 
 void @NAME@_flight_init(@NAME@_flight *own)
@@ -69,56 +77,71 @@ static int accelerations(const real *velocity, const real *given, int leans, rea
     return sure;
 }
 
-/* What the model reads of a perfect flight, which leans against the drag. 0 where thrust is too small. */
-static int states_of(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt)
+/* What the model reads of a perfect flight, which leans against the drag. 0 where thrust is too small. All goes
+   into `next`: `own` keeps what belongs to the last answer that could be used. */
+static int states_of(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt, @NAME@_sample *next)
 {
     const real cosine = COS(asked->yaw), sine = SIN(asked->yaw);
-    real given[3], jerk[3], velocity[3], acceleration[3], push[3], rates[3], share;
-    const real *const x = own->axes, *const y = own->axes + 3, *const z = own->axes + 6;
+    real given[3], jerk[3], velocity[3], acceleration[3], push[3], share;
+    const real *const x = next->axes, *const y = next->axes + 3, *const z = next->axes + 6;
+    const real *const rates = next->rates;
     int i;
     turned(asked->acceleration, cosine, sine, given);
     turned(asked->velocity, cosine, sine, velocity);
     turned(asked->jerk, cosine, sine, jerk);
     for (i = 0; i < 3; ++i)
         jerk[i] = is_number(jerk[i]) ? jerk[i] : R(0.0);
-    if (!accelerations(velocity, given, asked->leans, acceleration, own->told) ||
-        !@NAME@_axes(velocity, acceleration, jerk, own->axes, rates))
+    if (!accelerations(velocity, given, asked->leans, acceleration, next->told) ||
+        !@NAME@_axes(velocity, acceleration, jerk, next->axes, next->rates))
         return 0;
     for (i = 0; i < 3; ++i)
         push[i] = acceleration[i] + (i == 2 ? GRAVITY : R(0.0));
     share = own->begun && dt > R(0.0) ? dt / (dt + SMOOTH_S) : R(0.0);
     for (i = 0; i < 3; ++i) {
+        next->turning[i] = own->good.turning[i];
         if (share > R(0.0))
-            own->turning[i] += share * ((rates[i] - own->rates[i]) / dt - own->turning[i]);
-        own->rates[i] = rates[i];
+            next->turning[i] += share * ((rates[i] - own->good.rates[i]) / dt - next->turning[i]);
     }
-    own->begun = 1;
     (void)push; /* a model may read the motion's own acceleration alone */
 @FILL@
     return 1;
 }
 
-unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt, real *extra)
+/* The flags of an answer; it is adopted whole, the acceleration that PX4 acts on and what the model says of it, or
+   not at all: one of them new and the other old are no pair, and their difference is no command. */
+static unsigned answered(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt)
 {
     real moving[@UPPER@_COMMANDS], still[@UPPER@_COMMANDS], hover[@UPPER@_INPUTS] = {R(0.0)};
-    unsigned flags = @UPPER@_NOT_A_NUMBER;
-    const real step = (dt > R(0.0) ? dt : R(0.0)) / R(@UPPER@_FADE_S);
+    @NAME@_sample next;
+    unsigned flags;
     int j;
-    if (complete(asked) && states_of(own, asked, dt)) {
+    if (!complete(asked) || !states_of(own, asked, dt, &next))
+        return @UPPER@_NOT_A_NUMBER;
 @HOVER@
-        flags = @NAME@_mean(&own->model, own->input, moving) | @NAME@_mean(&own->still, hover, still);
-        own->hover = R(0.0);
-        for (j = 0; j < @UPPER@_COMMANDS; ++j) {
-            own->extra[j] = moving[j] - still[j];
-            own->hover += still[j] / R(@UPPER@_COMMANDS);
-        }
-    } else {
-        own->begun = 0;
+    flags = @NAME@_mean(&own->model, own->input, moving) | @NAME@_mean(&own->still, hover, still);
+    next.hover = R(0.0);
+    for (j = 0; j < @UPPER@_COMMANDS; ++j) {
+        next.extra[j] = moving[j] - still[j];
+        next.hover += still[j] / R(@UPPER@_COMMANDS);
     }
-    own->trust += flags & (@UPPER@_NOT_A_NUMBER | @UPPER@_FAR | @UPPER@_NO_ANSWER) ? -step : step;
+    if (!numbers(next.extra, @UPPER@_COMMANDS) || !numbers(next.told, 3) || !numbers(next.axes, 9) ||
+        !numbers(next.turning, 3))
+        flags |= @UPPER@_NOT_A_NUMBER;
+    if (!(flags & UNUSABLE))
+        own->good = next;
+    return flags;
+}
+
+unsigned @NAME@_flight_ask(@NAME@_flight *own, const @NAME@_setpoint *asked, real dt, real *extra)
+{
+    const real passed = is_number(dt) && dt > R(0.0) ? dt : R(0.0), step = passed / R(@UPPER@_FADE_S);
+    const unsigned flags = answered(own, asked, passed);
+    int j;
+    own->begun = !(flags & UNUSABLE); /* no difference of rates over a gap */
+    own->trust += own->begun ? step : -step;
     own->trust = own->trust < R(0.0) ? R(0.0) : own->trust > R(1.0) ? R(1.0) : own->trust;
     for (j = 0; j < @UPPER@_COMMANDS; ++j)
-        extra[j] = own->trust * own->extra[j];
+        extra[j] = own->trust * own->good.extra[j];
     own->asked = 1;
     own->flags = flags;
     return flags;

@@ -2,13 +2,33 @@
 #include "@NAME@_px4.h"
 
 #include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #define QUARTER 1.5707963f /* yaw 0 looks north in PX4, and along x, east, in the model's world */
 #define GRAVITY 9.81f
 #define RATE @RATE@.0f /* Hz at which the model is asked; between, its last answer holds */
 #define OFFBOARD 14 /* vehicle_status: NAVIGATION_STATE_OFFBOARD */
 
+#define AHEAD_US 10000u /* what a synchronised clock may be off by: half of the time between two set-points */
+
 static const int motor_of[@UPPER@_COMMANDS] = {@MOTORS@};
+
+/* By bits, so that it holds under -ffast-math. */
+static int is_number(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return (bits & 0x7f800000u) != 0x7f800000u;
+}
+
+/* s; a stamp of the future is no age: of a computer whose clock nobody synchronised it would never become old. */
+static float age_of(uint64_t stamp, uint64_t now)
+{
+    if (stamp > now)
+        return stamp - now > AHEAD_US ? 2.0f * (float)@UPPER@_OLD_S : 0.0f;
+    return (float)(now - stamp) * 1e-6f;
+}
 
 /* (east, north, up) from (north, east, down), and back. */
 static void up(const float *ned, @NAME@_real *enu)
@@ -31,7 +51,8 @@ unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *
 {
     @NAME@_setpoint point;
     @NAME@_real extra[@UPPER@_COMMANDS];
-    float hover, known;
+    const float thrust = beside->hover_thrust;
+    float hover, known, more;
     unsigned flags = own->flags;
     int j;
     point.altitude = -asked->position[2];
@@ -40,19 +61,22 @@ unsigned @NAME@_px4_add(@NAME@_flight *own, const struct trajectory_setpoint_s *
     up(asked->jerk, point.jerk);
     point.yaw = QUARTER - asked->yaw;
     point.battery = beside->battery;
-    point.age = beside->now < asked->timestamp ? 0.0f : (float)(beside->now - asked->timestamp) * 1e-6f;
-    point.followed = beside->nav_state == OFFBOARD;
+    point.age = age_of(asked->timestamp, beside->now);
+    point.followed = beside->nav_state == OFFBOARD && is_number(asked->position[0]) && is_number(asked->position[1]);
     point.leans = beside->leans;
-    own->since += dt > 0.0f ? dt : 0.0f;
+    own->since += is_number(dt) && dt > 0.0f ? dt : 0.0f;
     if (!own->asked || own->since >= 0.999f / RATE) {
         flags = @NAME@_flight_ask(own, &point, own->since, extra);
         own->since = 0;
     }
-    hover = beside->hover_thrust > 0.0f ? beside->hover_thrust : (float)own->hover;
-    known = own->trust > 0 ? (float)own->trust * collective(own->told, hover, beside->decoupled) : 0.0f;
+    hover = is_number(thrust) && thrust > 0.0f && thrust <= 1.0f ? thrust : (float)own->good.hover;
+    known = own->trust > 0 ? (float)own->trust * collective(own->good.told, hover, beside->decoupled) : 0.0f;
     for (j = 0; j < @UPPER@_COMMANDS; ++j) {
         float *const control = &motors->control[motor_of[j]];
-        *control += (float)(own->trust * own->extra[j]) - known;
+        more = (float)(own->trust * own->good.extra[j]) - known;
+        if (!is_number(*control) || !is_number(more))
+            continue; /* stopped by PX4, or nothing to add */
+        *control += more;
         if (*control > 1.0f)
             *control = 1.0f;
         if (*control < 0.0f)

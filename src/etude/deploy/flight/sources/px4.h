@@ -15,7 +15,7 @@ extern "C" {
 typedef struct {
     uint64_t now;       /* us, hrt_absolute_time() */
     uint8_t nav_state;  /* of vehicle_status: only offboard mode (14) follows set-points from outside */
-    float hover_thrust; /* of hover_thrust_estimate, else MPC_THR_HOVER; NaN: the model's own */
+    float hover_thrust; /* of hover_thrust_estimate, else MPC_THR_HOVER; none of 0 to 1, or NaN: the model's own */
     float battery;      /* V, or 0 where the model does not read it */
     int leans;          /* 1: set-points that Etude wrote, which hold against the drag; 0: others */
     int decoupled;      /* MPC_ACC_DECOUPLE, 1 by default */
