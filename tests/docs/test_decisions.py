@@ -52,7 +52,7 @@ def test_the_index_says_the_same(record: Path) -> None:
 
 
 GONE = (
-    "contracts.py",
+    "protocols.py",
     "`contracts",
     "robots/arm",
     "robots/quadrotor",
