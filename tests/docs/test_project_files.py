@@ -1,4 +1,4 @@
-"""Files for people who join: recipes ask for what the package asks for, and CI runs the script everybody runs."""
+"""Files for people who join: recipes ask for what the package asks for, CI runs the script of everybody."""
 
 from __future__ import annotations
 
