@@ -1,4 +1,4 @@
-"""What a log of a flight may show beside units and ranges: ground, a position that jumps, another scale."""
+"""What a log of a flight may show beside units and ranges: ground, leaps, scales, sensors that disagree."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from etude.logs.checks.ground import CHECK, ground_finding, windows
 from etude.logs.checks.jump import jump_finding
 from etude.types import Finding, Log
+from etude_quadrotor.agreement import agreement_findings
 from etude_quadrotor.channels import PATH
 from etude_quadrotor.spec import QuadrotorSpec
 
@@ -19,7 +20,7 @@ HOVER = (0.5, 2.0)
 def findings(spec: QuadrotorSpec, log: Log) -> Sequence[Finding]:
     """Of each check, what it says of the flight."""
     jump = jump_finding(log, PATH, np.full(3, spec.speed))
-    return (_ground(spec, log), *_idle(log), jump, _scale(spec, log))
+    return (_ground(spec, log), *_idle(log), jump, *agreement_findings(spec, log), _scale(spec, log))
 
 
 def _idle(log: Log) -> tuple[Finding, ...]:

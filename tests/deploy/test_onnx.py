@@ -207,9 +207,9 @@ def test_what_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(UsageError, match="the physics object cannot be exported to ONNX"):
         parts_of(bare)
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(UsageError, match="--to onnx needs onnx") as problem:
+    with pytest.raises(UsageError, match="needs onnx, which is not installed") as problem:
         written_of(arm_model("exact", "ard_se", points=12), np.float64)
-    assert "pip install 'etude[onnx]'" in problem.value.next_step
+    assert "pip install 'onnx>=1.16'" in problem.value.next_step
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
     "generation": 0,
+    "distribution": 0,
     "trust": 0,
     "storage": 0,
     "threads": 0,

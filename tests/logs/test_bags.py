@@ -233,7 +233,7 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
         raise ModuleNotFoundError(f"No module named {name!r}")
 
     monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
-    with pytest.raises(UsageError, match=r"pip install 'etude\[ros\]'"):
+    with pytest.raises(UsageError, match=r"reading this log needs rosbags.* pip install 'rosbags>=0.10.9'"):
         bags_reader(folder)
 
 

@@ -192,5 +192,5 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
     from etude_quadrotor.logs.ulog import read_ulog
 
-    with pytest.raises(UsageError, match=r"pip install 'etude\[px4\]'"):
+    with pytest.raises(UsageError, match=r"pip install 'pyulog>=1.1'"):
         read_ulog(ulogs.write_ulog(tmp_path / "flight.ulg"))

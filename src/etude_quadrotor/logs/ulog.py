@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.readers.extras import needed
+from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.frames import raw_log
 from etude.types import Array, Log
 from etude_quadrotor.logs.ulog_airframe import STATUS, require_quadrotor
@@ -101,7 +101,7 @@ def _needed() -> list[str]:
 
 def _parsed(path: Path, topics: Sequence[str]) -> tuple[Any, bool]:
     """The file as pyulog reads it, and whether its end is missing; what pyulog prints is not shown."""
-    library = needed("pyulog", "px4", path)
+    library = needed("pyulog", READING, path)
     with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
         if file.read(len(MAGIC)) != MAGIC:
             raise DataError(

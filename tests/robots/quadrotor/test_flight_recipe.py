@@ -89,7 +89,7 @@ def test_a_vehicle_that_was_never_armed_is_refused() -> None:
 
 def test_a_vehicle_on_the_ground_or_of_another_scale_is_told() -> None:
     log = recorded(np.arange(600) / 100.0)
-    assert [f.light for f in findings(SPEC, log)] == ["green"] * 3
+    assert [f.light for f in findings(SPEC, log)] == ["green"] * 5
     ground = log.t < 2.0  # ten windows
     standing = {"rates": np.zeros(3), "specific_force": WEIGHT, "command": np.zeros(4)}
     landed = log

@@ -30,6 +30,7 @@ from etude.types import Finding, Log
 CHECKS = (
     *("time", "direction", "degrees", "velocity", "swapped", "sign", "scale", "gravity"),
     *(GROUND, BRAKE, JUMP),
+    *("gyroscope", "accelerometer", "motor_delay"),
 )
 """What may be accepted."""
 CUT: Mapping[str, Callable[[Log, Finding], Log]] = {

@@ -14,7 +14,7 @@ from etude.campaign.ingest.groups import known_groups, told_samples
 from etude.campaign.learn.expected_command_error import forecast
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
-from etude.campaign.record.state import Round, State
+from etude.campaign.record.state import UNMOVED, Round, State
 from etude.campaign.record.stored import (
     LEFT_OUT,
     LINEAR,
@@ -44,6 +44,9 @@ TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
 BLOCKS = 20
 """Parts of a log, some of which are held out."""
+STILL = 0.002
+"""Part of a coordinate's range, at most one turn of it, within which it stands: noise and play move more than
+nothing."""
 GAP_S = 0.5
 """s beside a block held out of the first answer to a proposal, in neither part: the filter spreads a command
 over about as much. Recordings have none: they are short, and their figures are those of the documentation.
@@ -154,6 +157,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         "chosen": label(ladder.chosen),
         "rungs": list(ladder.chosen),
         "calibrated": ladder.model.calibrated,
+        **_unmoved(campaign, samples),
         "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
         "recipe": _said(campaign, logs, samples),
         "inputs": {name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
@@ -164,6 +168,17 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
         with part(0.5):
             facts |= _held_out_of(campaign, number, rng, facts["warnings"], 0.0 if foreign else GAP_S)
     return Learned([path, left_out], facts)
+
+
+def _unmoved(campaign: Campaign, samples: Samples) -> dict[str, list[str]]:
+    """Commands of coordinates that stood still, where each coordinate has a command of its own."""
+    if campaign.command.parts != campaign.axes:
+        return {}
+    path = samples.log[campaign.kind.path]
+    low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+    width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
+    still = np.ptp(path, axis=0) < STILL * width
+    return {UNMOVED: np.array(campaign.axes)[still].tolist()} if still.any() else {}
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.edited import take_up
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.propose.proposal import proposed
 from etude.campaign.propose.proposal_constraints import Kept, kept_then
 from etude.campaign.propose.tracking import kept_now
 from etude.campaign.propose.visited import Swept, as_facts, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
+from etude.campaign.record.edited import take_up
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.history import seen_by_the_rule
 from etude.campaign.record.journal import Event, recorded, require_intact
@@ -273,10 +273,11 @@ def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError
     """Why an open proposal cannot be run as it is, and how to come by another."""
     asked = [e for e in campaign.events() if (e.event, e.number) == ("asked", number)]
     why = changed_since(campaign, asked, [name for e in asked for name in e.files])
+    confirm = "--confirm " * campaign.round(number).confirms
     return UnsafeTrajectoryError(
         f"trajectory {number}, which is open, is not proved{f' since {why}' if why else ''}: {problem.fact}",
         where=problem.where,
-        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} --new."
+        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} {confirm}--new."
         + (f" Or put back {why.removesuffix(' changed')} as it was." if why else ""),
     )
 

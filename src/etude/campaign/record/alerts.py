@@ -9,7 +9,7 @@ from typing import Any
 
 from etude.campaign.record.findings import kept_findings
 from etude.campaign.record.rounds import measured, summary
-from etude.campaign.record.state import CHANGED, Round, State
+from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
 from etude.models.data.insufficient_data import UNCERTAIN
 from etude.models.selection.selection_rule import TOO_FEW
 from etude.types import Finding
@@ -85,7 +85,8 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
                 "Do not use its deviations yet: tell another log, of motion like that which it is for.",
             )
         )
-    return [*found, *_of_errors(outputs, used, linear, where, f"{_then(scored)}, then in use")]
+    then = f"{_then(scored)}, then in use"
+    return [*found, *_of_errors(outputs, used, linear, where, then, _unmoved(state))]
 
 
 def _of_blocks(state: State, outputs: Sequence[str]) -> list[Finding]:
@@ -96,20 +97,45 @@ def _of_blocks(state: State, outputs: Sequence[str]) -> list[Finding]:
         return []
     nmse, chosen = blocks["nmse"], blocks["chosen"]
     where = f"on blocks of log {newest.number} that were held out"
-    return _of_errors(outputs, nmse.get(chosen) or [], nmse.get("linear regression") or [], where, chosen)
+    used, linear = nmse.get(chosen) or [], nmse.get("linear regression") or []
+    return _of_errors(outputs, used, linear, where, chosen, _unmoved(state))
+
+
+def _unmoved(state: State) -> list[str]:
+    """Outputs whose joints did not move in any log that was learned, as the newest training found."""
+    newest = (state.trained[-1].trained or {}) if state.trained else {}
+    return list(newest.get(UNMOVED, ()))
 
 
 def _of_errors(
-    outputs: Sequence[str], used: Sequence[Any], linear: Sequence[Any], where: str, chosen: str
+    outputs: Sequence[str],
+    used: Sequence[Any],
+    linear: Sequence[Any],
+    where: str,
+    chosen: str,
+    unmoved: Sequence[str],
 ) -> list[Finding]:
     """Outputs that a constant, or linear regression, would have predicted as well.
 
     Args:
         used, linear: nMSE of each output, of what is or was in use and of linear regression; None: unknown.
+        unmoved: outputs whose joints never moved: what is said of these is that.
     """
     useless = _named(outputs, used, lambda value, _: value >= NO_BETTER, linear)
-    beaten = _named(outputs, used, lambda value, other: value > BEATEN * other, linear)
+    beaten = _named(outputs, used, lambda value, other: BEATEN * other < value and other < NO_BETTER, linear)
+    still = [name for name in useless if name in unmoved]
+    useless, beaten = ([n for n in names if n not in unmoved] for names in (useless, beaten))
     found = []
+    if still:
+        found.append(
+            Finding(
+                "prediction",
+                "red",
+                f"{', '.join(still)}: it did not move in any log, so nothing was learned of it",
+                "Do not use this output yet: move it, as the motion that etude ask writes does, and tell "
+                "that log.",
+            )
+        )
     if useless:
         found.append(
             Finding(
@@ -125,10 +151,19 @@ def _of_errors(
                 "linear regression",
                 "yellow",
                 f"{', '.join(beaten)}: {where}, linear regression erred less than {chosen}",
-                'Tell another log; if it stays so, rung = "linear" in campaign.toml.',
+                _instead(used, linear),
             )
         )
     return found
+
+
+def _instead(used: Sequence[Any], linear: Sequence[Any]) -> str:
+    """What to do where linear regression errs less: it is chosen for all outputs or for none."""
+    pairs = list(zip(used, linear, strict=False))
+    better = all(u is not None and o is not None and o < min(u, NO_BETTER) for u, o in pairs)
+    if better and len(pairs) == len(used):
+        return 'Tell another log; if it stays so, rung = "linear" in campaign.toml.'
+    return "Tell another log: what errs least on it is chosen for each output."
 
 
 def coverages(scored: Round) -> list[float | None]:

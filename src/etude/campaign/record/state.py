@@ -10,6 +10,8 @@ from etude.campaign.record.journal import Event
 
 CHANGED = "changed robot"
 """The check whose red finding makes a log wait for an answer; see `campaign.changed`."""
+UNMOVED = "unmoved"
+"""Fact of a training: outputs whose joints stood still in all logs."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from etude.errors import DataError
-from etude.logs.readers.extras import needed
+from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.mcap_mend import check_chunks, is_cut, mend
 from etude.logs.readers.unpacking import LARGEST, PIECE, blocks_of, unpacked
 
@@ -37,7 +37,7 @@ def is_bag_folder(path: Path) -> bool:
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
     """The readers (`rosbags.rosbag2.Reader`) of a recording, and what was done to open them."""
-    rosbag2 = needed("rosbags.rosbag2", "ros", path)
+    rosbag2 = needed("rosbags.rosbag2", READING, path)
     with ExitStack() as stack:
         repairs: tuple[str, ...] = ()
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -97,7 +97,7 @@ def _count(path: Path, packing: bytes, data: bytes) -> None:
     if packing == b"zstd":
         unpacker = _zstd(path).ZstdDecompressor()
     elif packing == b"lz4":
-        unpacker = needed("lz4.frame", "ros", path).LZ4FrameDecompressor()
+        unpacker = needed("lz4.frame", READING, path).LZ4FrameDecompressor()
     else:
         return
     for _ in blocks_of(unpacker, data, path):
@@ -130,4 +130,4 @@ def _zstd(path: Path) -> Any:
     """Python's own, or the library that rosbags brings to older versions of Python."""
     import sys
 
-    return needed("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd", "ros", path)
+    return needed("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd", READING, path)

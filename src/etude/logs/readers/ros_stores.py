@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from etude.logs.readers.extras import needed
+from etude.logs.readers.extras import READING, needed
 from etude.logs.readers.ros_definitions import DEFINITIONS, LATER
 
 
@@ -14,7 +14,7 @@ class Stores:
     """What is known of message types: what the recording itself says of a topic, else ROS's own."""
 
     def __init__(self, path: Path) -> None:
-        self._typesys = needed("rosbags.typesys", "ros", path)
+        self._typesys = needed("rosbags.typesys", READING, path)
         self._known: dict[tuple[str, str], list[Any]] = {}
 
     def of(self, connection: Any) -> Any:

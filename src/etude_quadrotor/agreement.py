@@ -1,0 +1,297 @@
+"""Whether the instruments of a flight's log agree: gyroscope, accelerometer, attitude, position, motors.
+
+A rigid body's kinematics holds for any vehicle. Over a short time the attitude turns by the integral of the
+rates, and the second difference of the position is the specific force in the world, less gravity, under a
+triangular window. A log is doubted only where another reading of its columns (units, axes, order of the
+quaternion, frames) explains it much better than the one that its header states.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.logs.checks.words import accepted
+from etude.types import Array, Finding, Index, Log
+from etude_quadrotor.channels import AXES
+from etude_quadrotor.recorded import rotation
+from etude_quadrotor.spec import QuadrotorSpec
+from etude_quadrotor.vehicle import GRAVITY
+
+RATES, FORCE, DELAY = "gyroscope", "accelerometer", "motor_delay"
+"""The checks."""
+GRID = 100.0
+"""Hz on which logs are compared; attitudes and motors are slower."""
+TURN_S, MOVE_S = 0.1, 0.5
+"""s over which attitudes are differenced, and half the window of positions: long against noise and filters,
+short against a turn."""
+LEAST_S = 5.0
+LEAST_TURN, LEAST_PUSH = 0.01, 0.4
+"""rad and m/s^2 (rms) by which the stated reading has to be wrong: biases and offsets of sensors are less."""
+LIKE, BETTER = 0.5, 4.0
+"""Part of the motion that another reading may leave unexplained, and how much more the stated one leaves."""
+NEAR = 1.5
+"""Of the readings that leave no more than so much of the least, the one with fewest changes is named."""
+DEGREES = 180.0 / np.pi
+FRD, NED = np.diag([1.0, -1.0, -1.0]), np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+BIAS = 0.5
+"""m/s^2 of a constant difference that counts as a sensor's, or that of an attitude of 3 degrees."""
+OUTLIER = 30.0
+"""m/s^2: a leap of the position, not a flight."""
+LATE, SOON, SPAN = 0.25, -0.1, 1.5
+"""s by which motors act after their commands at most, propellers and filters included; looked for."""
+HEARD, CLEAR = 0.5, 1.5
+"""Correlation of commands and thrust from which their delay is told, and how much more of the thrust a delay
+that may be has to leave unexplained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Of some columns: what would be so, how many changes that takes, what it leaves unexplained."""
+
+    words: str
+    changes: int
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """On an even grid: rates, force (T, 3), quaternion (T, 4) w first and its rotation, position (T, 3)."""
+
+    step: float
+    rates: Array
+    force: Array
+    R_world_body: Array
+    quaternion: Array | None
+    position: Array | None
+
+
+def agreement_findings(spec: QuadrotorSpec, log: Log) -> tuple[Finding, ...]:
+    """Of each pair of instruments that the log has, whether they agree."""
+    found = [_delay(spec, log)]
+    flight = _flight(log)
+    if flight is not None:
+        found += [_turning(flight), _pushing(flight)]
+    return tuple(one for one in found if one is not None)
+
+
+def _flight(log: Log) -> Flight | None:
+    """None without an attitude, or of too short a log."""
+    R = rotation(log)
+    if R is None or log.t[-1] - log.t[0] < LEAST_S or not np.isfinite(R).all():
+        return None
+    t = np.arange(log.t[0], log.t[-1], 1.0 / GRID)
+    rows = np.clip(np.searchsorted(log.t, t), 0, len(log) - 1)
+
+    def at(values: Array) -> Array:
+        return np.column_stack([np.interp(t, log.t, column) for column in values.T])
+
+    return Flight(
+        1.0 / GRID,
+        at(log["rates"]),
+        at(log["specific_force"]),
+        _between(log.t, R, t),
+        log["orientation"][rows] if "orientation" in log else None,
+        at(log["position"]) if "position" in log else None,
+    )
+
+
+def _between(t: Array, R: Array, wanted: Array) -> Array:
+    """Rotations (n, 3, 3) at other times, on the shortest way."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    distinct = np.concatenate([[True], np.diff(t) > 0.0])
+    own = Slerp(t[distinct], Rotation.from_matrix(R[distinct]))(np.clip(wanted, t[0], t[distinct][-1]))
+    return np.asarray(own.as_matrix())
+
+
+def _attitudes(flight: Flight) -> Iterator[tuple[str, int, Array]]:
+    """Readings of the attitude: what is stated first."""
+    from scipy.spatial.transform import Rotation
+
+    yield "", 0, flight.R_world_body
+    yield "the attitude is that of the world in the body (the inverse)", 1, flight.R_world_body.swapaxes(1, 2)
+    if flight.quaternion is not None:  # w, x, y, z are in fact x, y, z, w
+        turned = np.asarray(Rotation.from_quat(flight.quaternion).as_matrix())
+        yield "the quaternion's parts are x, y, z, w, under a header that says w, x, y, z", 1, turned
+
+
+def _turning(flight: Flight) -> Finding | None:
+    """Rates against the turns of the attitude."""
+    span = round(TURN_S / flight.step)
+    said = _windowed(flight.rates, span)
+    found: list[Reading] = []
+    size = 0.0
+    for words, changes, R in _attitudes(flight):
+        turns = _vectors(R, span)
+        size = float(np.mean(np.sum(turns**2, axis=1)))
+        for unit, factor in (
+            ("", 1.0),
+            ("degrees per second", 1.0 / DEGREES),
+            ("57 times too small", DEGREES),
+        ):
+            for axes, turn in _signed():
+                left = float(np.mean(np.sum((turns - factor * said @ turn.T) ** 2, axis=1)))
+                parts = [
+                    words,
+                    f"the gyroscope is in {unit}" if unit else "",
+                    _axes("the gyroscope", axes, turn),
+                ]
+                count = changes + bool(unit) + _count(turn)
+                found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
+        if not words and np.sqrt(found[0].left * size) < LEAST_TURN:
+            return Finding(RATES, "green", "The gyroscope has the turns of the attitude.")
+    return _judged(RATES, found, "The gyroscope has not the turns of the attitude")
+
+
+def _vectors(R: Array, span: int) -> Array:
+    """(n, 3) rotation vectors in the body, from each row to that `span` later."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(np.einsum("tji,tjk->tik", R[:-span], R[span:])).as_rotvec())
+
+
+def _windowed(values: Array, span: int) -> Array:
+    """Integrals over `span` steps of the grid."""
+    whole = np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0) / GRID
+    whole = np.concatenate([np.zeros((1, values.shape[1])), whole])
+    return np.asarray(whole[span:] - whole[:-span])
+
+
+def _pushing(flight: Flight) -> Finding | None:
+    """Specific force in the world against the second difference of the position."""
+    if flight.position is None:
+        return None
+    span = round(MOVE_S / flight.step)
+    p = flight.position
+    moved = (p[2 * span :] - 2.0 * p[span:-span] + p[: -2 * span]) / MOVE_S**2
+    kept = np.isfinite(moved).all(axis=1) & (np.abs(moved) < OUTLIER).all(axis=1)
+    if kept.sum() < LEAST_S * GRID / 2:
+        return None
+    moved = moved[kept]
+    # vertical and level motion tell different things: each axis counts by what it moves
+    size = float(np.mean(np.sum((moved - moved.mean(axis=0)) ** 2, axis=1)))
+    found: list[Reading] = []
+    for words, changes, R in _attitudes(flight):
+        for frames, one, world, body in (
+            ("", 0, np.eye(3), np.eye(3)),
+            (
+                "the attitude is that of a body x forward, y right, z down in a world north, east, down",
+                1,
+                NED,
+                FRD,
+            ),
+            ("the attitude is that of a body x forward, y right, z down", 2, np.eye(3), FRD),
+        ):
+            for force, two, sense in (
+                ("", 0, np.eye(3)),
+                ("the accelerometer's axes are x forward, y right, z down", 1, FRD),
+                ("the accelerometer has the sign of gravity, -9.81 along z in hover", 1, -np.eye(3)),
+            ):
+                pushed = np.einsum("tij,tj->ti", world @ R @ body, flight.force @ sense.T)
+                pushed = _triangle(pushed - [0.0, 0.0, GRAVITY], span)[kept]
+                for axes, turn in _signed():
+                    off = moved @ turn.T - pushed
+                    off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
+                    left = float(np.mean(np.sum(off**2, axis=1)))
+                    parts = [words, frames, force, _axes("the position", axes, turn)]
+                    count = changes + one + two + _count(turn)
+                    found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
+        if not words and np.sqrt(found[0].left * size) < LEAST_PUSH:
+            return Finding(FORCE, "green", "The accelerometer has the motion of the position.")
+    return _judged(
+        FORCE, found, "The accelerometer, turned by the attitude, has not the motion of the position"
+    )
+
+
+def _triangle(values: Array, span: int) -> Array:
+    """Means under the triangle that a second difference has."""
+    weights = np.concatenate([np.arange(1, span + 1), np.arange(span - 1, 0, -1)]) / span**2
+    made = [np.convolve(column, weights, "valid") for column in values.T]
+    return np.column_stack(made)[: len(values) - 2 * span]
+
+
+def _signed() -> list[tuple[str, Array]]:
+    """The 48 ways to take axes for others, and their words, such as "y, x, -z"."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            words = ", ".join(("-" if s < 0 else "") + AXES[k] for k, s in zip(order, signs, strict=True))
+            found.append((words, turn))
+    return found
+
+
+def _count(turn: Array) -> int:
+    """Changes that axes take: the frames that people have are one."""
+    if np.array_equal(turn, np.eye(3)):
+        return 0
+    if any(np.array_equal(turn, known) for known in (FRD, NED)):
+        return 1
+    return 2 if np.linalg.det(turn) > 0.0 or (np.abs(np.trace(turn)) == 1.0 and (turn >= 0.0).all()) else 3
+
+
+def _axes(whose: str, axes: str, turn: Array) -> str:
+    """In words; nothing where they are as stated."""
+    if np.array_equal(turn, np.eye(3)):
+        return ""
+    names = {"x, -y, -z": "; x forward, y right, z down", "y, x, -z": "; north, east, down"}
+    return f"{whose} has ({axes}) where (x, y, z) is stated{names.get(axes, '')}"
+
+
+def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
+    """Red where another reading explains what the stated one does not."""
+    stated, best = found[0], min(found, key=lambda one: one.left)
+    if best.left > LIKE or stated.left < BETTER * best.left:
+        return Finding(check, "cannot tell", f"{fact} in all, and no other reading of the columns is better.")
+    near = [one for one in found if one.left < NEAR * best.left + 0.01]
+    named = min(near, key=lambda one: (one.changes, one.left))
+    if not named.changes:
+        return Finding(check, "green", f"{fact} in all, and no other reading of the columns is better.")
+    step = f"Correct the columns or their header; {accepted(check)}."
+    said = f"{fact} ({100.0 * min(stated.left, 99.0):.0f} % of it is unexplained). It has if {named.words}"
+    return Finding(check, "red", f"{said} ({100.0 * named.left:.0f} %).", step, flag=check)
+
+
+def _delay(spec: QuadrotorSpec, log: Log) -> Finding | None:
+    """Time from the motors' mean command to the force along the body's z."""
+    motors = np.array(spec.command_lower) >= 0.0
+    if not motors.all() or log.t[-1] - log.t[0] < 2.0 * LEAST_S:
+        return None
+    t = np.arange(log.t[0], log.t[-1], 1.0 / GRID)
+    asked = np.interp(t, log.t, log["command"].mean(axis=1))
+    pushed = np.interp(t, log.t, log["specific_force"][:, 2])
+    lags = np.arange(round(-SPAN * GRID), round(SPAN * GRID) + 1)
+    like = _correlations(_slow_removed(asked), _slow_removed(pushed), lags)
+    best = int(np.argmax(like))
+    # of any sign: an accelerometer may be upside down, which is not the clock's fault
+    usual = np.abs(like[(lags >= SOON * GRID) & (lags <= LATE * GRID)]).max()
+    lag = lags[best] / GRID
+    if like[best] < HEARD or SOON <= lag <= LATE or 1.0 - usual**2 < CLEAR * (1.0 - like[best] ** 2):
+        return None
+    way = f"{abs(lag):.2f} s {'before' if lag > 0.0 else 'after'}"
+    like_what = f"correlation {like[best]:.2f}, at most {usual:.2f} within {LATE:g} s"
+    fact = f"Motors stand {way} the thrust that they make ({like_what}): another clock, or another column."
+    step = f"Shift their column, or record all with one clock; {accepted(DELAY)}."
+    return Finding(DELAY, "red", fact, step, flag=DELAY)
+
+
+def _slow_removed(values: Array) -> Array:
+    """Less its mean over two seconds: weight and battery change slowly."""
+    width = round(2.0 * GRID)
+    mean = np.convolve(np.pad(values, width // 2, mode="edge"), np.ones(width) / width, "same")
+    return np.asarray(values - mean[width // 2 : width // 2 + len(values)])
+
+
+def _correlations(asked: Array, pushed: Array, lags: Index) -> Array:
+    """Of what is asked with what is pushed so many steps later."""
+    found = []
+    for lag in lags.tolist():
+        a = asked[max(0, -lag) : len(asked) - max(0, lag)]
+        b = pushed[max(0, lag) : len(pushed) - max(0, -lag)]
+        found.append(float(a @ b) / (float(np.linalg.norm(a) * np.linalg.norm(b)) + 1e-300))
+    return np.array(found)
