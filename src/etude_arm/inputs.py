@@ -17,7 +17,7 @@ from etude.errors import UsageError
 from etude.operators import Piece
 from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
-from etude_arm.spec import MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
+from etude_arm.spec import FRICTION, MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec
 
 FRICTION_SCALES = (1.0, 4.0, 16.0)
 """Multiples of v0 with a friction column each: a curve over speed; static may exceed kinetic friction.
@@ -52,6 +52,7 @@ class ArmInputs:
         play: (J,) half width that a position has to leave to count as motion. slow: (J,) v0 of e, rad/s.
         ways: (W, J) over which friction may turn round in physics, rad or m: perfect runs carry what it
             remembers then; None: they do not.
+        told: whether logs told the friction velocities.
     """
 
     channels: Mapping[str, Channel]
@@ -63,6 +64,7 @@ class ArmInputs:
     play: Array | None = None
     slow: Array | None = None
     ways: Array | None = None
+    told: bool = False
 
     def __post_init__(self) -> None:
         v0 = self.friction_velocity
@@ -242,6 +244,9 @@ class ArmInputs:
         """
         speed = np.abs(samples.log[self.names[1]])
         found = replace(self, stick_velocity=np.where(samples.moving, 0.0, speed).max(axis=0, initial=0.0))
+        v0 = samples.log.get(FRICTION)
+        if v0 is not None and self.friction_velocity is not None:
+            found = replace(found, friction_velocity=v0[0], told=True)
         if self.presliding is None:
             return found
         limit = np.array(self.channels[self.names[1]].reach)
@@ -252,6 +257,8 @@ class ArmInputs:
     def arrays(self) -> dict[str, Array]:
         """What `tuned` has set, to be stored with a model."""
         found = {"stick_velocity": self.stick_velocity}
+        if self.told and self.friction_velocity is not None:
+            found["friction_velocity"] = self.friction_velocity
         if self.presliding is not None and self.play is not None and self.slow is not None:
             found |= {"presliding": self.presliding, "play": self.play, "slow": self.slow}
         return found
@@ -259,6 +266,9 @@ class ArmInputs:
     def restore(self, arrays: Mapping[str, Array]) -> ArmInputs:
         """The same inputs with what `arrays` holds; a model without a memory has none."""
         found = replace(self, stick_velocity=np.asarray(arrays["stick_velocity"], dtype=float))
+        if "friction_velocity" in arrays:
+            v0 = np.asarray(arrays["friction_velocity"], dtype=float)
+            found = replace(found, friction_velocity=v0, told=True)
         if "play" not in arrays:
             return replace(found, presliding=None, play=None, slow=None)
         length, play, slow = (np.asarray(arrays[n], dtype=float) for n in ("presliding", "play", "slow"))

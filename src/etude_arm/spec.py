@@ -23,6 +23,8 @@ MEMORY = "friction_memory"
 """What friction remembers, in [-1, 1]: a state that samples carry, computed on the whole log."""
 TURNING = "friction_turning"
 """The same for each of the ways over which friction may turn round in identified physics."""
+FRICTION = "friction_speed"
+"""v0 over which friction turns over, rad/s or m/s: on every sample, where the logs tell it."""
 WAYS = (0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008)
 """rad (a tenth of it in m for a slide): those ways. Gears give by some mrad before they slip; the
 first stands for friction that turns round at once."""
@@ -170,6 +172,10 @@ class ArmSpec:
     def memory(self) -> Channel:
         """The channel of what friction remembers."""
         return Channel(MEMORY, self.names, ("1",) * self.dof)
+
+    def friction(self) -> Channel:
+        """The channel of v0 over which friction turns, where logs tell it."""
+        return Channel(FRICTION, self.names, tuple(f"{axis.unit}/s" for axis in self.axes))
 
     def turning(self) -> Channel:
         """The channel of what friction remembers by `WAYS`: all joints by the first, then by the next."""

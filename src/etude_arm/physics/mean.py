@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,7 +27,7 @@ from etude_arm.physics.rigid_body import (
     nominal_model,
 )
 from etude_arm.physics.transmission import Drive, Geometry
-from etude_arm.spec import FORCES, PATH, PLAN, TURNING, WAYS, ArmSpec
+from etude_arm.spec import FORCES, FRICTION, PATH, PLAN, TURNING, WAYS, ArmSpec
 
 FRICTION_FRACTION = 0.02
 """v0 of the friction terms as a part of the velocity limit, where the inputs have none."""
@@ -125,18 +125,20 @@ class ArmPhysics:
             return self._mean(nominal_model(*self._body))
         if samples is None:
             raise UsageError("an identified model needs samples", next_step="Tell a log first.")
-        return self._mean(self._fitted(samples, self._regressors(samples)))
+        own = self._told(samples)
+        return own._mean(own._fitted(samples, own._regressors(samples)))
 
     def without(self, samples: Samples, fold: Index) -> Mapping[int, Array]:
         """Capability `protocols.SupportsWithout`: samples are looked at once, not once for each fold."""
         if self.nominal:
             return dict.fromkeys(np.unique(fold).tolist(), self(None).predict(samples.log))
-        regressors = self._regressors(samples)
+        own = self._told(samples)
+        regressors = own._regressors(samples)
         found = {}
         for number in np.unique(fold).tolist():
             rest = fold != number
             with contextlib.suppress(DataError):
-                found[number] = self._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
+                found[number] = own._fitted(samples.take(rest), regressors.take(rest)).of(regressors)
         return found
 
     def restore(self, arrays: Mapping[str, Any]) -> RigidBodyMean:
@@ -153,6 +155,14 @@ class ArmPhysics:
     def regressors(self) -> tuple[BaseRegressor, ...]:
         """One per command: features of the inputs in which it is linear, weights N(0, 1) before any data."""
         return base_regressors(self.spec, *self._body)
+
+    def _told(self, samples: Samples) -> ArmPhysics:
+        """Itself, or with the friction velocities that the samples carry."""
+        v0 = samples.log.get(FRICTION)
+        if v0 is None:
+            return self
+        part = float(v0[0, 0] / self.friction_velocity[0])
+        return replace(self, friction_fraction=part * self.friction_fraction)
 
     @cached_property
     def _body(self) -> RigidBody:
