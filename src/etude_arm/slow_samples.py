@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.steps import slower
+from etude.logs.cleaning.filters import slower
 from etude.types import Array, Index, Mask, Samples
 from etude_arm.inputs import friction_speeds
 from etude_arm.physics.geometry import has_masses
