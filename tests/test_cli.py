@@ -15,9 +15,9 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign.folder import open_campaign
-from etude.campaign.learn import Learned
-from etude.campaign.proposals import stored_trajectory
+from etude.campaign.learn.training import Learned
+from etude.campaign.record.folder import open_campaign
+from etude.campaign.record.proposals import stored_trajectory
 from etude.commands import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
@@ -75,7 +75,7 @@ def stub_learning(monkeypatch: pytest.MonkeyPatch) -> None:
         facts |= {"chosen": "gp", "rungs": ["gp"] * len(low), "robot_seconds": 60.0, "moved": None}
         return Learned([], {"models": scores, **facts})
 
-    monkeypatch.setattr("etude.campaign.learn.learn_log", learn)
+    monkeypatch.setattr("etude.campaign.learn.training.learn_log", learn)
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
@@ -240,7 +240,7 @@ def test_an_unsafe_trajectory_is_4(
     def unsafe(*_: object) -> None:
         raise UnsafeTrajectoryError("position of joint 'waist' may reach 9")
 
-    monkeypatch.setattr("etude.campaign.ask.proposed", unsafe)
+    monkeypatch.setattr("etude.campaign.propose.ask.proposed", unsafe)
     code, found = run_json(capsys, "ask", str(lab), "--new")
     assert (code, found["error"]["kind"]) == (4, "UnsafeTrajectoryError")
     assert [p.name for p in (lab / "proposals").iterdir()] == ["0001"]
@@ -252,7 +252,7 @@ def test_an_interrupt_is_130(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("etude.campaign.ask.ask", interrupted)
+    monkeypatch.setattr("etude.campaign.propose.ask.ask", interrupted)
     code, found = run_json(capsys, "ask", str(lab))
     assert (code, found["error"]["kind"]) == (130, "Interrupted")
     assert "is kept" in found["error"]["fact"]
@@ -264,7 +264,7 @@ def test_a_bug_says_so(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("etude.campaign.status.status", broken)
+    monkeypatch.setattr("etude.campaign.evaluate.status.status", broken)
     code, found = run_json(capsys, "status", str(lab))
     assert (code, found["error"]["kind"]) == (1, "Bug")
     assert "ZeroDivisionError: oh" in found["error"]["fact"]
@@ -273,7 +273,7 @@ def test_a_bug_says_so(
 def test_a_second_writer_is_told(
     lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("etude.campaign.folder.WAIT_S", 0.0)
+    monkeypatch.setattr("etude.campaign.record.folder.WAIT_S", 0.0)
     with writer_lock(lab):
         code, found = run_json(capsys, "ask", str(lab))
         assert code == 2
@@ -301,7 +301,7 @@ def test_asking_loads_nothing_it_does_not_need(lab: Path, first: str) -> None:
     config.write_text(text.replace('first = "designed"', f'first = "{first}"'))
     code = (
         "import sys; from etude import cli; assert cli.main(sys.argv[1:]) == 0\n"
-        "heavy = {'etude.campaign.learn', 'mujoco', 'numba', 'plotly', 'polars'}\n"
+        "heavy = {'etude.campaign.learn.training', 'mujoco', 'numba', 'plotly', 'polars'}\n"
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
     )
     command = [sys.executable, "-c", code, "ask", str(lab), "--new"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign.folder import open_campaign
+from etude.campaign.record.folder import open_campaign
 from etude.commands import demonstration as demo
 from etude.commands.demo import Demo
 from etude.commands.parse import command

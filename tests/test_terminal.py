@@ -306,7 +306,7 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
     assert checks["gcc"]["light"] == checks["browser"]["light"] == "yellow"
     assert "extra test" not in checks
     ros = checks["extra ros"]
-    assert (ros["light"], ros["sentence"]) == ("yellow", "rosbags missing: pip install 'etude[ros]'")
+    assert (ros["light"], ros["sentence"]) == ("yellow", "rosbags missing: pip install 'rosbags>=1'")
     assert "thread" in checks["BLAS"]["sentence"]
 
 

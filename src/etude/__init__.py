@@ -8,24 +8,24 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _PLACES = {
-    "create_campaign": "etude.campaign.create",
-    "open_campaign": "etude.campaign.folder",
-    "ask": "etude.campaign.ask",
-    "tell": "etude.campaign.several",
-    "untell": "etude.campaign.untell",
-    "promote": "etude.campaign.promote",
-    "rollback": "etude.campaign.promote",
-    "watch": "etude.campaign.watch",
-    "status": "etude.campaign.status",
-    "simulate": "etude.campaign.simulate",
-    "read_log": "etude.campaign.reading",
-    "load_robot": "etude.campaign.create",
-    "load_model": "etude.campaign.stored",
-    "predict": "etude.campaign.predict",
-    "export": "etude.campaign.model_export",
+    "create_campaign": "etude.campaign.simulate.create",
+    "open_campaign": "etude.campaign.record.folder",
+    "ask": "etude.campaign.propose.ask",
+    "tell": "etude.campaign.ingest.ingest_many",
+    "untell": "etude.campaign.ingest.untell",
+    "promote": "etude.campaign.deployment.promote",
+    "rollback": "etude.campaign.deployment.promote",
+    "watch": "etude.campaign.deployment.monitor",
+    "status": "etude.campaign.evaluate.status",
+    "simulate": "etude.campaign.simulate.simulation",
+    "read_log": "etude.campaign.ingest.reading",
+    "load_robot": "etude.campaign.simulate.create",
+    "load_model": "etude.campaign.record.stored",
+    "predict": "etude.campaign.deployment.predict",
+    "export": "etude.campaign.deployment.model_export",
     "certify": "etude.limits.certificate",
 }
 PUBLIC = ("errors", "plugins", "progress", "protocols", "storage", "testing", "threads", "types")

@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Sequence
 
 from etude import __version__
+from etude.distribution import NEXT_STEP, conflict
 from etude.errors import EtudeError
 from etude.interrupt import INTERRUPTED, end_on_interrupt, ignore_from_now
 
@@ -63,6 +64,8 @@ def _guarded(given: list[str]) -> int:
         fact = f"the machine refused: {error.strerror or error}"
         return _report(as_json, "MachineError", fact, where, MACHINE, 1)
     except Exception as error:
+        if isinstance(error, ImportError | AttributeError) and (told := conflict()):
+            return _report(as_json, "MachineError", f"{error}: {told}", "", NEXT_STEP, 1)
         traceback.print_exc()
         fact = f"this is a bug in etude: {type(error).__name__}: {error}"
         return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
@@ -71,6 +74,8 @@ def _guarded(given: list[str]) -> int:
 def _run(given: list[str]) -> int:
     if given == ["--version"]:
         print(f"etude {__version__}", flush=True)
+        if told := conflict():
+            _say(f"Warning: {told}.\n{NEXT_STEP}")
         return 0
     from etude.commands import parse
     from etude.commands.outcome import to_json
@@ -99,7 +104,7 @@ def _trust(command: object) -> None:
         raise UsageError(
             "--trust is of commands that have a campaign's folder", next_step="etude status FOLDER --trust."
         )
-    from etude.campaign.config_file import trust_campaign
+    from etude.campaign.record.config_file import trust_campaign
 
     trust_campaign(folder)
     _say(f"Trusted from now on, by you: code that the files in {folder} name.")

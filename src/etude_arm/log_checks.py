@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.steps import median_rate
-from etude.logs.truth.brake import brake_finding
-from etude.logs.truth.mounting import mounting_finding
-from etude.logs.truth.seen import seen
+from etude.logs.checks.brake import brake_finding
+from etude.logs.checks.mounting import mounting_finding
+from etude.logs.checks.seen import seen
+from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
 from etude_arm.spec import COMMAND, PATH, ArmSpec
 

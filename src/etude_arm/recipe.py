@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import DataError, UsageError
-from etude.logs.steps import (
+from etude.logs.cleaning.filters import (
     auto_cutoff,
     duration,
     longest_stretch,

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from etude.logs.steps import slower
+from etude.logs.cleaning.filters import slower
 from etude.types import Array, Mask
 from etude_arm.spec import ArmSpec
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.models.given import carried
+from etude.models.data.as_log import carried
 from etude.models.model import LearnedModel
 from etude.protocols import Controller
 from etude.types import Array, Channel, Log, Motion, Row

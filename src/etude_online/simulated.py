@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.campaign.folder import Campaign
-from etude.campaign.stored import newest_model
-from etude.campaign.supplied import told_logs
+from etude.campaign.deployment.supplied import told_logs
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.stored import newest_model
 from etude.errors import UsageError
 from etude.protocols import Controller, Robot
 from etude_online.guard_effort import command_limits, feedback_of

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from etude.errors import DataError, UsageError
-from etude.logs.steps import command_lag, median_rate, sampled, saturated, trimmed, without_lag
+from etude.logs.cleaning.filters import command_lag, median_rate, sampled, saturated, trimmed, without_lag
 from etude.types import Array, Index, Log, Samples, joined_samples
 from etude_quadrotor.battery import slow_voltage
 from etude_quadrotor.inputs import Acceleration, QuadrotorInputs

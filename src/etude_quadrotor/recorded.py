@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.steps import median_rate, smooth, uniform
+from etude.logs.cleaning.filters import median_rate, smooth, uniform
 from etude.types import Array, Log
 from etude_quadrotor.channels import (
     ALTITUDE,

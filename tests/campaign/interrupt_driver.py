@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from etude import cli
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign
-from etude.campaign.journal import read_events
-from etude.campaign.motions import typical_motions
-from etude.campaign.state import replay
+from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import read_events
+from etude.campaign.record.state import replay
+from etude.campaign.simulate.create import create_campaign
 from etude.interrupt import INTERRUPTED
 from etude_arm import motions
 from etude_arm.plant import compiled
@@ -86,7 +86,7 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
-    import etude.campaign.simulate
+    import etude.campaign.simulate.simulation
     import etude.commands.parse
     import etude.design.solve  # noqa: F401
 

@@ -16,12 +16,12 @@ import numpy as np
 from small_robot import make_campaign, stub_learner
 
 from etude import storage
-from etude.campaign import ask as asking
-from etude.campaign import tell as telling
-from etude.campaign.abandon import abandon
-from etude.campaign.folder import Campaign
-from etude.campaign.journal import damaged_files, read_events
-from etude.campaign.motions import typical_motions
+from etude.campaign.ingest import tell as telling
+from etude.campaign.ingest.abandon import abandon
+from etude.campaign.propose import ask as asking
+from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import damaged_files, read_events
 from etude.types import Log
 
 CONFIG = "[trajectory]\nduration = 5.0\n[data]\ncutoff_hz = 5.0\n"
@@ -59,7 +59,7 @@ def one_session(campaign: Campaign, inbox: Path, done: int) -> None:
         real(path, line)
         os.write(done, b".")
 
-    import etude.campaign.journal as journal
+    import etude.campaign.record.journal as journal
 
     journal.append_line = acknowledged
     number = asking.ask(campaign, new=True, go_on=True, speed=50, learner=stub_learner).number

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign
-from etude.campaign.learn import Learned
-from etude.campaign.motions import typical_motions
-from etude.campaign.state import State
+from etude.campaign.learn.training import Learned
+from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import State
+from etude.campaign.simulate.create import create_campaign
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.types import Array
@@ -68,7 +68,7 @@ def stub_learner(campaign: Campaign, state: State, number: int) -> Learned:
 
 def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
     """A campaign of 12 s trajectories for the pair."""
-    from etude.campaign.folder import open_campaign
+    from etude.campaign.record.folder import open_campaign
 
     folder.mkdir(parents=True, exist_ok=True)
     robot = folder / "pair.toml"

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from small_robot import ROBOT, make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign.abandon import abandon
-from etude.campaign.ask import ask
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.journal import damaged_files
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.tell import tell
-from etude.campaign.told import Told
+from etude.campaign.ingest.abandon import abandon
+from etude.campaign.ingest.ingest_result import Told
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.journal import damaged_files
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.simulate.create import create_campaign
 from etude.errors import DataError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify
 
@@ -167,7 +167,7 @@ class TestAsk:
             good: Any = random_motion(campaign, 0)
             return dataclasses.replace(good, coefficients=2.0 * good.coefficients), {"gain": None}
 
-        monkeypatch.setattr("etude.campaign.ask.proposed", reckless)
+        monkeypatch.setattr("etude.campaign.propose.ask.proposed", reckless)
         with pytest.raises(UnsafeTrajectoryError):
             ask(campaign)
         assert not (campaign.path / "proposals").exists()

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, write_log
 
-from etude.campaign.ask import ask
-from etude.campaign.confirm import ask_to_confirm
-from etude.campaign.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
-from etude.campaign.export import export
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.kept import kept_then
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.simulate import simulate
-from etude.campaign.state import Round, State
-from etude.campaign.tell import tell
-from etude.campaign.tracking import kept_now, kept_under, seen_errors
-from etude.campaign.untell import untell
+from etude.campaign.evaluate.confirm import ask_to_confirm
+from etude.campaign.ingest.tell import tell
+from etude.campaign.ingest.untell import untell
+from etude.campaign.propose.ask import ask
+from etude.campaign.propose.export import export
+from etude.campaign.propose.proposal_constraints import kept_then
+from etude.campaign.propose.tracking import kept_now, kept_under, seen_errors
+from etude.campaign.record.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.state import Round, State
+from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.types import Array
@@ -229,7 +229,7 @@ def test_without_margins_nothing_is_said_of_controls(tmp_path: Path) -> None:
 
 def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) -> None:
     """Vehicles lean against the drag from the second flight on; an open proposal is flown as it was asked."""
-    from etude.campaign.create import create_campaign
+    from etude.campaign.simulate.create import create_campaign
 
     sky, _ = create_campaign(tmp_path / "sky", "quadrotor", seed=4)
     text = (sky.path / "campaign.toml").read_text()

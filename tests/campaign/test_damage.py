@@ -16,12 +16,12 @@ from small_robot import make_campaign, write_log
 from test_learning import CONFIG as LEARNING
 
 from etude import cli, storage
-from etude.campaign.ask import ask
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.stored import MODEL, newest_model
-from etude.campaign.tell import tell
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored import MODEL, newest_model
+from etude.campaign.simulate.create import create_campaign
 from etude.errors import DataError, UsageError
 from etude.models import store
 from etude.models.model import LearnedModel
@@ -283,7 +283,7 @@ def test_what_nobody_foresaw_is_the_machines_failing(
     def refuse(*_: object) -> None:
         raise OSError(errno.EIO, "Input/output error", "/dev/somewhere")
 
-    monkeypatch.setattr("etude.campaign.status.status", refuse)
+    monkeypatch.setattr("etude.campaign.evaluate.status.status", refuse)
     code, words = said(capsys, "status", str(lab))
     assert code == 1
     assert "The machine refused: Input/output error" in words

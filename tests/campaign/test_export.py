@@ -10,8 +10,8 @@ import pytest
 from small_robot import make_campaign, stub_learner
 
 from etude import plugins
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign
 from etude.errors import UsageError
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.groups import told_samples
-from etude.campaign.stored import load_model
-from etude.campaign.told import read
+from etude.campaign.ingest.groups import told_samples
+from etude.campaign.ingest.ingest_result import read
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.stored import load_model
 from etude.cli import main
-from etude.logs.log_file import write_log
+from etude.logs.readers.log_file import write_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "crazyflie"
 QUICK = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.foretold import (
+from etude.campaign.evaluate.expected_tracking_error import (
     HALF_NORMAL,
     SPREAD,
     errors,

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from etude.campaign.folder import Campaign
-from etude.campaign.history import POOLED, calibration_factor, seen_by_the_rule
-from etude.campaign.state import Round, State
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.history import POOLED, calibration_factor, seen_by_the_rule
+from etude.campaign.record.state import Round, State
 
 LIMITS = (20.0, 10.0)
 """Of hip and knee, N m."""

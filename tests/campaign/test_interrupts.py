@@ -91,7 +91,7 @@ def test_c_code_that_lets_it_in_with_an_error_pending() -> None:
 SILENT = """
 import os, signal
 from etude.interrupt import end_on_interrupt
-from etude.logs.frames import without_panics_on_screen
+from etude.logs.readers.frames import without_panics_on_screen
 end_on_interrupt("Over.")
 with without_panics_on_screen():
     os.kill(os.getpid(), signal.SIGINT)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.journal import Event, commit, damaged_files, read_events
-from etude.campaign.state import State, replay
+from etude.campaign.record.journal import Event, commit, damaged_files, read_events
+from etude.campaign.record.state import State, replay
 from etude.errors import UsageError
 
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from small_robot import command_of, make_campaign, random_motion, write_log
 
-from etude.campaign import learn as learning
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign
-from etude.campaign.groups import told_samples
-from etude.campaign.history import calibration_factor, seen_by_the_rule
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.status import status
-from etude.campaign.stored import MIXED, label, newest_model
-from etude.campaign.tell import tell
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.groups import told_samples
+from etude.campaign.ingest.tell import tell
+from etude.campaign.learn import training as learning
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.history import calibration_factor, seen_by_the_rule
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored import MIXED, label, newest_model
 from etude.errors import DataError, StopRuleReached
 
 CONFIG = """\
@@ -131,7 +131,7 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
     """Two copies of a campaign design the same trajectory, to the last bit."""
     import shutil
 
-    from etude.campaign.folder import open_campaign
+    from etude.campaign.record.folder import open_campaign
 
     texts = []
     for name in ("a", "b"):
@@ -145,7 +145,7 @@ def test_the_same_facts_ask_and_learn_the_same(learned: Campaign, tmp_path: Path
 def test_the_gain_of_the_designed_trajectory_can_stop(learned: Campaign, tmp_path: Path) -> None:
     import shutil
 
-    from etude.campaign.folder import open_campaign
+    from etude.campaign.record.folder import open_campaign
 
     shutil.copytree(learned.path, tmp_path / "lab")
     path = tmp_path / "lab" / "campaign.toml"

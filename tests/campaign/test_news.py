@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from small_robot import random_motion, write_log
 from test_stopping import CONFIG, OPEN, RULES, series
 
-from etude.campaign.folder import Campaign
-from etude.campaign.news import bad_news
-from etude.campaign.state import CHANGED, Round, State
-from etude.campaign.stopping import judge
+from etude.campaign.evaluate.stopping import judge
+from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
 from etude.cli import main
-from etude.models.choice import TOO_FEW
-from etude.models.short import UNCERTAIN
+from etude.models.data.insufficient_data import UNCERTAIN
+from etude.models.selection.selection_rule import TOO_FEW
 from etude.types import Finding
 
 OUTPUTS = ("hip", "knee")
@@ -120,6 +121,56 @@ def test_blocks_of_the_first_log_are_news_too(error: float | None, told: list[tu
     found = bad_news(of_blocks([0.1, error], [0.2, 0.95]), OUTPUTS, 2)
     assert [(f.check, f.light) for f in found] == told
     assert all(f.sentence.startswith("knee: on blocks of log 3 that were held out, ") for f in found)
+
+
+@pytest.mark.parametrize(
+    ("mixed", "linear", "step"),
+    [
+        ([0.3, 2.9], [0.2, 0.9], 'rung = "linear" in campaign.toml'),
+        ([0.1, 2.9], [0.2, 0.9], "is chosen for each output"),
+        ([None, 2.9], [0.2, 0.9], "is chosen for each output"),
+    ],
+)
+def test_linear_regression_is_advised_only_where_no_output_gets_worse(
+    mixed: list[float | None], linear: list[float], step: str
+) -> None:
+    (found,) = (f for f in bad_news(of_blocks(mixed, linear), OUTPUTS, 2) if f.check == "linear regression")
+    assert step in found.step
+
+
+def test_what_is_worse_than_a_constant_is_not_advised() -> None:
+    assert news(of_blocks([0.1, 2.9], [0.2, 1.05])) == [("prediction", "red")]
+
+
+def test_of_a_joint_that_did_not_move_that_is_said() -> None:
+    own = of_blocks([0.1, 2.9], [0.2, 0.5])
+    rounds = {3: replace(own.rounds[3], trained=own.rounds[3].trained | {UNMOVED: ["knee"]})}
+    (found,) = bad_news(State(rounds=rounds), OUTPUTS, 2)
+    assert (found.check, found.light) == ("prediction", "red")
+    assert "knee: it did not move" in found.sentence
+    assert "move it" in found.step
+
+
+def test_a_log_in_which_a_joint_stands_still_says_so_first(
+    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = pl.read_csv(write_log(tmp_path / "log.csv", random_motion(campaign, 1), 1, start=0.0))
+    joint = campaign.axes[-1]
+    still = [
+        pl.Series(name, np.full(len(frame), 0.3 if name.startswith(("q_", "position")) else 0.0))
+        for name in frame.columns
+        if joint in name and not any(word in name for word in ("tau", "command", "effort"))
+    ]
+    assert still
+    torques = [name for name in frame.columns if joint in name and name not in [s.name for s in still]]
+    held = [pl.Series(n, 0.1 * np.random.default_rng(1).standard_normal(len(frame))) for n in torques]
+    frame.with_columns(*still, *held).write_csv(tmp_path / "still.csv")
+    assert main(["tell", str(campaign.path), str(tmp_path / "still.csv"), "--foreign"]) == 0
+    capsys.readouterr()
+    assert main(["status", str(campaign.path)]) == 0
+    said = capsys.readouterr().out
+    assert f"RED: {joint}: it did not move in any log" in said.splitlines()[0]
+    assert 'rung = "linear"' not in said
 
 
 def test_a_later_log_that_answers_a_proposal_has_the_last_word_on_blocks() -> None:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.simulate import simulate
-from etude.campaign.status import status
-from etude.campaign.stored import load_model, newest_model
-from etude.campaign.tell import tell
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.stored import load_model, newest_model
+from etude.campaign.simulate.simulation import simulate
 from etude.errors import DataError
 
 FIXTURES = Path(__file__).parent / "fixtures"

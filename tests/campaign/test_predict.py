@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 import etude
-from etude.campaign.model_export import MARK, export, given
+from etude.campaign.deployment.model_export import MARK, export, given
 from etude.cli import main
 from etude.errors import EtudeError, UsageError
 from etude.options import taken

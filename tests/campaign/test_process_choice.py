@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from small_robot import make_campaign, random_motion, write_log
 
-from etude.campaign.ask import ask
-from etude.campaign.config_file import parse_config
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.status import status
-from etude.campaign.stored import newest_model
-from etude.campaign.tell import tell
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.config_file import parse_config
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored import newest_model
 from etude.errors import UsageError
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior

@@ -12,18 +12,18 @@ from small_robot import command_of, make_campaign, random_motion, write_log
 from test_changed_robot import CHANGES, write_changed
 from test_learning import CONFIG
 
-from etude.campaign.confirm import ask_to_confirm
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.foretold import SPREAD
-from etude.campaign.in_use import model_in_use, pinned
-from etude.campaign.journal import read_events
-from etude.campaign.predict import check_table, predict, write_table
-from etude.campaign.promote import promote, rollback
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.several import tell
-from etude.campaign.status import status
-from etude.campaign.stored import newest_model
-from etude.campaign.watch import watch
+from etude.campaign.deployment.monitor import watch
+from etude.campaign.deployment.predict import check_table, predict, write_table
+from etude.campaign.deployment.promote import promote, rollback
+from etude.campaign.evaluate.confirm import ask_to_confirm
+from etude.campaign.evaluate.expected_tracking_error import SPREAD
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.ingest_many import tell
+from etude.campaign.record.deployed_model import model_in_use, pinned
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.journal import read_events
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored import newest_model
 from etude.cli import main
 from etude.errors import DataError, UsageError
 from etude.progress import watched
@@ -153,10 +153,10 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert used.decision == "not decided"
     assert "the model in use, of log 5" in found.refused[0]
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.groups import told_samples
-    from etude.campaign.stored import LEFT_OUT
-    from etude.models.left_out import read_left_out
-    from etude.models.rows import in_order
+    from etude.campaign.ingest.groups import told_samples
+    from etude.campaign.record.stored import LEFT_OUT
+    from etude.models.data.cross_validation_residuals import read_left_out
+    from etude.models.data.rows import in_order
 
     left_out = read_left_out(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()

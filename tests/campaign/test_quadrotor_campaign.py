@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.campaign import loop as simulating
-from etude.campaign.ask import ask
-from etude.campaign.controls import asked_under
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import open_campaign
-from etude.campaign.groups import told_samples
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.simulate import simulate
-from etude.campaign.status import status
-from etude.campaign.stored import load_model
-from etude.campaign.tell import tell
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.groups import told_samples
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.controls import asked_under
+from etude.campaign.record.folder import open_campaign
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored import load_model
+from etude.campaign.simulate import loop as simulating
+from etude.campaign.simulate.create import create_campaign
+from etude.campaign.simulate.simulation import simulate
 from etude.errors import DataError, UsageError
 from etude.limits.certificate import certify
-from etude.logs.log_file import read_log_file, write_log
-from etude.models.linear import LinearPhysics
+from etude.logs.readers.log_file import read_log_file, write_log
+from etude.models.selection.linear import LinearPhysics
 
 QUICK = {
     "duration = 15.0": "duration = 12.0",

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign import learn as learning
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign
-from etude.campaign.learn import Learned
-from etude.campaign.rehearsed import SIMULATED
-from etude.campaign.simulate import simulate
-from etude.campaign.tell import tell
+from etude.campaign.ingest.simulated_logs import SIMULATED
+from etude.campaign.ingest.tell import tell
+from etude.campaign.learn import training as learning
+from etude.campaign.learn.training import Learned
+from etude.campaign.record.folder import Campaign
+from etude.campaign.simulate.create import create_campaign
+from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 
 LINK = (

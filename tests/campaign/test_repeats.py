@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.groups import told_samples
-from etude.campaign.learn import _scores
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.repeats import CHECK, planned_states, share_within
-from etude.campaign.status import status
-from etude.campaign.tell import tell
-from etude.campaign.told import Told
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.groups import told_samples
+from etude.campaign.ingest.ingest_result import Told
+from etude.campaign.ingest.repeats import CHECK, planned_states, share_within
+from etude.campaign.ingest.tell import tell
+from etude.campaign.learn.training import _scores
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.proposals import stored_trajectory
 from etude.commands.status import _lines as lines
-from etude.logs.log_file import read_log_file
+from etude.logs.readers.log_file import read_log_file
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json
 
@@ -116,7 +116,7 @@ def test_status_says_when_the_choice_no_longer_matters(told_once: tuple[Campaign
 def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajectory]) -> None:
     campaign, _ = told_once
     state = campaign.state()
-    from etude.campaign.status import _choice
+    from etude.campaign.evaluate.status import _choice
 
     one = replace(state.rounds[1], asked={"learned": 1, "choice": 0.3})
     before = replace(state.rounds[1], number=2, asked={"learned": 0, "choice": 0.9})

@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from small_robot import make_campaign, random_motion, stub_learner, write_log
 
-from etude.campaign.abandon import abandon
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.journal import damaged_files
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.several import ToldMany, tell
-from etude.campaign.state import replay
-from etude.campaign.status import status
-from etude.campaign.told import Told
-from etude.campaign.untell import untell
+from etude.campaign.evaluate.status import status
+from etude.campaign.ingest.abandon import abandon
+from etude.campaign.ingest.ingest_many import ToldMany, tell
+from etude.campaign.ingest.ingest_result import Told
+from etude.campaign.ingest.untell import untell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.journal import damaged_files
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.state import replay
 from etude.cli import main
 from etude.errors import DataError, UsageError
 
@@ -208,7 +208,7 @@ class TestUntell:
 def test_the_command_says_what_became_of_each(
     campaign: Campaign, mixed: list[Path], capsys: Any, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr("etude.campaign.learn.learn_log", stub_learner)
+    monkeypatch.setattr("etude.campaign.learn.training.learn_log", stub_learner)
     assert main(["tell", str(campaign.path), *map(str, mixed), "--json"]) == 3
     data = json.loads(capsys.readouterr().out)
     assert [file["outcome"].split(":")[0] for file in data["files"]][:3] == [

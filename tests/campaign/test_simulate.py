@@ -10,18 +10,18 @@ import polars as pl
 import pytest
 
 from etude import plugins
-from etude.campaign import ask as asking
-from etude.campaign import learn as learning
-from etude.campaign import loop as module
-from etude.campaign import tell as telling
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.learn import Learned
-from etude.campaign.loop import test_motions as motions_of
-from etude.campaign.motions import typical_motions
-from etude.campaign.several import tell
-from etude.campaign.simulate import simulate
-from etude.campaign.state import CHANGED
+from etude.campaign.ingest import tell as telling
+from etude.campaign.ingest.ingest_many import tell
+from etude.campaign.learn import training as learning
+from etude.campaign.learn.training import Learned
+from etude.campaign.propose import ask as asking
+from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.state import CHANGED
+from etude.campaign.simulate import loop as module
+from etude.campaign.simulate.create import create_campaign
+from etude.campaign.simulate.loop import test_motions as motions_of
+from etude.campaign.simulate.simulation import simulate
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits.certificate import certify

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.stop_config import StopConfig
-from etude.campaign.stopping import Evidence, judge
+from etude.campaign.evaluate.stopping import Evidence, judge
+from etude.campaign.record.stop_config import StopConfig
 from etude.errors import UsageError
 
 CONFIG = StopConfig(command_tolerance=0.02)

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from small_robot import make_campaign
 
-from etude.campaign.ask import ask
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.visited import NO_TIME, Swept, as_facts, reachable, swept, teaches_little, visited_by
+from etude.campaign.propose.ask import ask
+from etude.campaign.propose.visited import (
+    NO_TIME,
+    Swept,
+    as_facts,
+    reachable,
+    swept,
+    teaches_little,
+    visited_by,
+)
+from etude.campaign.record.proposals import stored_trajectory
 from etude.commands.ask import Ask
 from etude.protocols import Trajectory
 from etude.report.build import build_report

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from etude import plugins
-from etude.campaign.config import CampaignConfig, preset_config
-from etude.campaign.config_file import parse_config
+from etude.campaign.record.config import CampaignConfig, preset_config
+from etude.campaign.record.config_file import parse_config
 
 PAGE = (Path(__file__).parents[2] / "docs" / "thesis_settings.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from small_robot import make_campaign, stub_learner, write_log
 
-from etude.campaign.ask import ask
-from etude.campaign.folder import Campaign
-from etude.campaign.proposals import stored_trajectory
-from etude.campaign.tell import tell
-from etude.campaign.ways import pose_of
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.approach import pose_of
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.proposals import stored_trajectory
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.folder import open_campaign
+from etude.campaign.record.folder import open_campaign
 from etude.cli import main
 from etude.design.ways import there_and_back
 from etude.limits.certificate import certify

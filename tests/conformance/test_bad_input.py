@@ -17,9 +17,9 @@ from etude.models.gp.cholesky import JitterWarning, factorise
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.ladder import train_ladder
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
+from etude.models.selection.model_selection import train_ladder
 from etude.types import Array, Channel, Column, Log, Samples
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.downsampled import DownsampledGP

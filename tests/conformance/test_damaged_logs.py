@@ -14,7 +14,7 @@ pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 from damage import FORMATS
 
 from etude import plugins
-from etude.logs.readers import GROUP
+from etude.logs.readers.registry import GROUP
 
 SCRIPT = Path(__file__).with_name("damage.py")
 SHARES = {

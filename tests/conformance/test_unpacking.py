@@ -14,9 +14,9 @@ import polars as pl
 import pytest
 
 from etude.errors import DataError
-from etude.logs import unpacking
-from etude.logs.readers import read_raw
-from etude.logs.unpacking import unpacked
+from etude.logs.readers import unpacking
+from etude.logs.readers.registry import read_raw
+from etude.logs.readers.unpacking import unpacked
 from etude.storage import arrays_of, packed
 
 SMALL = 2**24

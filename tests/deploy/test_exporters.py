@@ -186,7 +186,7 @@ def test_px4_flies_north_east_down() -> None:
 
 
 def test_lerobot_s_reader_here_finds_the_motion(tmp_path: Any) -> None:
-    from etude.logs.lerobot import LerobotReader
+    from etude.logs.readers.lerobot import LerobotReader
 
     place, own = here("lerobot"), exporter("lerobot")
     motion = place.trajectory(1)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.config import preset_config
+from etude.campaign.record.config import preset_config
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
-from etude.models.ladder import train_ladder
+from etude.models.selection.model_selection import train_ladder
 from etude.progress import watched
 from etude_online import online_folder
 from etude_online.learner import OnlineConfig

@@ -24,11 +24,11 @@ from etude.deploy.onnx import target
 from etude.deploy.onnx.model_graph import parts_of, written
 from etude.deploy.onnx.target import ONNX, in_turn, taken_by
 from etude.errors import EtudeError, UsageError
-from etude.models.given import followed
+from etude.models.data.as_log import followed
 from etude.models.gp.exact import posterior_given
-from etude.models.linear import LinearPhysics
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Log
 
 for library in ("onnx", "onnxruntime"):
@@ -50,7 +50,7 @@ def mixed() -> LearnedModel:
 
 
 def fitted(model: LearnedModel, log: Any) -> Array:
-    from etude.models.linear import linear_inputs
+    from etude.models.selection.linear import linear_inputs
 
     X = linear_inputs(model.inputs, model.inputs.of_log(log))
     return np.asarray(np.linalg.lstsq(X, 0.2 * log["command"], rcond=None)[0])
@@ -207,9 +207,9 @@ def test_what_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(UsageError, match="the physics object cannot be exported to ONNX"):
         parts_of(bare)
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(UsageError, match="--to onnx needs onnx") as problem:
+    with pytest.raises(UsageError, match="needs onnx, which is not installed") as problem:
         written_of(arm_model("exact", "ard_se", points=12), np.float64)
-    assert "pip install 'etude[onnx]'" in problem.value.next_step
+    assert "pip install 'onnx>=1.16'" in problem.value.next_step
 
 
 @pytest.mark.slow

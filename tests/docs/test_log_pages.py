@@ -13,8 +13,8 @@ import pytest
 from test_docs import ROOT, blocks
 
 import etude
-from etude.campaign.config_file import CONFIG
-from etude.logs.usd_card import HEADERS
+from etude.campaign.record.config_file import CONFIG
+from etude_quadrotor.logs.usd_card import HEADERS
 
 
 def lines(page: Path) -> list[list[str]]:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
-from etude.campaign.ask import ask
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.tell import tell
+from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.simulate.create import create_campaign
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
 from etude.design.ways import there_and_back

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rotorpy", reason="rotorpy is not installed: pip install 'etude[test]'")
+pytest.importorskip("rotorpy", reason="rotorpy is not installed: pip install 'rotorpy>=2.1'")
 
 from flight_lab import exported, from_rest, learned_lab, run, table_of
 from onboard import onboard

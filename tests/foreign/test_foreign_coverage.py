@@ -18,10 +18,10 @@ pytest.importorskip("coal", reason="coal comes with pinocchio: pip install pin")
 from coverage_ruler import Ruler, ruler_of_campaign, swept
 from measure_coverage import file_of, measured, packages_of, robots
 
-from etude.campaign.ask import ask
-from etude.campaign.create import Part, create_campaign
-from etude.campaign.folder import open_campaign
-from etude.campaign.proposals import stored_trajectory
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.folder import open_campaign
+from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.simulate.create import Part, create_campaign
 from etude.protocols import Trajectory
 
 QUICK = 'kind = "arm"\n[design]\nrefine = 1\nsteps = 2\npoints = 15\nreference_points = 20\n'

@@ -14,8 +14,8 @@ from small_arm import campaign_of_small_arm
 from trajectory_controller import Parameters, Played, message_of, play
 
 from etude import plugins
-from etude.campaign.ask import Proposal, ask
-from etude.campaign.folder import Campaign
+from etude.campaign.propose.ask import Proposal, ask
+from etude.campaign.record.folder import Campaign
 
 pytestmark = pytest.mark.filterwarnings("error")
 NAMES = [name for name in plugins.names("etude.exporters") if name not in FLOWN]

@@ -13,9 +13,9 @@ import pytest
 from flights import RATE, Planned, asked, left, planned, proposed, robot_file, vehicle
 from px4_cascade import Body, fly, padded
 
-from etude.campaign.folder import open_campaign
+from etude.campaign.record.folder import open_campaign
 from etude.deploy.exporters.offboard import NED
-from etude.logs.tracked import tracked
+from etude.logs.alignment.tracked import tracked
 from etude.types import Channel, Log
 
 FEW, MANY, BATCH = 6, 500, 25

@@ -11,7 +11,7 @@ import pytest
 from flights import AFTER, BEFORE, RATE, rows_of
 from px4_cascade import fly, padded
 
-from etude.campaign.folder import open_campaign
+from etude.campaign.record.folder import open_campaign
 from etude.cli import main
 from etude.deploy.exporters.offboard import NED
 from etude.deploy.exporters.poly4d import POLY4D

@@ -27,6 +27,7 @@ KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
     "generation": 0,
+    "distribution": 0,
     "trust": 0,
     "storage": 0,
     "threads": 0,
@@ -267,9 +268,9 @@ def test_the_six_answers_of_the_contributing_page_are_true() -> None:
     for name, held in {
         "limits/library.py": "class AxisLimit",
         "limits/certificate.py": "def certify",
-        "campaign/stopping.py": "def judge",
-        "models/fit.py": "floor_of",
-        "logs/readers.py": "def read_raw",
+        "campaign/evaluate/stopping.py": "def judge",
+        "models/data/fit.py": "floor_of",
+        "logs/readers/registry.py": "def read_raw",
         "protocols.py": "class Kind(Protocol)",
     }.items():
         assert held in (SOURCE / name).read_text(encoding="utf-8"), name

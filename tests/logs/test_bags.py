@@ -13,10 +13,10 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
 from etude.errors import DataError, UsageError
-from etude.logs.fingerprint import bytes_of_log, sha256_of_log
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
-from etude.logs.ros_definitions import CONTROLLER_STATE, LATER
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.fingerprint import bytes_of_log, sha256_of_log
+from etude.logs.readers.registry import read_raw
+from etude.logs.readers.ros_definitions import CONTROLLER_STATE, LATER
 from etude.types import Log
 
 pytest.importorskip("rosbags", reason="bags need the extra 'ros'")
@@ -232,13 +232,13 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
     def gone(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}")
 
-    monkeypatch.setattr("etude.logs.extras.importlib.import_module", gone)
-    with pytest.raises(UsageError, match=r"pip install 'etude\[ros\]'"):
+    monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
+    with pytest.raises(UsageError, match=r"reading this log needs rosbags.* pip install 'rosbags>=0.10.9'"):
         bags_reader(folder)
 
 
 def bags_reader(folder: Path) -> None:
-    from etude.logs.bags import read_bag
+    from etude.logs.readers.bags import read_bag
 
     read_bag(folder)
 

@@ -10,10 +10,10 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs.columns import match_columns
-from etude.logs.controllers import doubles, plain
-from etude.logs.guess import guessed_channels
-from etude.logs.read import read_log
+from etude.logs.cleaning.read import read_log
+from etude.logs.columns.controllers import doubles, plain
+from etude.logs.columns.guess import guessed_channels
+from etude.logs.columns.matching import match_columns
 from etude.types import Log
 
 LOG = make_log()

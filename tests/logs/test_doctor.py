@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, at, make_log, with_values
 
 from etude.errors import DataError
-from etude.logs.doctor import increasing_rows
-from etude.logs.read import clean_log
-from etude.logs.steps import segments
-from etude.logs.units import start_at_zero
+from etude.logs.cleaning.filters import segments
+from etude.logs.cleaning.read import clean_log
+from etude.logs.cleaning.repairs import increasing_rows
+from etude.logs.columns.units import start_at_zero
 from etude.types import Channel, Log
 
 LOG = make_log()

@@ -14,9 +14,9 @@ import pytest
 from log_examples import FLIGHT_CHANNELS, FLIGHT_RATE, joint_channels
 
 from etude.errors import DataError
-from etude.logs.read import read_log
-from etude.logs.steps import command_lag, differentiated, median_rate, smooth, uniform
-from etude.logs.units import Limits
+from etude.logs.cleaning.filters import command_lag, differentiated, median_rate, smooth, uniform
+from etude.logs.cleaning.read import read_log
+from etude.logs.columns.units import Limits
 from etude.types import Array, Channel, Log
 
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ import pytest
 from log_examples import FLIGHT_CHANNELS, joint_channels
 
 from etude.errors import DataError
-from etude.logs.log_file import is_log_file, log_bytes, read_log_file, write_log
+from etude.logs.readers.log_file import is_log_file, log_bytes, read_log_file, write_log
 from etude.types import Channel, Log
 
 DATA = Path(__file__).parent / "data"

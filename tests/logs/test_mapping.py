@@ -11,11 +11,11 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs.frames import raw_log
-from etude.logs.mapping import LogConfig, mapped, mapping_text
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
-from etude.logs.units import read_time
+from etude.logs.cleaning.read import read_log
+from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
+from etude.logs.columns.units import read_time
+from etude.logs.readers.frames import raw_log
+from etude.logs.readers.registry import read_raw
 
 LOG = make_log()
 DEGREES = {f"q_{joint} [deg]": f"ActPos{k}" for k, joint in enumerate(JOINTS, 1)}

@@ -13,11 +13,11 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 from scipy.io import loadmat, savemat
 
 from etude.errors import DataError
-from etude.logs.mat4 import is_mat4, variables4
-from etude.logs.mat5 import variables
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
-from etude.logs.unpacking import Room
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.mat4 import is_mat4, variables4
+from etude.logs.readers.mat5 import variables
+from etude.logs.readers.registry import read_raw
+from etude.logs.readers.unpacking import Room
 from etude.types import Log
 
 LOG = make_log()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from alignment_cases import Case
 
-from etude.logs.overlap import CLEAR_OF_FEW, FEW, Overlap, allowed
-from etude.logs.starts import Plan
+from etude.logs.alignment.overlap import CLEAR_OF_FEW, FEW, Overlap, allowed
+from etude.logs.alignment.starts import Plan
 
 RATE, DURATION = 50.0, 30.0
 T = np.arange(0.0, DURATION, 1.0 / RATE)

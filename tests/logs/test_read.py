@@ -11,10 +11,10 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, RATE, columns_of, make_log, with_values, write_csv
 
 from etude.errors import DataError
-from etude.logs.cut import with_rest_told
-from etude.logs.log_file import log_bytes, write_log
-from etude.logs.read import read_log
-from etude.logs.units import Limits
+from etude.logs.cleaning.read import read_log
+from etude.logs.columns.units import Limits
+from etude.logs.readers.cut import with_rest_told
+from etude.logs.readers.log_file import log_bytes, write_log
 from etude.types import Log
 
 LOG = make_log()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from log_examples import make_log
 from scipy.signal import butter, sosfiltfilt
 
-from etude.logs.smoothing import (
+from etude.logs.cleaning.smoothing import (
     auto_cutoff,
     median_rate,
     motion_bands,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etude.errors import DataError
-from etude.logs.steps import (
+from etude.logs.cleaning.filters import (
     command_lag,
     differentiated,
     duration,

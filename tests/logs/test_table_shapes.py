@@ -10,9 +10,9 @@ import pytest
 from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
-from etude.logs.text_blocks import BLOCK
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.registry import read_raw
+from etude.logs.readers.text_blocks import BLOCK
 from etude.types import Log
 
 LOG = make_log()

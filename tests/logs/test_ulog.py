@@ -9,11 +9,11 @@ import pytest
 from log_examples import vector
 
 from etude.errors import DataError, UsageError
-from etude.logs.cut import cut_sentences
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
-from etude.logs.ulog import turned
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.cut import cut_sentences
+from etude.logs.readers.registry import read_raw
 from etude.types import Channel
+from etude_quadrotor.logs.ulog import turned
 
 pytest.importorskip("pyulog", reason="PX4 logs need the extra 'px4'")
 import ulog_examples as ulogs
@@ -189,8 +189,8 @@ def test_without_the_library_its_extra_is_named(tmp_path: Path, monkeypatch: pyt
     def gone(name: str) -> None:
         raise ModuleNotFoundError(f"No module named {name!r}")
 
-    monkeypatch.setattr("etude.logs.extras.importlib.import_module", gone)
-    from etude.logs.ulog import read_ulog
+    monkeypatch.setattr("etude.logs.readers.extras.importlib.import_module", gone)
+    from etude_quadrotor.logs.ulog import read_ulog
 
-    with pytest.raises(UsageError, match=r"pip install 'etude\[px4\]'"):
+    with pytest.raises(UsageError, match=r"pip install 'pyulog>=1.1'"):
         read_ulog(ulogs.write_ulog(tmp_path / "flight.ulg"))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.create import find_robot
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
+from etude.campaign.simulate.create import find_robot
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.registry import read_raw
 from etude.types import Index, Log, Samples
 from etude_quadrotor.inputs import QuadrotorInputs
 from etude_quadrotor.recipe import FlightData, flight_samples

@@ -10,8 +10,8 @@ from log_examples import vector
 from ulog_examples import EXAMPLES, loaded
 
 from etude.errors import DataError
-from etude.logs.read import read_log
-from etude.logs.readers import read_raw
+from etude.logs.cleaning.read import read_log
+from etude.logs.readers.registry import read_raw
 from etude.types import Channel
 
 MAKER = loaded(EXAMPLES / "crazyflie" / "make_usd.py")

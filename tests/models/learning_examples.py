@@ -10,11 +10,11 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.models.config import ModelConfig
-from etude.models.fit import Folds, fit_data, rows_of, units_of
-from etude.models.held_out import fold_numbers
-from etude.models.ladder import Ladder, train_ladder
+from etude.models.data.cross_validation import fold_numbers
+from etude.models.data.fit import Folds, fit_data, rows_of, units_of
+from etude.models.data.rows import in_order
 from etude.models.model import LearnedModel
-from etude.models.rows import in_order
+from etude.models.selection.model_selection import Ladder, train_ladder
 from etude.protocols import FitData
 from etude.types import Array, Channel, Column, Log, Samples, joined_samples
 

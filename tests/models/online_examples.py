@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.campaign.config import preset_config
+from etude.campaign.record.config import preset_config
 from etude.models.config import ModelConfig
-from etude.models.ladder import train_ladder
 from etude.models.model import LearnedModel
+from etude.models.selection.model_selection import train_ladder
 from etude.types import Log, Samples, joined_samples
 from etude_arm.kind import KIND
 from etude_arm.spec import ArmSpec, Axis

@@ -9,15 +9,15 @@ import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories, trajectory
 
 from etude.errors import UsageError
-from etude.models import averaging
-from etude.models.averaging import EXPONENT, LEAST, mixed, weighed
-from etude.models.candidates import REST_S, resting
 from etude.models.config import ModelConfig
 from etude.models.contracts import share_of
-from etude.models.fit import Folds
-from etude.models.ladder import train_ladder
-from etude.models.recipes import INVERTED, work_sign
-from etude.models.rungs import Learned
+from etude.models.data.fit import Folds
+from etude.models.selection import averaging
+from etude.models.selection.averaging import EXPONENT, LEAST, mixed, weighed
+from etude.models.selection.ensemble import REST_S, resting
+from etude.models.selection.member_configs import INVERTED, work_sign
+from etude.models.selection.model_selection import train_ladder
+from etude.models.selection.structures import Learned
 from etude.models.store import model_bytes, model_of
 
 BOTH = replace(SMALL, candidates=("default", "gip_lin"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.cause import alone, cause
+from etude.models.change.diagnosis import alone, cause
 
 
 class TestCause:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from etude.models.changed import (
+from etude.models.change.change_detection import (
     ALARM,
     FREEDOM,
     KAPPA2,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from learning_examples import PHYSICS, SMALL, commanded, ladder, trajectories, trajectory
 
-from etude.models.choice import _choice, _reference
-from etude.models.ladder import Ladder
-from etude.models.linear import linear_inputs, linear_weights
+from etude.models.selection.linear import linear_inputs, linear_weights
+from etude.models.selection.model_selection import Ladder
+from etude.models.selection.selection_rule import _choice, _reference
 from etude.types import Samples, joined_samples
 
 AUTO = replace(SMALL, rung="auto")

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import norm, ttest_1samp
 
 from etude.errors import DataError
-from etude.models.compared import (
+from etude.models.data.cross_validation_residuals import LeftOut, read_left_out
+from etude.models.selection.compared import (
     LEAST_SEGMENTS,
     NARROW,
     WIDE,
@@ -18,7 +19,6 @@ from etude.models.compared import (
     coverage,
     uncalibrated,
 )
-from etude.models.left_out import LeftOut, read_left_out
 
 
 def test_the_interval_is_students_t_of_the_mean_log_ratio() -> None:

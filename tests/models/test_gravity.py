@@ -9,8 +9,8 @@ import pytest
 from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, trajectories
 
 from etude.errors import UsageError
-from etude.models.fit import Folds
-from etude.models.held_out import fold_numbers
+from etude.models.data.cross_validation import fold_numbers
+from etude.models.data.fit import Folds
 from etude.models.model import LearnedModel
 from etude.models.store import load_model, save_model
 from etude.protocols import Candidate

@@ -9,16 +9,16 @@ import pytest
 from learning_examples import LIMIT, NAMES, SMALL, Inputs, commanded, samples_of, trajectories, trajectory
 
 from etude.errors import DataError, UsageError
-from etude.models.fit import Folds, rows_of
-from etude.models.held_out import (
+from etude.models.data.cross_validation import (
     block_masks,
     contiguous_blocks,
     fold_numbers,
     held_out_blocks,
     split_blocks,
 )
-from etude.models.linear import LinearPhysics, at_rest
-from etude.models.rows import in_order, seconds_of, spread_points
+from etude.models.data.fit import Folds, rows_of
+from etude.models.data.rows import in_order, seconds_of, spread_points
+from etude.models.selection.linear import LinearPhysics, at_rest
 from etude.types import Samples
 
 

@@ -9,8 +9,8 @@ import pytest
 from online_examples import CHANNELS, LIMITS, SMALL, SPEC, of_rung, trained
 
 from etude.errors import DataError, UsageError
-from etude.models.linear import LinearMean
 from etude.models.model import LearnedModel
+from etude.models.selection.linear import LinearMean
 from etude.types import Channel, Log, Motion
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.models.cause import SLOW, Cause, Expected, cause
-from etude.models.manner import block_sizes, manner
-from etude.models.stuck import STUCK_S, stuck
+from etude.models.change.diagnosis import SLOW, Cause, Expected, cause
+from etude.models.change.drift_onset import block_sizes, manner
+from etude.models.data.frozen_sensors import STUCK_S, stuck
 from etude.types import Array, Channel, Log, Samples
 
 RNG = np.random.default_rng(4)

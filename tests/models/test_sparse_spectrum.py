@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from etude.errors import DataError, NumericalError, UsageError
+from etude.models.data.cross_validation import contiguous_blocks
 from etude.models.gp.cholesky import JitterWarning
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.held_out import contiguous_blocks
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_sparse.spectral_features import SpectralFeatures, cosine_sine
 from etude_sparse.spectral_posterior import SparseSpectrumPosterior

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.config import preset_config
-from etude.campaign.config_file import config_text
-from etude.campaign.journal import commit
+from etude.campaign.record.config import preset_config
+from etude.campaign.record.config_file import config_text
+from etude.campaign.record.journal import commit
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
-from etude.logs.log_file import write_log
+from etude.logs.readers.log_file import write_log
 from etude.storage import write_atomic
 from etude.trajectories.family import FourierConfig, FourierFamily
 from etude.trajectories.fourier import FourierTrajectory

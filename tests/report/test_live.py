@@ -20,8 +20,8 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints
 from etude import cli
-from etude.campaign.abandon import abandon
-from etude.campaign.folder import open_campaign
+from etude.campaign.ingest.abandon import abandon
+from etude.campaign.record.folder import open_campaign
 from etude.errors import UsageError
 from etude.report.build import live_report
 from etude.report.live import HOST, MOST, PORT, Pages, digest_of, server

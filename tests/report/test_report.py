@@ -20,9 +20,9 @@ from synthetic_campaign import (
     write_campaign,
 )
 
-from etude.campaign.journal import commit
+from etude.campaign.record.journal import commit
 from etude.errors import UsageError
-from etude.logs.log_file import read_log_file, write_log
+from etude.logs.readers.log_file import read_log_file, write_log
 from etude.report import record as record_module
 from etude.report.build import CONTENTS, SECTIONS, build_report
 from etude.report.markup import number

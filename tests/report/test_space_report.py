@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from page import Page
 
-from etude.campaign.ask import ask
-from etude.campaign.chain import chained
-from etude.campaign.create import create_campaign
-from etude.campaign.folder import open_campaign
-from etude.campaign.journal import read_events
-from etude.campaign.simulate import simulate
-from etude.campaign.stored import stored_model
+from etude.campaign.propose.ask import ask
+from etude.campaign.record.chain import chained
+from etude.campaign.record.folder import open_campaign
+from etude.campaign.record.journal import read_events
+from etude.campaign.record.stored import stored_model
+from etude.campaign.simulate.create import create_campaign
+from etude.campaign.simulate.simulation import simulate
 from etude.report import curves
 from etude.report.build import CONTENTS, build_report
 from etude.report.forecasts import Forecast, forecast, newest_forecast
@@ -306,7 +306,7 @@ def test_a_real_vehicle_has_held_out_scores_and_its_newest_flight(copy: Path) ->
 
 
 def test_a_log_without_positions_says_so(copy: Path) -> None:
-    from etude.logs.log_file import read_log_file, write_log
+    from etude.logs.readers.log_file import read_log_file, write_log
 
     for number_ in (1, 2):
         path = copy / "runs" / f"{number_:04d}.parquet"

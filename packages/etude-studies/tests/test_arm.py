@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from etude.campaign.config_file import load_config
-from etude.campaign.folder import open_campaign
+from etude.campaign.record.config_file import load_config
+from etude.campaign.record.folder import open_campaign
 from etude.errors import UsageError
 from etude_studies import arm
 from etude_studies.arm import ARMS, Cell

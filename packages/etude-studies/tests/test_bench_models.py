@@ -14,7 +14,7 @@ from scipy.stats import norm
 from etude.commands.bench import Bench
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
-from etude.models.ladder import Ladder
+from etude.models.selection.model_selection import Ladder
 from etude_studies import (
     arm_accuracy,
     bench_models,

@@ -11,9 +11,9 @@ import pytest
 from etude.commands.bench import Bench
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
-from etude.models.held_out import split_blocks
-from etude.models.ladder import Ladder
+from etude.models.data.cross_validation import split_blocks
 from etude.models.score import figures
+from etude.models.selection.model_selection import Ladder
 from etude.types import Samples
 from etude_studies import real_accuracy, real_logs
 from etude_studies.external_logs import panda_log, sarcos_samples

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from etude.campaign.config_file import CONFIG
-from etude.campaign.folder import ROBOT, Campaign
-from etude.campaign.journal import ROBOT_SHA256, Event
+from etude.campaign.record.config_file import CONFIG
+from etude.campaign.record.folder import ROBOT, Campaign
+from etude.campaign.record.journal import ROBOT_SHA256, Event
 
 TAKE_UP = ("created", "edited", "asked", "told", "trained", "changed", "confirmed")
 """Events of `init`, `ask` and `tell`, beside `exported` of a proposal; other commands leave edits to them."""

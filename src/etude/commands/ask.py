@@ -15,11 +15,11 @@ from etude.commands.outcome import Outcome, Say, table
 from etude.errors import UsageError
 
 if TYPE_CHECKING:
-    from etude.campaign.ask import Proposal
-    from etude.campaign.export import Exported
-    from etude.campaign.folder import Campaign
-    from etude.campaign.visited import Swept
-    from etude.campaign.ways import Approached
+    from etude.campaign.propose.approach import Approached
+    from etude.campaign.propose.ask import Proposal
+    from etude.campaign.propose.export import Exported
+    from etude.campaign.propose.visited import Swept
+    from etude.campaign.record.folder import Campaign
     from etude.limits.certificate import Certificate
     from etude.types import Proof
 
@@ -63,7 +63,7 @@ class Ask(Common):
     """Ask although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.visited import as_facts
+        from etude.campaign.propose.visited import as_facts
 
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)
@@ -110,7 +110,7 @@ class Ask(Common):
 
     def _found(self, campaign: Campaign, say: Say) -> Proposal:
         if self.confirm:
-            from etude.campaign.confirm import ask_to_confirm
+            from etude.campaign.evaluate.confirm import ask_to_confirm
 
             if self.tasks or self.start or self.control or self.speed != 100:
                 raise UsageError(
@@ -118,7 +118,7 @@ class Ask(Common):
                     where="--confirm",
                 )
             return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
-        from etude.campaign.ask import ask
+        from etude.campaign.propose.ask import ask
 
         return ask(
             campaign,
@@ -236,7 +236,7 @@ def _sampled(certificate: Certificate) -> str:
 
 def _offered(campaign: Campaign) -> list[str]:
     """Where else robots of this kind stand, from which a way can be had too: the ground."""
-    from etude.campaign.ways import HOME, poses_of
+    from etude.campaign.propose.approach import HOME, poses_of
 
     names = [name for name in poses_of(campaign) if name != HOME]
     return [f"With take-off and landing, proved alike: the same with --from {name}." for name in names]

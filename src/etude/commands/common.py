@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from etude.campaign.folder import Campaign
+    from etude.campaign.record.folder import Campaign
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="The campaign folder.", metavar="FOLDER")]
 
@@ -27,7 +27,7 @@ class Common:
 
 def opened(folder: Path, say: Callable[[str], None]) -> Campaign:
     """The campaign in a folder; says what a reader of its campaign.toml should know."""
-    from etude.campaign.folder import open_campaign
+    from etude.campaign.record.folder import open_campaign
 
     campaign = open_campaign(folder)
     for note in campaign.notes:

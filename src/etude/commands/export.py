@@ -42,7 +42,7 @@ class Export(Common):
     targets."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.model_export import export, given
+        from etude.campaign.deployment.model_export import export, given
 
         campaign = opened(self.folder, say)
         options = given(

@@ -10,7 +10,7 @@ from etude.commands.common import Common, Folder
 from etude.commands.outcome import Outcome, Say
 
 if TYPE_CHECKING:
-    from etude.campaign.folder import Campaign
+    from etude.campaign.record.folder import Campaign
 
 
 HOLD = "--hold", "joint=position", "finger=0.02"
@@ -48,7 +48,7 @@ class Init(Common):
     """Folders to look for meshes in first, with their package's name or without."""
 
     def run(self, _: Say) -> Outcome:
-        from etude.campaign.create import Part, create_campaign
+        from etude.campaign.simulate.create import Part, create_campaign
         from etude.errors import UsageError
 
         if self.seed < 0:

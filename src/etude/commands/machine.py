@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 from etude import __version__
+from etude.distribution import NEXT_STEP, conflict
 
 SIGNS = {"green": "ok", "yellow": "none", "red": "WRONG"}
 TOOLS: Mapping[str, str] = {
@@ -55,13 +56,22 @@ def examined() -> list[Check]:
 def versions() -> list[Check]:
     """Of Étude, Python and every library that it needs."""
     system = f"{platform.system()} {platform.machine()}"
-    found = [Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}")]
+    found = [
+        Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}"),
+        *_name(),
+    ]
     for library in _needs(""):
         try:
             found.append(Check(library, "green", metadata.version(library)))
         except metadata.PackageNotFoundError:
             found.append(Check(library, "red", f"not installed: pip install {library}"))
     return found
+
+
+def _name() -> list[Check]:
+    """A red one where another distribution's files lie in the package."""
+    told = conflict()
+    return [Check("name", "red", f"{told}. {NEXT_STEP}")] if told else []
 
 
 def threads() -> list[Check]:
@@ -122,9 +132,11 @@ def extras() -> list[Check]:
     """Each extra with the one line that installs it."""
     found = []
     for extra in sorted(set(_stated("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
-        missing = [library for library in _needs(extra) if not _there(library)]
+        missing = [own for own in _requirements(extra) if not _there(_name_of(own))]
         if missing:
-            words = f"{', '.join(missing)} missing: pip install 'etude[{extra}]'"
+            # by the libraries' names: the extra's would fetch a stranger's package, docs/decisions/0048
+            asked = " ".join(f"'{own}'" for own in missing)
+            words = f"{', '.join(_name_of(own) for own in missing)} missing: pip install {asked}"
             found.append(Check(f"extra {extra}", "yellow", words))
         else:
             found.append(Check(f"extra {extra}", "green", ", ".join(_needs(extra))))
@@ -133,13 +145,22 @@ def extras() -> list[Check]:
 
 def _needs(extra: str) -> list[str]:
     """Libraries that the package asks for, of one extra or ("") always."""
+    return [_name_of(line) for line in _requirements(extra)]
+
+
+def _requirements(extra: str) -> list[str]:
+    """The same with their bounds, as pip takes them: "rosbags>=0.10.9"."""
     found = []
     for line in _stated("Requires-Dist"):
         own = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
-        name = re.match(r"[\w.-]+", line)
-        if name and (own[1] if own else "") == extra:
-            found.append(name[0])
+        if (own[1] if own else "") == extra:
+            found.append(line.partition(";")[0].replace(" ", ""))
     return found
+
+
+def _name_of(requirement: str) -> str:
+    named = re.match(r"[\w.-]+", requirement)
+    return named[0] if named else requirement
 
 
 def _stated(what: str) -> list[str]:

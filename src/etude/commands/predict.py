@@ -31,7 +31,7 @@ class Predict(Common):
     """The table's angles and rates are in degrees."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.predict import check_table, predict, write_table
+        from etude.campaign.deployment.predict import check_table, predict, write_table
 
         campaign = opened(self.folder, say)
         path = self.output or self.motion.with_name(f"{self.motion.stem}.commands.csv")

@@ -11,7 +11,7 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, table
 
 if TYPE_CHECKING:
-    from etude.campaign.promote import Promotion
+    from etude.campaign.deployment.promote import Promotion
 
 REFUSED = 3
 
@@ -29,8 +29,8 @@ class Promote(Common):
     """Why; needed with --force."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.known_faults import affected
-        from etude.campaign.promote import promote
+        from etude.campaign.deployment.promote import promote
+        from etude.campaign.record.known_faults import affected
         from etude.commands.status import faults
 
         campaign = opened(self.folder, say)

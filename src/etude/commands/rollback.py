@@ -17,7 +17,7 @@ class Rollback(Common):
     """Kept in the journal."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.promote import rollback
+        from etude.campaign.deployment.promote import rollback
 
         left, back = rollback(opened(self.folder, say), reason=self.reason)
         text = f"The model of log {left} is no longer in use; that of log {back} is."

@@ -14,9 +14,9 @@ from etude.commands.outcome import Outcome, Say, code_of, table
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from etude.campaign.loop import Adaptation
-    from etude.campaign.rounds import SimulatedRound
-    from etude.campaign.state import State
+    from etude.campaign.record.rounds import SimulatedRound
+    from etude.campaign.record.state import State
+    from etude.campaign.simulate.loop import Adaptation
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 """What the errors along the axes are called, by their unit."""
@@ -50,7 +50,7 @@ class Simulate(Common):
     """Then run a motion that is never trained on, without and with the learned feedforward."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.simulate import simulate, simulate_confirmation
+        from etude.campaign.simulate.simulation import simulate, simulate_confirmation
         from etude.errors import UsageError
 
         if self.rounds < 0:
@@ -94,7 +94,7 @@ def _next(folder: Path, state: State) -> str:
 
 def _confirmed(found: Mapping[str, Any]) -> str:
     """What both runs of the motion that confirms left."""
-    from etude.campaign.confirmed import SHOWN, in_words
+    from etude.campaign.ingest.confirmed import SHOWN, in_words
 
     none = [None] * len(found["axes"])
     rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]
@@ -148,7 +148,7 @@ def _table(baselines: dict[str, dict[str, float]], rounds: Sequence[SimulatedRou
 
 def _baselines(evaluated: Sequence[dict[str, Any]], axes: int) -> tuple[dict[str, dict[str, float]], str]:
     """Newest error by baseline and test, and its unit."""
-    from etude.campaign.rounds import measured, summary
+    from etude.campaign.record.rounds import measured, summary
 
     found: dict[str, dict[str, float]] = {}
     unit = ""

@@ -28,7 +28,7 @@ class Status(Common):
     folder: Folder
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.status import status
+        from etude.campaign.evaluate.status import status
 
         found = status(opened(self.folder, say))
         return Outcome("\n".join(_lines(found)), found)
@@ -158,7 +158,7 @@ def _model_in_use(found: Mapping[str, Any]) -> list[str]:
 
 def _confirmed(found: Mapping[str, Any]) -> list[str]:
     """Tracking errors of the motions that confirm, beside the forecast."""
-    from etude.campaign.confirmed import SHOWN, in_words
+    from etude.campaign.ingest.confirmed import SHOWN, in_words
 
     lines = []
     for one in found["confirmed"]:

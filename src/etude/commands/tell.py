@@ -12,8 +12,8 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, code_of
 
 if TYPE_CHECKING:
-    from etude.campaign.several import ToldFile, ToldMany
-    from etude.campaign.told import Told
+    from etude.campaign.ingest.ingest_many import ToldFile, ToldMany
+    from etude.campaign.ingest.ingest_result import Told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Tell(Common):
     or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.several import tell, tell_many
+        from etude.campaign.ingest.ingest_many import tell, tell_many
         from etude.errors import UsageError
 
         if not self.logs and not self.changed:

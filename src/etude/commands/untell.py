@@ -20,7 +20,7 @@ class Untell(Common):
     """Of the log."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.untell import untell
+        from etude.campaign.ingest.untell import untell
 
         changed = untell(opened(self.folder, say), self.number, say=say)
         text = f"Log {self.number} is taken back." if changed else "It was taken back before."

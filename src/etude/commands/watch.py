@@ -12,7 +12,7 @@ from etude.commands.common import Common, Folder, opened
 from etude.commands.outcome import Outcome, Say, code_of
 
 if TYPE_CHECKING:
-    from etude.campaign.watch import Watched, WatchedLog
+    from etude.campaign.deployment.monitor import Watched, WatchedLog
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Watch(Common):
     """Propose no motion where the robot has changed."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.watch import watch
+        from etude.campaign.deployment.monitor import watch
 
         found = watch(
             opened(self.folder, say),

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.models.model import LearnedModel
-from etude.models.parts import is_physical, level_of
+from etude.models.selection.parts import is_physical, level_of
 
 
 def fading(model: LearnedModel) -> str:

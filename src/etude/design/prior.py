@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.design.view import Latent
 from etude.models.config import ModelConfig
-from etude.models.fit import kernel_for
+from etude.models.data.fit import kernel_for
 from etude.models.gp.exact import posterior_given
 from etude.protocols import Inputs
 from etude.types import Array

@@ -1,4 +1,4 @@
 """From a file to a Log: readers, columns, units, the doctor, alignment, and the steps of every recipe."""
 
-PUBLIC = ("frames", "log_file", "mapping", "read", "readers", "steps", "tracked")
+PUBLIC = ()
 """Modules that may be used from outside."""

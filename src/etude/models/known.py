@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from etude.models.contracts import HasInputs
-from etude.models.parts import noise_of, outputs
+from etude.models.selection.parts import noise_of, outputs
 from etude.models.trust import known_in_training
 from etude.protocols import Candidate
 from etude.types import Array

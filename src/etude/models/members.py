@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from etude import plugins
+from etude.models.data.hyperparameters import columns, counted, initial_process, trained_process, weak
 from etude.models.gp.exact import columns_of
-from etude.models.hyperparameters import columns, counted, initial_process, trained_process, weak
 from etude.models.plugin_member import PluginMember
 from etude.models.process import Condition, Posteriors, Teaching, restored, taught
 from etude.protocols import FitData, Member, Posterior
@@ -68,7 +68,7 @@ def _exact(fit: FitData) -> Teaching:
     gp, every = trained_process(fit), counted(fit)
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, shared_outputs(gp), fit.kept)
-    from etude.models.induced import Induced
+    from etude.models.data.induced import Induced
 
     kept, points = fit.kept, min(fit.config.points, len(fit.kept))
     guided = kept[np.arange(points) * len(kept) // points]

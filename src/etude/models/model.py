@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.changed import FREEDOM
+from etude.models.change.change_detection import FREEDOM
 from etude.models.contracts import share_of
-from etude.models.given import Run, as_log, as_run
+from etude.models.data.as_log import Run, as_log, as_run
 from etude.models.known import known_of
-from etude.models.linear import at_rest
-from etude.models.parts import Means, is_physical, level_of, noise_of, outputs, rests_of
 from etude.models.prediction import Prediction
+from etude.models.selection.linear import at_rest
+from etude.models.selection.parts import Means, is_physical, level_of, noise_of, outputs, rests_of
 from etude.models.student_t import StudentT
 from etude.models.trust import outside, trusted
 from etude.progress import counted

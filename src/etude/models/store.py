@@ -17,13 +17,13 @@ from zipfile import BadZipFile
 import numpy as np
 
 from etude.errors import DataError
-from etude.models.changed import FREEDOM
+from etude.models.change.change_detection import FREEDOM
 from etude.models.contracts import Offered, share_of
-from etude.models.linear import LinearPhysics
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
-from etude.models.recipes import CANDIDATES
+from etude.models.selection.linear import LinearPhysics
+from etude.models.selection.member_configs import CANDIDATES
 from etude.models.student_t import StudentT
 from etude.protocols import Candidate, Inputs, Mean, Physics, Process
 from etude.storage import arrays_of, packed, write_atomic

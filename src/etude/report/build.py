@@ -6,9 +6,9 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from etude.campaign.config_file import CONFIG
-from etude.campaign.folder import ROBOT
-from etude.campaign.journal import JOURNAL
+from etude.campaign.record.config_file import CONFIG
+from etude.campaign.record.folder import ROBOT
+from etude.campaign.record.journal import JOURNAL
 from etude.report.live import INDEX, Pages, digest_of
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.rounds import summary
+from etude.campaign.record.rounds import summary
 from etude.report.markup import with_unit
 from etude.report.record import Facts, Record
 

@@ -7,7 +7,7 @@ from importlib import resources
 
 import numpy as np
 
-from etude.campaign.folder import Campaign
+from etude.campaign.record.folder import Campaign
 from etude.protocols import Trajectory
 from etude.report.curves import score, tests
 from etude.report.markup import Html

@@ -9,13 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etude.campaign.journal import JOURNAL, Event, read_events, recorded
-from etude.campaign.state import State, replay
+from etude.campaign.record.journal import JOURNAL, Event, read_events, recorded
+from etude.campaign.record.state import State, replay
 from etude.errors import EtudeError, UsageError
 from etude.storage import sha256_of
 
 if TYPE_CHECKING:
-    from etude.campaign.folder import Campaign
+    from etude.campaign.record.folder import Campaign
     from etude.protocols import Limit, Model, Trajectory
     from etude.types import Channel, Log
 
@@ -110,7 +110,7 @@ class Record:
 
     def model(self, number: int) -> Model | None:
         """The model in use after round `number`."""
-        from etude.campaign.stored import stored_model
+        from etude.campaign.record.stored import stored_model
 
         campaign = self.campaign
         if campaign is None:
@@ -141,7 +141,7 @@ def read_record(folder: Path) -> Record:
     Raises:
         UsageError: the folder is not a campaign's, or its journal was edited.
     """
-    from etude.campaign.folder import open_campaign
+    from etude.campaign.record.folder import open_campaign
 
     if not (folder / "campaign.toml").is_file() and not (folder / JOURNAL).is_file():
         raise UsageError(
@@ -181,6 +181,6 @@ def _proof(path: Path) -> Facts:
 
 
 def _log(path: Path) -> Log:
-    from etude.logs.log_file import read_log_file
+    from etude.logs.readers.log_file import read_log_file
 
     return read_log_file(path)

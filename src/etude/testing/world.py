@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.config import preset_config
+from etude.campaign.record.config import preset_config
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
 from etude.protocols import Family, Inputs, Kind, Limit, Trajectory

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.logs.truth.ground import ground_finding, windows, without_ground
+from etude.logs.checks.ground import ground_finding, windows, without_ground
 from etude.types import Array, Channel, Log
 
 RATE, SECONDS, G = 100.0, 40.0, 9.81

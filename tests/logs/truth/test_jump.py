@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.config import preset_config
-from etude.campaign.questions import Answers, Asked
-from etude.logs.smoothing import segments
-from etude.logs.truth.brake import without_spans
-from etude.logs.truth.jump import jump_finding
+from etude.campaign.ingest.questions import Answers, Asked
+from etude.campaign.record.config import preset_config
+from etude.logs.checks.brake import without_spans
+from etude.logs.checks.jump import jump_finding
+from etude.logs.cleaning.smoothing import segments
 from etude.types import Array, Channel, Finding, Log
 
 SECONDS, AT, TOP = 30.0, 17.3, np.full(3, 6.0)

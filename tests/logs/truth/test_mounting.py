@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, DRY, INERTIA, VISCOUS, moved
 
-from etude.campaign.inspecting import inspect
-from etude.logs.truth.mounting import mounting_finding
-from etude.logs.truth.seen import seen
+from etude.campaign.ingest.inspecting import inspect
+from etude.logs.checks.mounting import mounting_finding
+from etude.logs.checks.seen import seen
 from etude.types import Array, Finding
 
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, RATE, moved
 
-from etude.logs.truth import sign, swapped
-from etude.logs.truth.judge import commanded, judge_commands
-from etude.logs.truth.memory import memory
-from etude.logs.truth.seen import Seen
+from etude.logs.checks import sign, swapped
+from etude.logs.checks.judge import commanded, judge_commands
+from etude.logs.checks.memory import memory
+from etude.logs.checks.seen import Seen
 from etude.types import Array, Log
 
 SECONDS = 7.0

@@ -11,9 +11,9 @@ from made_motion import CHANNELS, COMMAND, GRAVITY, LIMITS, QD, RATE, Q, command
 from scipy.optimize import linear_sum_assignment
 
 from etude.errors import UsageError
-from etude.logs.truth import rates, scale, sign, swapped
-from etude.logs.truth.judge import commanded, judge_commands, judge_motion
-from etude.logs.truth.repairs import REPAIRS, repaired
+from etude.logs.checks import rates, scale, sign, swapped
+from etude.logs.checks.judge import commanded, judge_commands, judge_motion
+from etude.logs.checks.repairs import REPAIRS, repaired
 from etude.types import Array, Finding, Log
 
 

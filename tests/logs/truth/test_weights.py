@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_motion import COMMAND, QD, Q
 
-from etude.logs.truth import swapped
-from etude.logs.truth.judge import commanded, judge_commands
-from etude.logs.truth.seen import Seen
+from etude.logs.checks import swapped
+from etude.logs.checks.judge import commanded, judge_commands
+from etude.logs.checks.seen import Seen
 from etude.types import Array, Log
 
 SECONDS, RATE = 60.0, 50.0

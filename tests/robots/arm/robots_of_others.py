@@ -6,8 +6,8 @@ from pathlib import Path
 
 from loading_examples import bullet_robot, example_robot
 
-from etude.campaign.create import Part, create_campaign
-from etude.campaign.folder import Campaign, open_campaign
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.simulate.create import Part, create_campaign
 from etude_arm.spec import ArmSpec
 from etude_arm.urdf import spec_from_model
 

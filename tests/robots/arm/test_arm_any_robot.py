@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from robots_of_others import FILES, campaign_of, file_of, robot_of
 
-from etude.campaign.folder import Campaign
-from etude.campaign.simulate import simulate
-from etude.campaign.status import status
+from etude.campaign.evaluate.status import status
+from etude.campaign.record.folder import Campaign
+from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 from etude.report.build import build_report
 from etude.testing import RobotSuite

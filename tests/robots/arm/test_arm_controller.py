@@ -10,7 +10,7 @@ from arm_examples import Swing, simulated
 
 from etude.errors import NumericalError, UsageError
 from etude.models.config import ModelConfig
-from etude.models.ladder import train_ladder
+from etude.models.selection.model_selection import train_ladder
 from etude.models.trust import trusted
 from etude.types import Log, Motion
 from etude_arm.controller import ModelController, PerfectController

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.logs.read import read_log
+from etude.logs.cleaning.read import read_log
 from etude_arm.kind import KIND
 from etude_arm.recipe import ArmData, samples_of
 

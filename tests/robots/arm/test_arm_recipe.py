@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-from etude.logs.steps import duration
+from etude.logs.cleaning.filters import duration
 from etude.types import Log, Samples
 from etude_arm.kind import KIND
 from etude_arm.recipe import ArmData, samples_of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.predict import along
-from etude.models.given import followed
+from etude.campaign.deployment.predict import along
+from etude.models.data.as_log import followed
 from etude.types import Log, Motion, Samples
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import remembered, turning

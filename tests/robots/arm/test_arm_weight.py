@@ -13,8 +13,8 @@ from robots_of_others import robot_of
 from test_loading_arms import ARMS, Arm
 
 import etude
-from etude.campaign.ask import ask
-from etude.campaign.create import Part, create_campaign
+from etude.campaign.propose.ask import ask
+from etude.campaign.simulate.create import Part, create_campaign
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified

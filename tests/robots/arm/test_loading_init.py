@@ -9,7 +9,7 @@ from loading_examples import write
 from robots_of_others import FILES, file_of
 
 import etude
-from etude.campaign.create import Part, create_campaign
+from etude.campaign.simulate.create import Part, create_campaign
 from etude.cli import main
 from etude.errors import UsageError
 

@@ -9,7 +9,7 @@ import pytest
 from inverse_flights import SPEC, flown, log_with
 
 from etude.errors import DataError, UsageError
-from etude.logs.truth.ground import without_ground
+from etude.logs.checks.ground import without_ground
 from etude.types import Array, Log, Samples
 from etude_quadrotor.channels import ATTITUDE, ORIENTATION, POSITION, POSITION_DES, VELOCITY, command
 from etude_quadrotor.checks import findings

@@ -155,7 +155,7 @@ def test_the_family_of_the_thesis() -> None:
 
 
 def test_presets_lay_known_keys_over_the_defaults() -> None:
-    from etude.campaign.config import preset_config
+    from etude.campaign.record.config import preset_config
 
     default, thesis = (preset_config(KIND, name) for name in ("default", "thesis"))
     assert default.trajectory.start == "moving"

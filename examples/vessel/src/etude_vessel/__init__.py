@@ -15,7 +15,7 @@ import numpy as np
 from etude import types
 from etude.errors import UsageError
 from etude.limits.library import AxisLimit
-from etude.logs.steps import smooth
+from etude.logs.cleaning.filters import smooth
 from etude.protocols import Controller, Limit, Model, Trajectory
 from etude.toml_tables import decoded, from_table, read_text
 from etude.trajectories.family import FourierConfig, FourierFamily

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.models.config import ModelConfig
-from etude.models.fit import LARGEST_FLOOR
-from etude.models.linear import LinearPhysics
+from etude.models.data.fit import LARGEST_FLOOR
 from etude.models.score import score
+from etude.models.selection.linear import LinearPhysics
 from etude.protocols import Inputs
 from etude.types import Samples
 from etude_studies.model_cost import held_bytes, predict_seconds

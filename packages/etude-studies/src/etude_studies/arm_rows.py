@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.folder import Campaign, open_campaign
-from etude.campaign.rounds import measured
-from etude.campaign.stored import stored_model
-from etude.logs.log_file import read_log_file
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.rounds import measured
+from etude.campaign.record.stored import stored_model
+from etude.logs.readers.log_file import read_log_file
 from etude.models.score import score
 from etude_studies.rows import Row, mean_rows
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.held_out import near
-from etude.models.judged import Judged, judged
+from etude.models.change.judged import Judged, judged
+from etude.models.data.cross_validation import near
 from etude.progress import counted
 from etude.types import Index, Samples, joined_samples
 from etude_arm.recipe import filter_cutoff

@@ -16,12 +16,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from etude.campaign.questions import Answers, Asked, judged_commands
+from etude.campaign.ingest.questions import Answers, Asked, judged_commands
 from etude.errors import EtudeError
-from etude.logs.read import clean_log
-from etude.logs.truth.judge import judge_motion
-from etude.logs.truth.seen import seen
-from etude.logs.truth.words import Mendable
+from etude.logs.checks.judge import judge_motion
+from etude.logs.checks.seen import seen
+from etude.logs.checks.words import Mendable
+from etude.logs.cleaning.read import clean_log
 from etude.storage import write_atomic
 from etude.types import Finding, Log
 from etude_studies.engines.each import each

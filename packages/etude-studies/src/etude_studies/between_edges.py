@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.held_out import block_masks
+from etude.models.data.cross_validation import block_masks
 from etude.models.model import LearnedModel
 from etude.models.score import figures
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.changed import first_alarm
-from etude.models.judged import Judged, judged
+from etude.models.change.change_detection import first_alarm
+from etude.models.change.judged import Judged, judged
 from etude.progress import counted
 from etude.protocols import Trajectory
 from etude.storage import write_atomic

@@ -14,7 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.foretold import errors, left_over, moving, trained_speeds, without_it
+from etude.campaign.evaluate.expected_tracking_error import (
+    errors,
+    left_over,
+    moving,
+    trained_speeds,
+    without_it,
+)
 from etude.models.model import LearnedModel
 from etude.progress import counted
 from etude.protocols import Controller, Trajectory

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.campaign.stored import label
-from etude.logs.steps import median_rate, without_lag
+from etude.campaign.record.stored import label
+from etude.logs.cleaning.filters import median_rate, without_lag
 from etude.models.config import ModelConfig
-from etude.models.held_out import block_masks
-from etude.models.linear import LinearPhysics
+from etude.models.data.cross_validation import block_masks
+from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples
 from etude_quadrotor.recipe import common_lag
 from etude_quadrotor.recorded import on_even_grid, with_states

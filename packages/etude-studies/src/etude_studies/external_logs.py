@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.errors import DataError
-from etude.logs.read import clean_log
+from etude.logs.cleaning.read import clean_log
 from etude.types import Log, Samples
 from etude_arm.spec import ArmSpec, Axis
 from etude_studies.world import World

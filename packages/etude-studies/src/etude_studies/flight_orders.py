@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.config import preset_config
+from etude.campaign.record.config import preset_config
 from etude.errors import UsageError
 from etude.storage import write_atomic
 from etude.threads import threads_for

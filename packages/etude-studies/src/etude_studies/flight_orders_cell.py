@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.config import preset_config
+from etude.campaign.record.config import preset_config
 from etude.design.config import DesignConfig
 from etude.design.solve import design
 from etude.protocols import Trajectory

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.stored import label
+from etude.campaign.record.stored import label
 from etude.design.reference import reference_states
 from etude.models.gp.exact import ExactGP, ExactPosterior
-from etude.models.ladder import Ladder
 from etude.models.model import LearnedModel
 from etude.models.score import score_trajectories
+from etude.models.selection.model_selection import Ladder
 from etude.protocols import Trajectory
 from etude.types import Array, Log, Samples
 from etude_studies.flight_orders_world import World

@@ -11,8 +11,8 @@ import numpy as np
 
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, timid, uniform
-from etude.models.ladder import Ladder
 from etude.models.model import LearnedModel
+from etude.models.selection.model_selection import Ladder
 from etude.models.student_t import fit_student
 from etude.protocols import Family, Limit, Trajectory
 from etude.types import Array, Log

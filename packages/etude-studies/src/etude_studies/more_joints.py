@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from etude.design.solve import Design, design
-from etude.models.ladder import Ladder
+from etude.models.selection.model_selection import Ladder
 from etude.progress import counted
 from etude.storage import write_atomic
 from etude_studies.rows import Row, mean_rows, rows_json, table

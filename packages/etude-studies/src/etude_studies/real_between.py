@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.models.data.cross_validation import block_masks
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.fixed_inducing import FixedInducing
-from etude.models.held_out import block_masks
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.models.score import figures

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.held_out import block_masks
-from etude.models.linear import LinearPhysics
+from etude.models.data.cross_validation import block_masks
 from etude.models.score import figures
+from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Log, Samples, joined_samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log

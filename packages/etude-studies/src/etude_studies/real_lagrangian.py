@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.models.fit import Folds
-from etude.models.held_out import fold_numbers, near, split_blocks
+from etude.models.data.cross_validation import fold_numbers, near, split_blocks
+from etude.models.data.fit import Folds
 from etude.types import Array, Log, Samples
 from etude_arm.recipe import filter_cutoff
 from etude_lagrangian.member import all_lin

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import etude
-from etude.models.held_out import near, split_blocks
+from etude.models.data.cross_validation import near, split_blocks
 from etude.types import Log, Mask, Samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.world import World

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from etude.models.linear import linear_inputs
+from etude.models.selection.linear import linear_inputs
 from etude.protocols import Family
 from etude.testing.differences import same
 from etude.testing.family import FamilySuite

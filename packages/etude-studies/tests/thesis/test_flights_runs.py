@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from scipy.stats import norm, spearmanr
 
-from etude.campaign.config import CampaignConfig, preset_config
+from etude.campaign.record.config import CampaignConfig, preset_config
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
 from etude.types import Array

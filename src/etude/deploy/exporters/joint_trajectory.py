@@ -18,13 +18,14 @@ import numpy as np
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.knots import NANO, Knots, knots_of, require_joints
 from etude.errors import UsageError
-from etude.logs.extras import needed
+from etude.logs.readers.extras import needed
 from etude.protocols import Kind, Trajectory
 from etude.trajectories.splined import Splined
 
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
 FOLDER = "motion"
+WRITING = "writing a JointTrajectory"
 ORDERS = 3
 VERSIONS: Mapping[str, Literal[8, 9]] = {"mcap": 9, "sqlite3": 8}
 """Of metadata.yaml: MCAP as Jazzy and later write it; SQLite as Humble reads it too."""
@@ -49,7 +50,7 @@ class JointTrajectoryBag:
         """
         require_joints(kind, spec, "a JointTrajectory")
         knots = knots_of(what, kind, spec, ORDERS)
-        rosbag2 = needed("rosbags.rosbag2", "ros", Path(FOLDER))
+        rosbag2 = needed("rosbags.rosbag2", WRITING, Path(FOLDER))
         store = _store()
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / FOLDER
@@ -65,7 +66,7 @@ class JointTrajectoryBag:
         Raises:
             UsageError: there is no such message in it.
         """
-        rosbag2 = needed("rosbags.rosbag2", "ros", Path(FOLDER))
+        rosbag2 = needed("rosbags.rosbag2", WRITING, Path(FOLDER))
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / FOLDER
             folder.mkdir()
@@ -89,7 +90,7 @@ def played(points: Sequence[Any]) -> Splined:
 
 
 def _store() -> Any:
-    typesys = needed("rosbags.typesys", "ros", Path(FOLDER))
+    typesys = needed("rosbags.typesys", WRITING, Path(FOLDER))
     return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 

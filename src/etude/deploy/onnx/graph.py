@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from etude.errors import UsageError
 from etude.operators import Value
 
 OPSET = 17
@@ -93,14 +91,3 @@ class Graph:
         helper.set_model_props(made, dict(words))
         onnx.checker.check_model(made, full_check=True)
         return bytes(made.SerializeToString())
-
-
-def needed(module: str) -> Any:
-    """The library. UsageError that names the extra if it is not installed."""
-    try:
-        return import_module(module)
-    except ImportError as problem:
-        raise UsageError(
-            f"--to onnx needs {module}, which is not installed ({problem})",
-            next_step="Install it: pip install 'etude[onnx]'",
-        ) from None

@@ -8,11 +8,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from etude.deploy.onnx.graph import Graph, needed
+from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
+from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
-from etude.models.parts import is_physical, level_of, rests_of
+from etude.models.selection.parts import is_physical, level_of, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs
@@ -21,6 +22,7 @@ Term = tuple[Candidate, str, str]
 """A candidate, its commands and the latent variances of its process."""
 REMEMBERED = "memory"
 """The op of columns that remember, and the graph's input of what they do."""
+WRITING = "writing ONNX (--to onnx)"
 AFTER = "memory_after"
 """The graph's output of what is to be given in the next call."""
 
@@ -113,7 +115,7 @@ def written(
     Raises:
         UsageError: ONNX is not installed.
     """
-    needed("onnx")
+    needed("onnx", WRITING)
     graph, J = Graph(dtype), len(parts.model.commands)
     states = _channels(graph, parts, widths)
     x, physics, after = _drawn(graph, parts, states)

@@ -10,10 +10,11 @@ import numpy as np
 
 from etude.deploy.c99.names import identifier
 from etude.deploy.fading import fading
-from etude.deploy.onnx.graph import OPSET, needed
-from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, Parts, parts_of, written
+from etude.deploy.onnx.graph import OPSET
+from etude.deploy.onnx.model_graph import AFTER, REMEMBERED, WRITING, Parts, parts_of, written
 from etude.deploy.states import labels, log_of, trained
 from etude.errors import EtudeError, UsageError
+from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
 from etude.models.trust import outside
 from etude.options import taken
@@ -121,7 +122,7 @@ def session(data: bytes) -> Any:
 
 
 def _started(data: bytes) -> Any:
-    onnxruntime = needed("onnxruntime")
+    onnxruntime = needed("onnxruntime", WRITING)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])

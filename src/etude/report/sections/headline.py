@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.campaign.news import bad_news
+from etude.campaign.record.alerts import bad_news
 from etude.report.curves import (
     Array,
     Evaluation,

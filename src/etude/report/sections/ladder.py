@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.campaign.state import Round
+from etude.campaign.record.state import Round
 from etude.report.curves import Array, chosen_rung, rung_name, score, scored_rungs
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
 from etude.report.record import Facts, Record

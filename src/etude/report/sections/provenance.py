@@ -6,7 +6,7 @@ import platform
 from importlib import metadata
 from typing import Any
 
-from etude.campaign.state import Round
+from etude.campaign.record.state import Round
 from etude.report.markup import Html, element, join, missing, paragraph, section, table
 from etude.report.record import Record
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from etude.campaign.state import Round
+from etude.campaign.record.state import Round
 from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
 from etude.report.markup import Html, duration, missing, number, paragraph, section, table, with_unit
 from etude.report.record import Record

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.campaign.stored_files import changed_since
+from etude.campaign.record.stored_files import changed_since
 from etude.protocols import Limit, Trajectory
 from etude.report.markup import (
     Html,

@@ -1,0 +1,180 @@
+"""watch: incoming logs of any motion against the model in use. Nothing is told or learned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from etude.campaign.ingest.ingest_result import read
+from etude.campaign.ingest.questions import Answers, Asked, answers_of
+from etude.campaign.ingest.robot_changed import CAUSES, KINDS
+from etude.campaign.propose.ask import Proposal, ask
+from etude.campaign.record.deployed_model import InUse, model_in_use
+from etude.campaign.record.folder import Campaign, Say
+from etude.errors import DataError, UnsafeTrajectoryError, UsageError
+from etude.logs.columns.units import start_at_zero
+from etude.models.change.diagnosis import Cause
+from etude.models.change.drift_onset import Manner, manner
+from etude.models.change.judged import Judged, judged
+from etude.types import Samples
+
+Verdict = Literal["unchanged", "changed", "refused"]
+MANNERS: dict[Manner, str] = {
+    "at once": "It came at once.",
+    "little by little": "It is a drift: the errors grow from log to log.",
+    "cannot tell": "",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedLog:
+    """What one log says.
+
+    Attributes:
+        path: of the file.
+        verdict: "refused": it cannot be used, or lacks what the model looks at; the sentence says why.
+        seconds: of motion, until the change was certain; None without one.
+        kind: "payload", "friction", "sensor" or "unknown", "" without a change; cause: more closely.
+        evidence: nats, the most of the log. z2: mean squared error over the predicted variance.
+        command: the one that holds nearly all of the errors; "" if none does.
+        sentence: of all that, for people.
+    """
+
+    path: Path
+    verdict: Verdict
+    sentence: str
+    seconds: float | None = None
+    kind: str = ""
+    cause: Cause = "unknown"
+    evidence: float = 0.0
+    z2: float = 0.0
+    command: str = ""
+    found: Judged | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What several logs say, oldest first.
+
+    Attributes:
+        used: the model that they were held against.
+        logs: one by one.
+        kind: of the change, as of a log; "" without one. manner: how it came.
+        sentence: of all logs.
+        proposal: a motion that would teach the changed robot; None without a change.
+        no_proposal: why there is none although the robot has changed.
+    """
+
+    used: InUse
+    logs: tuple[WatchedLog, ...]
+    kind: str
+    manner: Manner
+    sentence: str
+    proposal: Proposal | None = None
+    no_proposal: str = ""
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.kind)
+
+
+def watch(
+    campaign: Campaign,
+    logs: Sequence[str | Path],
+    *,
+    degrees: bool = False,
+    accept: Sequence[str] = (),
+    repair: Sequence[str] = (),
+    propose: bool = True,
+    say: Say = lambda _: None,
+) -> Watched:
+    """Holds logs of any motion against the model in use, and says what has changed.
+
+    Each log is judged by the test that `tell` asks (docs/changed_robot.md); nothing of it is kept. Where the
+    robot has changed a motion is asked for, as `ask` does it.
+
+    Args:
+        campaign: the folder.
+        logs: files, oldest first.
+        degrees: their angles are degrees.
+        accept: checks whose questions are answered with: take it as it is.
+        repair: checks whose questions are answered with: put it right.
+        propose: ask for a motion where the robot has changed.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: no log, nothing was learned yet, or the model's file was changed.
+    """
+    paths = [Path(one) for one in logs]
+    if not paths:
+        raise UsageError("there is no log to watch", next_step="Name one or more files.")
+    answers = answers_of(campaign.state(), accept, repair)
+    used = model_in_use(campaign)
+    say(used.sentence)
+    found = tuple(_one(campaign, used, path, degrees, answers) for path in paths)
+    changed = [one for one in found if one.verdict == "changed"]
+    if not changed:
+        return Watched(used, found, "", "cannot tell", _quiet(found))
+    kind, how = _kind(changed), manner([one.found.sizes for one in found if one.found is not None])
+    worst = next(one for one in changed if one.kind == kind) if kind != "unknown" else changed[0]
+    cause = worst.cause if kind != "unknown" else "unknown"
+    sentence = f"The robot has changed: {CAUSES[cause]}. {MANNERS[how]}".rstrip()
+    watched = Watched(used, found, kind, how, sentence)
+    return _with_proposal(campaign, watched, say) if propose else watched
+
+
+def _one(campaign: Campaign, used: InUse, path: Path, degrees: bool, answers: Answers) -> WatchedLog:
+    try:
+        asked = Asked(campaign.kind, campaign.spec, answers)
+        log = start_at_zero(read(campaign, path, degrees=degrees, asked=asked))
+        group = np.zeros(len(log), dtype=np.int64)
+        samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+        return of_samples(path, judged(used.model, samples), samples)
+    except KeyError as error:
+        return WatchedLog(path, "refused", f"it lacks an input of the model ({error.args[0]})")
+    except DataError as error:
+        return WatchedLog(path, "refused", error.fact)
+
+
+def of_samples(path: Path, found: Judged, samples: Samples) -> WatchedLog:
+    """What the test of a log's samples says, in words."""
+    most, z2 = float(found.evidence.max(initial=0.0)), found.z2
+    if found.alarm is None:
+        sentence = f"the robot that the model knows (squared errors {found.z2:.3g} times their variance)"
+        return WatchedLog(path, "unchanged", sentence, evidence=most, z2=z2, found=found)
+    seconds = float(samples.t[found.alarm] - samples.t[0])
+    command = "" if found.output is None else samples.log.channels["command"].parts[found.output]
+    where = f", nearly all in {command}" if command else ""
+    kind = KINDS.get(found.cause, "unknown")
+    named = "changed, cause unknown" if kind == "unknown" else kind
+    squares = f"squared errors {z2:.3g} times their variance{where}"
+    sentence = f"{named}, certain after {seconds:.0f} s ({squares})"
+    return WatchedLog(path, "changed", sentence, seconds, kind, found.cause, most, z2, command, found)
+
+
+def _kind(changed: Sequence[WatchedLog]) -> str:
+    """What all logs that name something name; "unknown" where none does, or they disagree."""
+    named = {one.kind for one in changed} - {"unknown"}
+    return named.pop() if len(named) == 1 else "unknown"
+
+
+def _quiet(found: Sequence[WatchedLog]) -> str:
+    judged_ones = [one for one in found if one.verdict == "unchanged"]
+    if not judged_ones:
+        return "No log could be judged."
+    return f"Nothing speaks of another robot in {len(judged_ones)} log{'s'[: len(judged_ones) > 1]}."
+
+
+def _with_proposal(campaign: Campaign, watched: Watched, say: Say) -> Watched:
+    """With a motion as long as all of the campaign, unless none can be made; an open one is shown again.
+
+    A third of it left twice the error in simulation; see docs/promote_watch.md.
+    """
+    try:
+        return replace(watched, proposal=ask(campaign, go_on=True, say=say))
+    except (UsageError, UnsafeTrajectoryError) as error:
+        return replace(watched, no_proposal=error.fact)

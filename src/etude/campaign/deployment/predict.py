@@ -1,0 +1,225 @@
+"""Commands along a motion that was planned or recorded: what a person asks a model for, in a table."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.folder import Campaign, Say, open_campaign
+from etude.deploy.trajectory_files import csv_bytes, table_rate
+from etude.errors import DataError, UsageError
+from etude.logs.cleaning.read import matched_log
+from etude.logs.readers.table_text import header_row
+from etude.models.data.as_log import followed
+from etude.models.model import LearnedModel
+from etude.protocols import Trajectory
+from etude.storage import write_atomic
+from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Log, Mask
+
+COMMAND, DEVIATION, OUTSIDE = "command", "deviation", "outside"
+EVERY_ROW = {"rate_hz": 1e6, "lag_s": 0.0}
+"""Of [data], where it has them: learning takes some rows and moves commands; here every row counts."""
+
+
+def predict(
+    campaign: Campaign | str | Path,
+    motion: str | Path | Log,
+    *,
+    degrees: bool = False,
+    say: Say = lambda _: None,
+) -> Log:
+    """Commands along a motion: channels "command", "deviation" and "outside", each (T, J); the latter is 1
+    where the row lies outside of what that command was learned from (`LearnedModel.outside`), and `repairs`
+    says how often.
+
+    The deviation is that of one sample as the model learns it, noise included: of commands that were filtered
+    or averaged to the model's rate. Single rows of a faster log scatter more.
+
+    Args:
+        campaign: the folder, or it opened.
+        motion: a trajectory.json; a log; or a table with a time and the robot's columns, named as logs are.
+            Where it lacks velocities or accelerations they are made of the positions as learning makes them;
+            those that it has are asked as they are, and times stay those of the table.
+        degrees: the table's angles are degrees.
+        say: receives which model it is.
+
+    Raises:
+        UsageError: nothing learned yet, or no such file. DataError: it is no motion of this robot.
+    """
+    campaign = campaign if isinstance(campaign, Campaign) else open_campaign(Path(campaign))
+    used = model_in_use(campaign)
+    say(used.sentence)
+    model = used.model
+    if not isinstance(motion, Log):
+        place = Path(motion)
+        if not place.exists():
+            raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
+        if _is_plan(campaign, place):
+            say(f"{place.name} is the table of {place.stem}.json: the motion itself was taken.")
+            place = place.with_suffix(".json")
+        if place.suffix == ".json":
+            states = model.planned(_planned(campaign, place), rate=float(campaign.spec.rate))
+            return _in_units(model, states, campaign)
+        motion = _read(campaign, place, degrees)
+        try:
+            return _in_units(model, along(campaign, model, motion), campaign)
+        except DataError as error:  # its advice is for learning, and a table lacks something else
+            raise DataError(error.fact, where=str(place), next_step=_lacking(place)) from error
+    return _in_units(model, along(campaign, model, motion), campaign)
+
+
+def _is_plan(campaign: Campaign, place: Path) -> bool:
+    """Whether a table is that of the motion beside it: of a flight it holds what is planned, which are no
+    states, and its accelerations are not what an accelerometer measures.
+    """
+    planned = place.with_suffix(".json")
+    if place.suffix != ".csv" or not planned.is_file():
+        return False
+    try:
+        motion = from_json(planned.read_bytes())
+    except UsageError:
+        return False
+    inputs = campaign.kind.inputs(campaign.spec, campaign.config)
+    table = place.read_bytes()  # Étude 0.1 left out the row after the end
+    return len(table) > 0 and csv_bytes(motion, inputs, table_rate(campaign.spec)).startswith(table)
+
+
+def _lacking(place: Path) -> str:
+    """What to give in place of a table that does not tell a state that the model looks at."""
+    planned = place.with_suffix(".json")
+    instead = f"{planned.name} beside it" if planned.is_file() else "the trajectory.json of the motion"
+    return f"Add its columns, named as in logs, or name {instead}."
+
+
+def along(campaign: Campaign, model: LearnedModel, motion: Log) -> Log:
+    """The log if it has the channels that the model looks at, else what the recipe makes of those it needs;
+    with what physics remembers of its rows before.
+
+    Raises:
+        DataError: it has neither.
+    """
+    wanted = dict.fromkeys(channel for channel, *_ in model.columns)
+    missing = [name for name in wanted if name not in motion]
+    return _as_learning(campaign, motion, missing) if missing else followed(model.inputs, motion)
+
+
+def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log:
+    """The states that the kind's recipe makes of the log, at all of its rows that the filter reaches."""
+    data: Any = campaign.config.data
+    own = {name: value for name, value in EVERY_ROW.items() if hasattr(data, name)}
+    config = replace(campaign.config, data=replace(data, **own))
+    if campaign.command.name not in motion:
+        ramp = np.linspace(0.0, 1.0, len(motion))  # a recipe asks for commands, and no state depends on them
+        parts = len(campaign.command.parts)
+        motion = motion.put(campaign.command, np.tile(ramp[:, None], (1, parts)))
+    groups = [np.zeros(len(motion), dtype=np.int64)]
+    samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
+    said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
+    return _as_given(motion, samples.log, missing).repaired(said[0].upper() + said[1:])
+
+
+def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:
+    """The states that were made, with the rates that the motion has: what somebody gives is asked."""
+    rows = np.searchsorted(motion.t, made.t).clip(0, len(motion) - 1)
+    if not np.array_equal(motion.t[rows], made.t):
+        return made
+    for name, channel in motion.channels.items():
+        if channel.derivative_of and name in made and name not in missing:
+            made = made.put(channel, motion[name][rows])
+    return made
+
+
+def _planned(campaign: Campaign, place: Path) -> Trajectory:
+    """The motion of a trajectory.json. UsageError: it is none. DataError: it is another robot's."""
+    try:
+        motion = from_json(place.read_bytes())
+    except UsageError as error:
+        step = "Name a trajectory.json that etude ask wrote, or a table with a time and the robot's columns."
+        raise UsageError(error.fact, where=str(place), next_step=step) from None
+    axes, wanted = motion.motion(np.zeros(1), 1).orders[0].shape[1], len(campaign.axes)
+    if axes != wanted:
+        raise DataError(
+            f"the motion has {axes} axes, and {campaign.name} has {wanted}",
+            where=str(place),
+            next_step="Name a motion of this robot, or the campaign of the robot that it is of.",
+        )
+    return motion
+
+
+def _read(campaign: Campaign, path: Path, degrees: bool) -> Log:
+    from etude.logs.cleaning.repairs import drop_unreadable, order_rows
+    from etude.logs.columns.units import from_degrees
+
+    loose = [
+        replace(c, required=c.name == campaign.kind.path) if c.role == "command" else c
+        for c in campaign.channels
+    ]
+    rate = campaign.kind.expected(campaign.spec).rate
+    log, stated = matched_log(path, loose, rate, (), campaign.config.log)
+    log = from_degrees(log, stated) if degrees else log
+    return order_rows(drop_unreadable(log, recorded=False))
+
+
+def _in_units(model: LearnedModel, states: Log, campaign: Campaign) -> Log:
+    """What the model says, with the robot's own channel of commands, so that their unit is known."""
+    found = model.commanded(states)
+    aside = replace(campaign.command, name=DEVIATION, role="aside")
+    beyond = Channel(OUTSIDE, campaign.command.parts, ("1",) * len(campaign.command.parts), "aside")
+    found = replace(found, channels={COMMAND: campaign.command, DEVIATION: aside, OUTSIDE: beyond})
+    return found.repaired(*_beyond(model, found[OUTSIDE] > 0.0))
+
+
+def _beyond(model: LearnedModel, beyond: Mask) -> list[str]:
+    """A sentence with the share of rows of each command that lie outside, if some do."""
+    shares = 100.0 * beyond.mean(axis=0)
+    if not beyond.any():
+        return []
+    own = [f"{name} {share:.2g} %" for name, share in zip(model.commands, shares, strict=True) if share > 0.0]
+    return [
+        f"Outside of what was learned, of all rows: {', '.join(own)}. There the deviation is more than twice "
+        "that of training, and where nothing is known the command is physics alone, or a level without."
+    ]
+
+
+def check_table(path: Path) -> None:
+    """UsageError: commands are not written in files that end so."""
+    if path.suffix not in (".csv", ".parquet"):
+        step = f"Name it {path.with_suffix('.csv').name}, for example."
+        raise UsageError("commands are written as .csv or .parquet", where=str(path), next_step=step)
+
+
+def write_table(path: Path, found: Log) -> None:
+    """Commands with deviations as CSV, every number in full, or as Parquet, by the suffix.
+
+    Raises:
+        UsageError: another suffix.
+    """
+    check_table(path)
+    if path.suffix == ".parquet":
+        import polars as pl
+
+        buffer = io.BytesIO()
+        pl.DataFrame(_columns(found)).write_parquet(buffer)
+        write_atomic(path, buffer.getvalue())
+        return
+    columns = _columns(found)
+    rows = np.column_stack([*columns.values()]).tolist()
+    lines = [header_row(columns).rstrip(), *(",".join(map(repr, row)) for row in rows)]
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def _columns(found: Log) -> dict[str, Array]:
+    columns = {"time": found.t}
+    for name in (COMMAND, DEVIATION, OUTSIDE):
+        channel: Channel = found.channels[name]
+        columns |= {f"{name}_{part}": found[name][:, j] for j, part in enumerate(channel.parts)}
+    if not np.isfinite(np.column_stack([*columns.values()])).all():
+        raise DataError("the model's prediction is not finite", next_step="Train it again; do not run this.")
+    return columns

@@ -1,0 +1,235 @@
+"""promote and rollback: which model leaves for the robot, and on what evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.ingest.groups import groups_of, told_samples
+from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.journal import jsonable
+from etude.campaign.record.state import State
+from etude.campaign.record.stored import LEFT_OUT, MODEL, check_model
+from etude.errors import DataError, UsageError
+from etude.models.data.cross_validation_residuals import LeftOut, read_left_out
+from etude.models.data.rows import in_order
+from etude.models.model import LearnedModel
+from etude.models.selection.compared import (
+    LEAST_COVERED,
+    LEAST_SEGMENTS,
+    Compared,
+    by_segment,
+    compared,
+    coverage,
+    uncalibrated,
+)
+from etude.storage import sha256_of
+from etude.types import Array, Samples
+
+WORDS = {
+    "identified": "identified physics",
+    "nominal": "the model file's physics",
+    "linear": "linear regression",
+}
+"""What stands for physics alone, by rung."""
+
+
+@dataclass(frozen=True)
+class Promotion:
+    """What became of a model that asked to be promoted.
+
+    Attributes:
+        number: of the log that its training ended with. sha256: of its file.
+        promoted: it is in use now. repeated: it was in use before. forced: against what the data say.
+        compared: with physics alone and, unless it is the first, with the model in use.
+        narrow, wide: (J,) parts of held-out commands inside the 50 % and 95 % intervals, None of none.
+        refused: a sentence for each reason against it.
+    """
+
+    number: int
+    sha256: str
+    promoted: bool
+    repeated: bool = False
+    forced: bool = False
+    compared: tuple[Compared, ...] = ()
+    narrow: tuple[float | None, ...] = ()
+    wide: tuple[float | None, ...] = ()
+    refused: tuple[str, ...] = ()
+
+
+def promote(
+    campaign: Campaign, *, force: bool = False, reason: str = "", say: Say = lambda _: None
+) -> Promotion:
+    """Puts the newest model in use if held-out motion shows that it is better; an event in the journal.
+
+    It has to beat physics alone and the model in use on segments that neither has seen, with intervals that
+    are as wide as its errors: see docs/promote_watch.md.
+
+    Args:
+        campaign: the folder.
+        force: put it in use against what the data say; recorded, with the `reason`.
+        reason: why; needed with `force`.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: nothing was learned, a file was changed, or `force` without a reason.
+        DataError: what was held out cannot be read; a model of an earlier version has none.
+    """
+    if force and not reason.strip():
+        raise UsageError("a forced promotion says why", where="--force", next_step='Add --reason "...".')
+    with campaign.writing():
+        state = campaign.state()
+        if not state.trained:
+            raise UsageError(
+                "nothing has been learned yet", where=str(campaign.path), next_step="Tell a log first."
+            )
+        check_model(campaign, state)
+        number = state.trained[-1].number
+        path = campaign.model_folder(number) / MODEL
+        digest = sha256_of(path)
+        if state.promoted and state.promoted[-1]["sha256"] == digest:
+            if force:  # its copy was altered: the original is whole
+                pin(campaign, path)
+            check_pinned(campaign, state.promoted[-1])
+            return Promotion(number, digest, True, repeated=True)
+        found = _judged(campaign, state, number, digest, force, say)
+        if found.promoted:
+            copy, digest = pin(campaign, path)
+            facts = _facts(found, reason) | {"logs": _learned_logs(state)}
+            campaign.commit("promoted", number, [copy], sha256=digest, **facts)
+        return found
+
+
+def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
+    """Goes back to the model that was in use before; the numbers of the one that left and the one in use.
+
+    Nothing is deleted: it is an event, and the model that left can be promoted again.
+
+    Raises:
+        UsageError: there is none to go back to, or its file is missing or was changed.
+    """
+    with campaign.writing():
+        promoted = campaign.state().promoted
+        if len(promoted) < 2:
+            what = "nothing was promoted yet" if not promoted else "no model was in use before this one"
+            raise UsageError(
+                what,
+                where=str(campaign.path),
+                next_step=f"Promote one: etude promote {campaign.path}.",
+            )
+        left, back = promoted[-1], promoted[-2]
+        check_pinned(campaign, back)
+        campaign.commit(
+            "rolled_back", left["number"], [], sha256=left["sha256"], to=back["sha256"], reason=reason
+        )
+        return left["number"], back["number"]
+
+
+def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
+    """The comparisons and the decision; forced where they cannot be made and nobody minds."""
+    try:
+        left_out = read_left_out(campaign.model_folder(number) / LEFT_OUT)
+        found = [_with_physics(left_out)]
+        if state.promoted:
+            say("Comparing with the model in use.")
+            found.append(_with_model_in_use(campaign, state, left_out))
+    except (DataError, UsageError) as error:
+        if not force:
+            raise
+        return Promotion(number, digest, True, forced=True, refused=(f"not compared: {error.fact}",))
+    narrow, wide = coverage(left_out.error, left_out.variance)
+    calibrated = bool((state.trained[-1].trained or {}).get("calibrated", True))
+    refused = (*_reasons(found), *_misfits(campaign.command.parts, wide, calibrated))
+    parts = tuple(jsonable(narrow)), tuple(jsonable(wide))
+    return Promotion(
+        number, digest, force or not refused, False, bool(refused) and force, tuple(found), *parts, refused
+    )
+
+
+def _with_physics(left_out: LeftOut) -> Compared:
+    segments = np.unique(left_out.group).tolist()
+    both = (by_segment(e, left_out.group, segments) for e in (left_out.error, left_out.physics))
+    return compared(WORDS[left_out.rung], *both)
+
+
+def _with_model_in_use(campaign: Campaign, state: State, left_out: LeftOut) -> Compared:
+    """On the segments of logs that the model in use was not trained on."""
+    facts = state.promoted[-1]
+    before = promoted_model(campaign, facts)
+    logs = list((state.trained[-1].trained or {})["logs"])
+    samples = in_order(told_samples(campaign, logs)).take(left_out.rows)
+    if not np.array_equal(samples.group, left_out.group):
+        raise DataError(
+            "the logs give other samples than when they were learned",
+            where=str(campaign.path),
+            next_step="campaign.toml was edited since: tell another log, and all are learned again.",
+        )
+    fresh = _unseen(campaign, state, logs, set(facts.get("logs", ())))
+    error = _errors(before, samples)
+    # of the same samples, or the pair would not be one
+    both = np.isfinite(left_out.error) & np.isfinite(error)
+    own, other = (np.where(both, e, np.nan) for e in (left_out.error, error))
+    pair = (by_segment(e, left_out.group, fresh) for e in (own, other))
+    return compared(f"the model in use, of log {facts['number']}", *pair)
+
+
+def _errors(model: LearnedModel, samples: Samples) -> Array:
+    try:
+        return np.asarray(samples.command - model.posterior(samples.log)[0])
+    except KeyError as error:
+        raise DataError(f"the logs lack an input of the model in use ({error.args[0]})") from error
+
+
+def _unseen(campaign: Campaign, state: State, logs: Sequence[int], known: set[str]) -> list[int]:
+    """Segments of which no part is in a log that the model in use learned."""
+    groups = groups_of(campaign, logs)
+    seen = {
+        group
+        for number, own in groups.items()
+        for _, group in own
+        if (state.rounds[number].told or {}).get("sha256") in known
+    }
+    return sorted({group for own in groups.values() for _, group in own} - seen)
+
+
+def _learned_logs(state: State) -> list[str]:
+    """Hashes of the logs in the newest model."""
+    logs = set((state.trained[-1].trained or {}).get("logs", ()))
+    return sorted(str((r.told or {})["sha256"]) for r in state.told if r.number in logs)
+
+
+def _reasons(found: Sequence[Compared]) -> list[str]:
+    out = []
+    for one in found:
+        if one.decision == "not decided":
+            out.append(
+                f"not decided against {one.against}: {one.segments} segments that neither has seen, "
+                f"{LEAST_SEGMENTS} are needed"
+            )
+        elif one.decision == "not better":
+            out.append(
+                f"not better than {one.against}: errors {one.ratio:.3g} times as large "
+                f"(95 %: {one.lower:.3g} to {one.upper:.3g}, {one.segments} segments)"
+            )
+    return out
+
+
+def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[str]:
+    """Sentences about intervals that are narrower than the errors."""
+    out = [] if calibrated else ["too few trajectories were held out for its intervals to be calibrated"]
+    told = ", ".join(f"{commands[j]} {wide[j]:.0%}" for j in uncalibrated(wide))
+    wanted = f"of held-out commands, at least {LEAST_COVERED:.0%} are wanted"
+    return [*out, f"its 95 % intervals hold {told} {wanted}"] if told else out
+
+
+def _facts(found: Promotion, reason: str) -> dict[str, Any]:
+    rows = [asdict(one) | {"decision": one.decision} for one in found.compared]
+    for row in rows:
+        row |= {name: jsonable([row[name]])[0] for name in ("ratio", "lower", "upper")}
+        row["by_command"] = jsonable(row["by_command"])
+    facts = {"forced": found.forced, "compared": rows, "narrow": list(found.narrow), "wide": list(found.wide)}
+    return facts | {"refused": list(found.refused), "reason": reason}

@@ -1,0 +1,181 @@
+"""The proof on the robot: a motion never trained on, run without and with the learned feedforward.
+
+Its logs are not told as others are: nothing learns from them.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.edited import take_up
+from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
+from etude.campaign.learn.training import learn_pending
+from etude.campaign.propose.ask import Proposal, present
+from etude.campaign.propose.export import export, require_formats
+from etude.campaign.propose.motions import from_rest, typical_motions
+from etude.campaign.propose.proposal_constraints import Kept, kept_then
+from etude.campaign.propose.tracking import kept_now
+from etude.campaign.record.controls import FEEDBACK, LEARNED
+from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.proposals import FULL, stored_trajectory
+from etude.campaign.record.state import State
+from etude.campaign.record.stored_files import require_description
+from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
+from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.limits.open_commands import require_possible
+from etude.logs.readers.table_text import header_row
+from etude.models.model import LearnedModel
+from etude.protocols import Limit, Trajectory
+from etude.storage import write_atomic
+
+CONFIRM_STREAM = 6
+"""Separates the random numbers of these motions from those of asks and of the tests."""
+FEEDFORWARD = "feedforward.csv"
+"""The same table as trajectory.csv, with a column for each command."""
+DRAWS, SPEEDS = 3, (FULL, 90, 80)
+"""Tries, and per cent of the speed at which each is tried, to leave room for what tracking may add."""
+
+
+def ask_to_confirm(
+    campaign: Campaign,
+    *,
+    new: bool = False,
+    formats: Sequence[str] = (),
+    effort: bool = False,
+    say: Say = lambda _: None,
+) -> Proposal:
+    """The open motion that confirms, or another one: to be run without and with the learned feedforward.
+
+    Args:
+        campaign: the folder.
+        new: ask for another one although one is open.
+        formats: also write it for these receivers, names among `etude.exporters`.
+        effort: with the learned command where the format has a place for it.
+        say: receives one sentence per step.
+
+    Raises:
+        UsageError: nothing was learned yet, a file was changed, or an unknown format.
+        UnsafeTrajectoryError: no such motion inside the limits.
+    """
+    require_formats(formats)
+    with campaign.writing():
+        require_description(campaign)
+        learn_pending(campaign, say=say)
+        return _asked(campaign, new, formats, effort, say)
+
+
+def _asked(campaign: Campaign, new: bool, formats: Sequence[str], effort: bool, say: Say) -> Proposal:
+    state = campaign.state()
+    open_ones = [r for r in state.confirmations if len(r.runs) < 2]
+    if open_ones and not new:
+        number, made = open_ones[-1].number, None
+        kept = kept_then(campaign.round(number).asked)
+    else:
+        number, kept = state.next_number, kept_now(campaign, state, FEEDBACK, LEARNED)
+        made = _propose(campaign, state, number, kept, say)
+    found = present(campaign, number, kept, made, FULL, lambda files: _fed(campaign, number, files))
+    motion = stored_trajectory(campaign, number)
+    written = [
+        export(campaign, number, motion, found.folder, name, effort=effort, drag=effort) for name in formats
+    ]
+    take_up(campaign)
+    return replace(found, exported=tuple(written))
+
+
+def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, bytes]:
+    """The table with the commands of the model that the motion was asked for with.
+
+    UsageError: that model is gone since.
+    """
+    place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked or {}
+    model = model_of_sha256(campaign, str(asked.get("model_sha256")))
+    if model is None:
+        raise UsageError(
+            f"the model whose commands are in {FEEDFORWARD} is not in use any more",
+            where=str(place),
+            next_step=f"Ask for another motion: etude ask {campaign.path} --confirm --new.",
+        )
+    return {place: feedforward_bytes(campaign, files, model)}
+
+
+def _propose(
+    campaign: Campaign, state: State, number: int, kept: Kept, say: Say
+) -> tuple[TrajectoryFiles, str]:
+    """Files of the motion, committed, and how it was found."""
+    used = model_in_use(campaign, state)
+    say(used.sentence)
+    seed = [state.seed, number, CONFIRM_STREAM]
+    files, status = _drawn(campaign, np.random.default_rng(seed), kept)
+    folder = campaign.proposal(number)
+    table = folder / FEEDFORWARD
+    write_atomic(table, feedforward_bytes(campaign, files, used.model))
+    facts: dict[str, Any] = {
+        "confirm": True,
+        "status": status,
+        "gain": None,
+        "seed": seed,
+        "learned": len(state.trained),
+        "active_limits": [list(pair) for pair in files.certificate.active()],
+        "model_sha256": used.sha256,
+        **_forecast(campaign, used.model, files.trajectory),
+        **kept.of(files.trajectory).as_facts(),
+    }
+    campaign.commit("asked", number, [*files.write(folder), table], **facts)
+    return files, status
+
+
+def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[TrajectoryFiles, str]:
+    """The first motion drawn as tests are that is certified; else a random one inside the limits."""
+    limits = kept.limits(campaign)
+    require_possible(limits)
+    for motion, speed in _candidates(campaign, rng):
+        slower = motion if speed == FULL else motion.slowed(FULL / speed)
+        try:
+            files = _rendered(campaign, from_rest(campaign, slower, limits), limits, kept)
+        except UnsafeTrajectoryError:
+            continue
+        slow = "" if speed == FULL else f", at {speed} % of its speed"
+        return files, f"to confirm: drawn as the tests are{slow}, never trained on"
+    motion = from_rest(campaign, typical_motions(campaign, rng, 1, limits, grown=True)[0], limits)
+    return _rendered(campaign, motion, limits, kept), "to confirm: random inside the limits, never trained on"
+
+
+def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[Trajectory, int]]:
+    for _ in range(DRAWS):
+        for motion in campaign.kind.tests(campaign.spec, campaign.config, rng).values():
+            yield from ((motion, speed) for speed in SPEEDS)
+
+
+def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Kept) -> TrajectoryFiles:
+    own = kept.of(motion)
+    return render(
+        motion, campaign.kind, campaign.spec, campaign.config, limits, own.unheld, control=own.control
+    )
+
+
+def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: LearnedModel) -> bytes:
+    """trajectory.csv with the model's command beside each set-point, in the robot's command unit."""
+    names, rows = read_table(files.table)
+    motion = files.trajectory.motion(rows[:, 0], model.inputs.orders)
+    command, _ = model.predict(model.inputs.states(motion))
+    text = io.StringIO()
+    text.write(header_row([*names, *column_names(campaign.command)]))
+    text.writelines(",".join(map(repr, row)) + "\n" for row in np.hstack([rows, command]).tolist())
+    return text.getvalue().encode()
+
+
+def _forecast(campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> dict[str, Any]:
+    """Facts of what error to expect; none where commands are not one an axis. See `foretold`."""
+    channel, path = campaign.command, campaign.kind.path
+    if channel.acts_on != path or len(channel.parts) != len(campaign.axes):
+        return {}
+    rates = next((c for c in campaign.channels if c.derivative_of == path), None)
+    trained = trained_speeds(model, rates) if rates is not None else np.zeros(len(campaign.axes))
+    return {LEFT_OVER: left_over(model, trajectory, trained), TRAINED: trained.tolist()}

@@ -1,0 +1,124 @@
+"""What is known of a campaign, for people and machines; computed from committed facts alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from etude.campaign.edited import edited
+from etude.campaign.evaluate.stopping import judge
+from etude.campaign.ingest.confirmed import confirmed
+from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.history import calibration_factor, seen_by_the_rule
+from etude.campaign.record.journal import damaged_files
+from etude.campaign.record.known_faults import affected
+from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored_files import proved_otherwise
+
+
+def status(campaign: Campaign) -> dict[str, Any]:
+    """The campaign's standing as JSON values.
+
+    Keys: news (findings that are bad, red ones first), kind, robot, axes, outputs, preset, seed,
+    trajectories (one entry per number), robot_seconds, prequential (newest scores of each model before it
+    learned the newest log), chosen, rungs (of each output), calibration_factor, forecast_fraction, next_gain,
+    choice (by which part the design of the newest proposal left less variance than the median random motion),
+    held_out (of the newest log without proposal), in_use (the promoted model, null if there is none),
+    confirmed (tracking errors of the motions that confirm), known_faults (what earlier versions left, and is
+    not to be used: code, what, path, command), proved_otherwise (open proposals that were proved
+    before robot.toml or campaign.toml changed), verdict, edited (which of robot.toml and campaign.toml were
+    edited since ask or tell took them up), problems (committed files that are missing, or changed though
+    nobody edits them).
+    """
+    events = campaign.events()
+    state = campaign.state()
+    evidence = seen_by_the_rule(campaign, state)
+    verdict = judge(evidence, campaign.config.stop)
+    news = bad_news(state, campaign.command.parts, len(campaign.axes))
+    trained = state.trained
+    newest = (trained[-1].trained or {}) if trained else {}
+    return {
+        "news": [asdict(finding) for finding in news],
+        "folder": str(campaign.path),
+        "kind": campaign.kind.name,
+        "robot": campaign.name,
+        "axes": list(campaign.axes),
+        "outputs": list(campaign.command.parts),
+        "command_unit": ", ".join(dict.fromkeys(campaign.command.units)),
+        "preset": campaign.config.preset,
+        "seed": state.seed,
+        "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],
+        "robot_seconds": sum(r.told["robot_seconds"] for r in state.told if r.told),
+        "scored_log": trained[-1].number if trained else None,
+        "prequential": newest.get("models", {}),
+        "chosen": newest.get("chosen"),
+        "rungs": newest.get("rungs"),
+        "calibration_factor": calibration_factor(trained),
+        "forecast_fraction": evidence[-1].forecast if evidence else None,
+        "next_gain": evidence[-1].gain if evidence else None,
+        "choice": _choice(state),
+        "held_out": _held_out(state),
+        "in_use": _in_use(state),
+        "confirmed": [confirmed(campaign, one) for one in state.confirmations],
+        "verdict": {
+            "stop": verdict.stop,
+            "rule": verdict.rule,
+            "reason": verdict.reason,
+            "usable": verdict.usable,
+        },
+        "known_faults": [asdict(one) | {"sentence": one.sentence} for one in affected(campaign, state)],
+        "proved_otherwise": proved_otherwise(campaign, [r.number for r in state.proposals]),
+        "edited": edited(campaign, events),
+        "problems": damaged_files(campaign.path, events),
+    }
+
+
+def _in_use(state: State) -> dict[str, Any] | None:
+    """The promotion in force, and whether something newer was learned since."""
+    if not state.promoted:
+        return None
+    facts = state.promoted[-1]
+    newest = state.trained[-1].number if state.trained else None
+    return {name: facts[name] for name in ("number", "sha256", "forced")} | {"newest": newest}
+
+
+def _trajectory(round_: Round) -> dict[str, Any]:
+    told, trained = round_.told or {}, round_.trained or {}
+    return {
+        "number": round_.number,
+        "standing": _standing(round_),
+        "foreign": round_.asked is None,
+        "robot_seconds": told.get("robot_seconds"),
+        "source": told.get("source"),
+        "chosen": trained.get("chosen"),
+    }
+
+
+def _standing(round_: Round) -> str:
+    if round_.abandoned:
+        return "abandoned"
+    if round_.confirms:
+        return f"confirms, {len(round_.runs)} of 2 runs"
+    if round_.told is None:
+        return "open" if round_.asked is not None else "taken back"
+    if round_.aside:
+        return "set aside"
+    if round_.held:
+        return "waits for an answer"
+    return "learned" if round_.learned else "told"
+
+
+def _choice(state: State) -> float | None:
+    """By which part the newest proposal leaves less variance than the median random one; None while no design
+    from what was learned says so.
+    """
+    asked = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
+    found = [a["choice"] for a in asked if a["learned"] and a.get("choice") is not None]
+    return float(found[-1]) if found else None
+
+
+def _held_out(state: State) -> dict[str, Any] | None:
+    """Block scores of the newest log that has them."""
+    scored = [r for r in state.trained if r.trained and r.trained.get("held_out")]
+    return {"number": scored[-1].number, **(scored[-1].trained or {})["held_out"]} if scored else None

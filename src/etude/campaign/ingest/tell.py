@@ -1,0 +1,227 @@
+"""tell: takes in a log, whenever it comes, and learns it; `several` does so with many."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from etude.campaign.edited import take_up
+from etude.campaign.ingest.confirmed import check_no_confirmation, take_run
+from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
+from etude.campaign.ingest.questions import Asked, Given, answers_of
+from etude.campaign.ingest.repeats import repeated, warning
+from etude.campaign.ingest.robot_changed import answer, change_found
+from etude.campaign.ingest.simulated_logs import mixed
+from etude.campaign.learn.training import Learner, learn_pending
+from etude.campaign.propose.tracking import errors_told, start_in_words
+from etude.campaign.record.controls import required
+from etude.campaign.record.findings import as_facts, kept_findings
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.numbers import check_asked, check_same_number, free_number
+from etude.campaign.record.proposals import FULL, speed_folder, stored_trajectory
+from etude.campaign.record.state import State
+from etude.campaign.record.stored_files import is_committed, require_description
+from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
+from etude.errors import DataError, UsageError
+from etude.logs.columns.units import start_at_zero
+from etude.logs.readers.fingerprint import bytes_of_log, sha256_of_log
+from etude.logs.readers.log_file import log_bytes
+from etude.storage import write_atomic
+from etude.trajectories.chain import segment_starts
+from etude.types import Log
+
+
+def tell(
+    campaign: Campaign,
+    path: Path,
+    *,
+    number: int | None = None,
+    changed: str = "",
+    learner: Learner | None = None,
+    say: Say = lambda _: None,
+    **how: Unpack[How],
+) -> Told:
+    """Stores the log in `path` and learns it; also learns what an interrupted run left.
+
+    A log that is not of the robot that the model in use knows is stored and not learned until `changed` says
+    what it is, then or later.
+
+    Args:
+        campaign: the folder.
+        path: the log file; recognised by its content if it was told before under any name.
+        number: the proposal that was run; else the newest open one that the motion fits.
+        changed: the answer to whether the robot has changed: "new" learns from this log and those to come
+            alone, "forget" sets it aside, "same" learns it with the others; "": none.
+        learner: how logs are learned; only tests give another one.
+        say: receives one sentence per step.
+        how: see `How`.
+
+    Raises:
+        DataError: the log cannot be used, is of another trajectory, or raises a question that nobody
+            answered; nothing is stored.
+        UsageError: there is no such proposal, it has a log already, or there is no such check.
+    """
+    with campaign.writing():
+        told = take(campaign, Path(path), number, **how)
+        return finished(campaign, [told], changed, learner, say)[0]
+
+
+def finished(
+    campaign: Campaign, told: Sequence[Told], changed: str, learner: Learner | None, say: Say
+) -> list[Told]:
+    """The same logs after the answer was recorded and one training. The caller holds the lock."""
+    if changed:
+        answer(campaign, campaign.state(), changed, [one.number for one in told])
+    done = tuple(learn_pending(campaign, learner, say))
+    if told or done:
+        take_up(campaign)
+    state = campaign.state()
+    held, warnings = {r.number for r in state.held}, newest_warnings(campaign, state)
+    aside = {number for number, r in state.rounds.items() if r.aside}
+    return [
+        replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
+        for one in told
+    ]
+
+
+def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:
+    """Stores the log in `path` and learns nothing. The caller holds the lock. Errors as `tell`."""
+    digest = sha256_of_log(path)
+    state = campaign.state()
+    require_description(campaign)
+    if how.get("confirm"):
+        return take_run(campaign, state, path, digest, number, how)
+    known = state.round_of_log(digest)
+    if known is not None:
+        check_same_number(known, number, path)
+        facts = known.told or {}
+        repairs, findings = tuple(facts.get("repairs", ())), kept_findings(facts)
+        return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
+    control = how.get("control", "")
+    required(control)
+    answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
+    asked = Asked(campaign.kind, campaign.spec, answers)
+    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    number = answered if answered is not None else free_number(state, number)
+    change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
+    findings = (
+        *asked.accepted,
+        *([] if change is None else [change]),
+        *([] if again is None else [warning(*again)]),
+    )
+    aligned = {} if answered is None else _of_motion(campaign, number, log, speed, control)
+    facts = {"foreign": answered is None, "speed": speed, **aligned, **as_facts(findings)}
+    facts |= {} if again is None else {"repeats": again[0]}
+    _store(campaign, number, log, path, digest, asked.given, facts)
+    start = start_in_words(campaign, facts)
+    return Told(number, False, answered is None, log.repairs, (), findings=findings, start=start)
+
+
+def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:
+    """Of the newest training (the oldest journals have none), and whether it learned from two robots."""
+    trained = state.trained
+    facts = trained[-1].trained if trained else None
+    return (*(facts or {}).get("warnings", ()), *mixed(campaign, state))
+
+
+def _identify(
+    campaign: Campaign, state: State, path: Path, number: int | None, foreign: bool, log: Log
+) -> tuple[Log, int | None, int]:
+    """The aligned log, the proposal that it answers (None: no proposal) and the speed it was run at."""
+    open_numbers = [r.number for r in state.proposals]
+    if number is not None and not foreign:
+        check_asked(state, number)
+        candidates = [number]
+    else:
+        given_up = [r.number for r in state.rounds.values() if r.asked and r.abandoned and not r.confirms]
+        candidates = [] if foreign else [*reversed(open_numbers), *reversed(given_up)]
+    refused: DataError | None = None
+    for candidate in candidates:
+        for speed in SPEEDS[::-1]:
+            if not is_committed(campaign, speed_folder(campaign, candidate, speed) / COEFFICIENTS):
+                continue
+            try:
+                trajectory = stored_trajectory(campaign, candidate, speed)
+                return aligned_with(campaign, log, trajectory), candidate, speed
+            except DataError as error:
+                refused = refused or error
+            except UsageError:
+                # a proposal that was given up because its file is damaged must not stop all other logs
+                if candidate in open_numbers or candidate == number:
+                    raise
+    if number is None or foreign:
+        check_no_confirmation(campaign, state, log, path)
+    if refused is None or (number is None and not open_numbers):
+        return start_at_zero(log), None, FULL
+    raise DataError(
+        refused.fact,
+        where=refused.where or str(path),
+        next_step=f"{refused.next_step} If it answers no proposal at all, tell it with --foreign.".strip(),
+    )
+
+
+def _of_motion(campaign: Campaign, number: int, log: Log, speed: int, control: str) -> dict[str, Any]:
+    """Facts of the log of a proposal: where its segments start, its control, and how far it left its plan."""
+    trajectory = stored_trajectory(campaign, number, speed)
+    starts = segment_starts(trajectory)
+    facts = {"segments": starts} if len(starts) > 1 else {}
+    return facts | errors_told(campaign, number, log, trajectory, speed, control)
+
+
+def _store(
+    campaign: Campaign,
+    number: int,
+    log: Log,
+    path: Path,
+    digest: str,
+    given: Sequence[Given],
+    facts: Mapping[str, Any],
+) -> None:
+    """Writes the cleaned log and its origin, then commits these facts and its own; refuses a log that gives
+    no samples.
+    """
+    group = np.zeros(len(log), dtype=np.int64)
+    campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
+    _keep_earlier(campaign, number)
+    write_atomic(campaign.run_file(number), log_bytes(replace(log, source=path.name)))
+    origin = {
+        "path": str(path.resolve()),
+        "sha256": digest,
+        "bytes": bytes_of_log(path),
+        "repairs": list(log.repairs),
+    }
+    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
+    write_atomic(campaign.source_file(number), text.encode())
+    files = [campaign.run_file(number), campaign.source_file(number)]
+    own: dict[str, Any] = {
+        "sha256": digest,
+        "source": path.name,
+        "robot_seconds": _seconds(log),
+        "rows": len(log),
+        "repairs": list(log.repairs),
+    }
+    if given:
+        own["answers"] = [[what, check, list(by)] for what, check, by in given]
+    campaign.commit("told", number, files, **own, **facts)
+
+
+def _keep_earlier(campaign: Campaign, number: int) -> None:
+    """Copies the files of a log that was taken back, before another of that number takes their names."""
+    before = campaign.state().rounds.get(number)
+    for path in (campaign.run_file(number), campaign.source_file(number)):
+        if before is not None and path.exists():
+            content = path.read_bytes()
+            write_atomic(path.with_name(f"{hashlib.sha256(content).hexdigest()[:12]}.{path.name}"), content)
+
+
+def _seconds(log: Log) -> float:
+    """Recorded motion, s: what was logged before the start is none."""
+    moving = log.t[log.t >= 0.0]
+    return float(moving[-1] - moving[0]) if len(moving) else 0.0

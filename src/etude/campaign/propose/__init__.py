@@ -1,0 +1,1 @@
+"""From the record to the next motion: design, approach, certificate, files."""

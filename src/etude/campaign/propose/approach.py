@@ -1,0 +1,177 @@
+"""ask --from: the way from where the robot stands to a proposal's start, and back, in files of their own."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from etude.campaign.propose.motions import ways_of
+from etude.campaign.propose.proposal_constraints import Kept
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.stored_files import settle
+from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
+from etude.design.ways import There, require_inside, there_and_back
+from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.limits.certificate import Certificate
+from etude.protocols import Trajectory
+from etude.types import Array
+
+HOME = "home"
+WRITE = (
+    "Write --from home (of flights also ground), --from joint=value,joint=value,... or --from a CSV whose "
+    "last row is the pose."
+)
+
+
+@dataclass(frozen=True)
+class Approached:
+    """Files of the way, all certified.
+
+    Attributes:
+        folder: where they are, below the proposal's.
+        files: approach.json, approach.csv, ...; trajectory.json is approach, motion and return in one.
+        certificates: by stem: "approach", "return", and "trajectory" where there is one.
+        whole: approach, motion and return; None of a motion that is not at rest at its ends.
+        renewed: a sentence, if they were written anew.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    certificates: dict[str, Certificate]
+    whole: Trajectory | None
+    renewed: tuple[str, ...] = ()
+
+
+def approached(
+    campaign: Campaign, number: int, motion: Trajectory, folder: Path, start: str, kept: Kept
+) -> Approached:
+    """Writes the way from `start` to the motion and back, and anew where it is another by now.
+
+    The caller holds the writer's lock.
+
+    Args:
+        campaign: the folder. number: of the proposal. motion: what is run. folder: where its files are.
+        start: "home", of flights "ground", joint=value for every joint, or a CSV whose last row is the pose.
+        kept: for tracking, when the proposal was made.
+
+    Raises:
+        UsageError: no such pose, one outside the limits, a kind that knows no ways, or a changed file.
+        UnsafeTrajectoryError: no way is proved, straight or by home; nothing is written.
+    """
+    try:
+        pose, found, made = prepared(campaign, motion, start, kept)
+    except UnsafeTrajectoryError as problem:
+        raise UnsafeTrajectoryError(
+            f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
+            where=problem.where,
+            next_step="Bring the robot to its start by its own controller, or ask for another: "
+            f"etude abandon {campaign.path} {number}, then etude ask {campaign.path} --from {start}",
+        ) from None
+    place = folder / f"from_{_label(campaign, start, pose)}"
+    certificates = {stem: files.certificate for stem, files in made.items()}
+    contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
+    renewed = settle(campaign, number, contents, start=pose.tolist())
+    return Approached(place, tuple(contents), certificates, found.whole, renewed)
+
+
+def pose_inside(campaign: Campaign, start: str) -> Array:
+    """(k,) the pose that `start` names. UsageError if there is none, or it is outside the limits."""
+    pose = pose_of(campaign, start)
+    if start not in poses_of(campaign):
+        limits = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
+        require_inside(pose, *limits, campaign.axes)
+    return pose
+
+
+def prepared(
+    campaign: Campaign, motion: Trajectory, start: str, kept: Kept
+) -> tuple[Array, There, dict[str, TrajectoryFiles]]:
+    """The pose, the way from it and back, its files by stem; writes nothing. Errors as `approached`."""
+    kind, spec, limits = campaign.kind, campaign.spec, kept.limits(campaign)
+    pose = pose_inside(campaign, start)
+    found = there_and_back(motion, pose, ways_of(campaign), limits, kind.home(spec))
+    if found is None:
+        raise UsageError(
+            f"robots of the kind '{kind.name}' know no way to a motion's start",
+            where="--from",
+            next_step="Bring the robot there by its own controller.",
+        )
+    parts = {"approach": found.approach, "return": found.back}
+    parts |= {} if found.whole is None else {"trajectory": found.whole}
+    made = {
+        stem: render(part, kind, spec, campaign.config, limits, kept.unheld, stem, kept.control)
+        for stem, part in parts.items()
+    }
+    return pose, found, made
+
+
+def poses_of(campaign: Campaign) -> dict[str, Array]:
+    """Poses (k,) by name: home, and what the kind knows beside it."""
+    more = getattr(campaign.kind, "poses", None)
+    found = {} if more is None else more(campaign.spec)
+    return {HOME: np.asarray(campaign.kind.home(campaign.spec), dtype=float), **found}
+
+
+def pose_of(campaign: Campaign, start: str) -> Array:
+    """(k,) the pose that `start` names, rad (m). UsageError if it names none."""
+    named = poses_of(campaign)
+    if start in named:
+        return named[start]
+    if "=" in start and not Path(start).is_file():
+        return _stated(start, campaign.axes)
+    return _last_row(Path(start), campaign)
+
+
+def _stated(text: str, axes: tuple[str, ...]) -> Array:
+    values: dict[str, float] = {}
+    for one in text.replace(",", " ").split():
+        axis, _, value = one.rpartition("=")
+        try:
+            values[axis] = float(value)
+        except ValueError:
+            raise UsageError(f"{one!r} is no joint=value", where="--from", next_step=WRITE) from None
+    missing, unknown = ([a for a in one if a not in other] for one, other in ((axes, values), (values, axes)))
+    if missing or unknown:
+        what = f"lacks {', '.join(missing)}" if missing else f"has no joint {', '.join(unknown)}"
+        raise UsageError(
+            f"the pose {what}" if missing else f"the robot {what}",
+            where="--from",
+            next_step=f"Name each of {', '.join(axes)} once.",
+        )
+    return np.array([values[axis] for axis in axes])
+
+
+def _last_row(path: Path, campaign: Campaign) -> Array:
+    """The positions in the last row of a table with a column for each joint."""
+    try:
+        lines = [line for line in csv.reader(io.StringIO(path.read_text(errors="replace"))) if any(line)]
+    except OSError as error:
+        raise UsageError(
+            f"there is no pose {str(path)!r}: {error.strerror}", where="--from", next_step=WRITE
+        ) from None
+    wanted = column_names(campaign.channel(campaign.kind.path))
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    missing = [name for name in wanted if name not in header]
+    if missing or len(lines) < 2:
+        raise UsageError(
+            f"the table has no {'column ' + ', '.join(missing) if missing else 'row'}",
+            where=str(path),
+            next_step=f"It needs the columns {', '.join(wanted)}; its last row is the pose.",
+        )
+    try:
+        pose = np.array([float(lines[-1][header.index(name)]) for name in wanted])
+    except (ValueError, IndexError):
+        raise UsageError("its last row is no pose", where=str(path), next_step=WRITE) from None
+    if not np.isfinite(pose).all():
+        raise UsageError("its last row is no pose", where=str(path), next_step=WRITE)
+    return pose
+
+
+def _label(campaign: Campaign, start: str, pose: Array) -> str:
+    """Of a folder: each pose has one of its own."""
+    return start if start in poses_of(campaign) else hashlib.sha256(pose.tobytes()).hexdigest()[:8]

@@ -1,0 +1,347 @@
+"""ask: the next trajectory, a pure function of the committed facts and the campaign's seed."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.campaign.edited import take_up
+from etude.campaign.evaluate.stopping import judge
+from etude.campaign.propose.proposal import proposed
+from etude.campaign.propose.proposal_constraints import Kept, kept_then
+from etude.campaign.propose.tracking import kept_now
+from etude.campaign.propose.visited import Swept, as_facts, swept, teaches_little
+from etude.campaign.record.controls import require_learned, require_same, required
+from etude.campaign.record.folder import Campaign, Say
+from etude.campaign.record.history import seen_by_the_rule
+from etude.campaign.record.journal import Event, recorded, require_intact
+from etude.campaign.record.proposals import FULL, proposal_advice, speed_folder, stored_trajectory
+from etude.campaign.record.state import State
+from etude.campaign.record.stored import is_learned, newest_model
+from etude.campaign.record.stored_files import (
+    changed_since,
+    name_of,
+    require_description,
+    settle,
+    stored_bytes,
+)
+from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
+from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
+from etude.limits.open_commands import require_possible
+from etude.protocols import Limit, Trajectory
+from etude.storage import write_atomic
+
+if TYPE_CHECKING:
+    from etude.campaign.learn.training import Learner
+    from etude.campaign.propose.approach import Approached
+    from etude.campaign.propose.export import Exported
+    from etude.limits.certificate import Certificate
+
+Beside = Callable[[TrajectoryFiles], Mapping[Path, bytes]]
+ASK_STREAM = 1
+"""Separates the random numbers of `ask` from those of training and testing."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A trajectory that waits for its log.
+
+    Attributes:
+        number: of the trajectory.
+        folder: where trajectory.json, trajectory.csv and certificate.json are.
+        certificate: of the bytes in that folder.
+        duration: s.
+        new: False if it had been asked for before and is still open.
+        status: how it was found.
+        exported: the same motion in the formats that were asked for.
+        way: from where the robot stands to its start, and back, if that was asked for.
+        renewed: sentences, which of its files were written anew, and why.
+        swept: of each axis; none of kinds that do not know where their robots can be.
+    """
+
+    number: int
+    folder: Path
+    certificate: Certificate
+    duration: float
+    new: bool
+    status: str
+    exported: tuple[Exported, ...] = ()
+    way: Approached | None = None
+    renewed: tuple[str, ...] = ()
+    swept: tuple[Swept, ...] = ()
+
+
+def ask(
+    campaign: Campaign,
+    *,
+    new: bool = False,
+    go_on: bool = False,
+    speed: int = FULL,
+    tasks: Path | None = None,
+    formats: Sequence[str] = (),
+    effort: bool = False,
+    start: str = "",
+    control: str = "",
+    learner: Learner | None = None,
+    say: Say = lambda _: None,
+) -> Proposal:
+    """The open proposal, or else the next trajectory, written and certified.
+
+    Args:
+        campaign: the folder.
+        new: ask for another one although one is open.
+        go_on: ignore the stop rule.
+        speed: per cent; below 100 the same path is also written slowed down, in a folder of its own.
+        tasks: a file of motions that the model is for.
+        formats: also write it for these receivers, names among `etude.exporters`.
+        effort: with the learned command where the format has a place for it.
+        start: where the robot stands: "home", joint=value for each joint, or a CSV whose last row it is; the
+            way there and back is then written too, and other formats hold approach, motion and return.
+        control: that it is to be run under, `campaign.controls`: its margins are those of logs of that one;
+            "": learned feedforward with `effort`, else feedback alone.
+        learner: how logs are learned; only tests give another one.
+        say: receives one sentence per step.
+
+    Raises:
+        StopRuleReached: another trajectory is not worth its robot time.
+        UsageError: a file of the open proposal is missing, or is not what was committed, or it is for another
+            control; an unknown format.
+        UnsafeTrajectoryError: no trajectory inside the limits; nothing is written.
+    """
+    motions = _tasks(campaign, tasks)
+    _require(formats)
+    under = required(control, effort)
+    with campaign.writing():
+        require_description(campaign)
+        _learn(campaign, learner, say)
+        state = campaign.state()
+        if state.proposals and not new:
+            number, made = state.proposals[-1].number, None
+            kept = kept_then(campaign.round(number).asked)
+            require_same(control, campaign.round(number).asked, number)
+        else:
+            require_learned(under, state)
+            number, kept = state.next_number, kept_now(campaign, state, under)
+            check = _way_check(campaign, start, speed)
+            made = _propose(campaign, state, number, kept, motions, tasks, go_on, say, check)
+        found = present(campaign, number, kept, made, speed)
+        motion = stored_trajectory(campaign, number, speed)
+        way = _way(campaign, number, motion, found, start, kept) if start else None
+        whole = (motion, found.folder) if way is None or way.whole is None else (way.whole, way.folder)
+        exported = _exported(campaign, number, whole, formats, effort)
+        take_up(campaign)
+        return replace(found, exported=exported, way=way)
+
+
+# what a plain `ask` does not need is not loaded: it is the command that is run most
+
+
+def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
+    if tasks is None:
+        return ()
+    from etude.campaign.propose.tasks import load_tasks
+
+    return load_tasks(tasks, campaign.channel(campaign.kind.path))
+
+
+def _require(formats: Sequence[str]) -> None:
+    if formats:
+        from etude.campaign.propose.export import require_formats
+
+        require_formats(formats)
+
+
+def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
+    if not is_learned(campaign.state()):
+        from etude.campaign.learn.training import learn_pending
+
+        learn_pending(campaign, learner, say)
+
+
+def _way(
+    campaign: Campaign, number: int, motion: Trajectory, found: Proposal, start: str, kept: Kept
+) -> Approached:
+    from etude.campaign.propose.approach import approached
+
+    return approached(campaign, number, motion, found.folder, start, kept)
+
+
+def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Kept], None]:
+    """Refuses a motion that no way leads to from there, before it is a proposal; the pose is read now."""
+    if not start:
+        return lambda _, __: None
+    from etude.campaign.propose.approach import pose_inside, prepared
+
+    pose_inside(campaign, start)
+
+    def check(motion: Trajectory, kept: Kept) -> None:
+        try:
+            prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, kept)
+        except UnsafeTrajectoryError as problem:
+            raise UnsafeTrajectoryError(
+                f"no way from there to the motion that would be asked is proved: {problem.fact}",
+                where=problem.where,
+                next_step="Nothing was asked. Name another pose, or ask without --from and bring the robot "
+                "to the start by its own controller.",
+            ) from None
+
+    return check
+
+
+def _exported(
+    campaign: Campaign, number: int, whole: tuple[Trajectory, Path], formats: Sequence[str], effort: bool
+) -> tuple[Exported, ...]:
+    if not formats:
+        return ()
+    from etude.campaign.propose.export import export
+
+    return tuple(export(campaign, number, *whole, name, effort=effort) for name in formats)
+
+
+def _open(campaign: Campaign, state: State) -> list[Trajectory]:
+    """The proposals that wait for their logs; one whose file is damaged will have none."""
+    found = []
+    for waiting in state.proposals:
+        with contextlib.suppress(UsageError):
+            found.append(stored_trajectory(campaign, waiting.number))
+    return found
+
+
+def _propose(
+    campaign: Campaign,
+    state: State,
+    number: int,
+    kept: Kept,
+    motions: Sequence[Trajectory],
+    tasks: Path | None,
+    go_on: bool,
+    say: Say,
+    check: Callable[[Trajectory, Kept], None] = lambda _, __: None,
+) -> tuple[TrajectoryFiles, str]:
+    """Files of the next trajectory, committed, and how it was found; not one that `check` refuses."""
+    if not go_on:
+        _check_stop(campaign, state, None)
+    seed = [state.seed, number, ASK_STREAM]
+    rng = np.random.default_rng(seed)
+    kept = kept.using(newest_model(campaign, state)) if state.trained else kept
+    limits = kept.limits(campaign)
+    require_possible(limits)
+    trajectory, facts = proposed(
+        campaign, kept.model(campaign), rng, motions, _open(campaign, state), limits, say
+    )
+    if not go_on:
+        _check_stop(campaign, state, facts["gain"])
+    kept = kept.of(trajectory)
+    files = _files(campaign, trajectory, limits, kept)
+    check(files.trajectory, kept)
+    written = files.write(campaign.proposal(number))
+    if tasks is not None:
+        copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
+        write_atomic(copy, tasks.read_bytes())
+        written.append(copy)
+    at_limit = [list(pair) for pair in files.certificate.active()]
+    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained), **kept.as_facts()}
+    campaign.commit("asked", number, written, **facts)
+    return files, str(facts["status"])
+
+
+def _files(
+    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
+) -> TrajectoryFiles:
+    kind, spec, config = campaign.kind, campaign.spec, campaign.config
+    rows = swept(campaign, trajectory, limits)
+    own = as_facts(rows), teaches_little(rows)
+    return render(
+        trajectory, kind, spec, config, limits, kept.unheld, control=kept.control, swept=own[0], warned=own[1]
+    )
+
+
+def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:
+    """A proposal that is open already; of the description alone if campaign.toml allows less by now."""
+    try:
+        return _files(campaign, trajectory, kept.limits(campaign), kept)
+    except UnsafeTrajectoryError:
+        return _files(campaign, trajectory, kept.limits(campaign, described=True), kept)
+
+
+def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
+    """Why an open proposal cannot be run as it is, and how to come by another."""
+    asked = [e for e in campaign.events() if (e.event, e.number) == ("asked", number)]
+    why = changed_since(campaign, asked, [name for e in asked for name in e.files])
+    confirm = "--confirm " * campaign.round(number).confirms
+    return UnsafeTrajectoryError(
+        f"trajectory {number}, which is open, is not proved{f' since {why}' if why else ''}: {problem.fact}",
+        where=problem.where,
+        next_step=f"Do not run it. Ask for another motion: etude ask {campaign.path} {confirm}--new."
+        + (f" Or put back {why.removesuffix(' changed')} as it was." if why else ""),
+    )
+
+
+def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
+    if not state.trained:
+        return
+    verdict = judge(seen_by_the_rule(campaign, state, gain), campaign.config.stop)
+    first = "Use the model" if verdict.usable else "Do not use the model yet: etude status says why"
+    if verdict.stop:
+        raise StopRuleReached(
+            f"the stop rule fired ({verdict.rule}): {verdict.reason.rstrip('.')}",
+            where=str(campaign.path),
+            next_step=f"{first}, change [stop] in campaign.toml, or ask with --continue.",
+        )
+
+
+def present(
+    campaign: Campaign,
+    number: int,
+    kept: Kept,
+    made: tuple[TrajectoryFiles, str] | None,
+    speed: int,
+    beside: Beside = lambda _: {},
+) -> Proposal:
+    """An asked trajectory as it lies in its folder, held against the journal; slowed if that is wanted.
+
+    It is proved here from the bytes in the folder, under what robot.toml and campaign.toml say now; tables
+    and certificates that are not of these are written anew.
+
+    made: its files and status, if it is new. beside: more files that go with it, as they are to be.
+    """
+    folder = speed_folder(campaign, number, speed)
+    advice = proposal_advice(campaign, number)
+    renewed: tuple[str, ...] = ()
+    if made is not None and speed == FULL:
+        files = made[0]
+    else:
+        _check(campaign, number, [name_of(campaign, campaign.proposal(number) / COEFFICIENTS)], advice)
+        full = stored_trajectory(campaign, number)
+        motion = at_speed(full, speed) if speed != FULL else full
+        if made is None:
+            try:
+                files = _again(campaign, motion, kept)
+            except UnsafeTrajectoryError as problem:
+                raise _outside_now(campaign, number, problem) from None
+        else:
+            files = _files(campaign, motion, kept.limits(campaign), kept.of(full))
+        if speed == FULL:  # what waits for its log stays what it is, to the byte
+            own = stored_bytes(campaign, folder / COEFFICIENTS, advice)
+            files = replace(files, coefficients=own)
+        contents = {**files.contents(folder), **(beside(files) if speed == FULL else {})}
+        asked = next(e for e in campaign.events() if (e.event, e.number) == ("asked", number))
+        settled = {name_of(campaign, path) for path in contents}
+        _check(campaign, number, [name for name in asked.files if name not in settled], advice)
+        renewed = settle(campaign, number, contents, advice, speed=speed)
+    status = "asked for before, still open" if made is None else made[1]
+    rows = swept(campaign, files.trajectory, kept.limits(campaign))
+    found = files.certificate, files.trajectory.duration, made is not None, status
+    return Proposal(number, folder, *found, renewed=renewed, swept=rows)
+
+
+def _check(campaign: Campaign, number: int, names: Sequence[str], advice: str) -> None:
+    """UsageError: a file that was asked for is missing, or is not what was committed."""
+    last = recorded(campaign.events())
+    own = {name: last[name] for name in names if name in last}
+    require_intact(campaign.path, [Event("asked", "", number, "", own)], advice)

@@ -1,0 +1,112 @@
+"""An open proposal in the format of what plays it, certified as its receiver reads it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from etude import plugins
+from etude.campaign.propose.tracking import kept_under
+from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
+from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.stored_files import settle
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
+from etude.deploy.played import certify_played
+from etude.generation import GENERATION
+from etude.limits.certificate import Certificate
+from etude.protocols import Trajectory
+
+GROUP = "etude.exporters"
+CERTIFICATE = "certificate.json"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Files in another format.
+
+    Attributes:
+        format: its name among `etude.exporters`.
+        files: their paths.
+        certificate: of what the receiver plays of these bytes.
+        renewed: a sentence, if they were written anew.
+    """
+
+    format: str
+    files: tuple[Path, ...]
+    certificate: Certificate
+    renewed: tuple[str, ...] = ()
+
+
+def require_formats(names: Sequence[str]) -> None:
+    """Loads them: a name that is wrong is said before anything is asked. UsageError: there is none."""
+    for name in names:
+        plugins.load(GROUP, name)
+
+
+def export(
+    campaign: Campaign,
+    number: int,
+    trajectory: Trajectory,
+    folder: Path,
+    name: str,
+    *,
+    effort: bool = False,
+    drag: bool = True,
+) -> Exported:
+    """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
+    and written anew where it is another by now.
+
+    The caller holds the writer's lock.
+
+    Args:
+        campaign: the folder. number: of the proposal.
+        trajectory: what to run. folder: where its own files are.
+        name: of the exporter.
+        effort: with the learned command along the motion; margins are then those under it.
+        drag: whether accelerations, where the format has them, hold against what was learned of the drag, as
+            flights that are simulated do (`Kind.collecting`).
+
+    Raises:
+        UsageError: no such format, not one for this robot, no model to take commands from, commands that are
+            no forces, or a file that was changed since.
+        UnsafeTrajectoryError: what the receiver plays leaves a limit; nothing is written.
+    """
+    exporter = plugins.load(GROUP, name)
+    what = _with_effort(campaign, trajectory) if effort else trajectory
+    what = _accelerated(campaign, what) if drag else what
+    own = asked_under(campaign.round(number).asked)
+    kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
+    limits = kept.limits_as_played(campaign, trajectory)
+    what = within_tilt(what, limits) if isinstance(what, Commanded) else what
+    files = exporter(what, campaign.kind, campaign.spec)
+    certificate = certify_played(exporter, files, limits, trajectory, kept.control)
+    place = folder / (f"{name}_effort" if effort else name)
+    contents = {**files, CERTIFICATE: _proof(certificate)}
+    facts = {} if kept.controls == own else kept.as_facts()
+    written = {place / file: data for file, data in contents.items()}
+    renewed = settle(campaign, number, written, format=name, effort=effort, **facts)
+    return Exported(name, tuple(written), certificate, renewed)
+
+
+def _proof(certificate: Certificate) -> bytes:
+    words = {"generation": GENERATION, **json.loads(certificate.to_json())}
+    return (json.dumps(words, indent=1) + "\n").encode()
+
+
+def _with_effort(campaign: Campaign, trajectory: Trajectory) -> Commanded:
+    unit = getattr(campaign.spec, "command_unit", "")
+    require_forces(unit, campaign.spec.name, "Export without --effort.")
+    return commanded(trajectory, model_in_use(campaign).model)
+
+
+def _accelerated(campaign: Campaign, what: Trajectory | Commanded) -> Trajectory | Commanded:
+    """With what flights that collect are flown with, once something was learned."""
+    made = getattr(campaign.kind, "collecting", None)  # a kind that lacks it collects under feedback alone
+    if made is None or not campaign.state().trained:
+        return what
+    model = model_in_use(campaign).model
+    controller = made(campaign.spec, campaign.config, model)
+    return accelerated(what, controller, model.inputs.orders)

@@ -1,0 +1,185 @@
+"""Campaign: an opened campaign folder. It knows where things lie and what was committed, nothing else."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from etude.campaign.record.config import CampaignConfig
+from etude.campaign.record.config_file import CONFIG, load_config, trusting
+from etude.campaign.record.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
+from etude.campaign.record.names import require_plain
+from etude.campaign.record.state import Round, State, replay
+from etude.errors import UsageError
+from etude.generation import GENERATION
+from etude.plugins import named_in
+from etude.protocols import Kind, Limit, Model
+from etude.shown import Picture, picture_of
+from etude.storage import sha256_of, writer_lock
+from etude.trust import folder_id
+from etude.types import Channel, Margins
+
+if TYPE_CHECKING:
+    from etude.models.model import LearnedModel
+
+ROBOT = "robot.toml"
+WAIT_S = 10.0
+"""How long a second writer waits; a `tell` that trains holds the place for longer."""
+Say = Callable[[str], None]
+"""Receives one sentence per step."""
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign:
+    """A campaign folder with its configuration and robot, both as they were when it was opened.
+
+    Attributes:
+        path: the folder.
+        config: campaign.toml.
+        config_sha256: of campaign.toml's bytes. robot_sha256: of robot.toml's.
+        kind: of the robot.
+        spec: robot.toml, as the kind describes its robots.
+        notes: what a reader of campaign.toml should know: a sentence for each key that was renamed.
+    """
+
+    path: Path
+    config: CampaignConfig
+    config_sha256: str
+    kind: Kind
+    spec: Any
+    notes: tuple[str, ...] = ()
+    robot_sha256: str = ""
+
+    def __repr__(self) -> str:
+        state = self.state()
+        return (
+            f"Campaign {self.path.name!r} of {self.name} ({self.kind.name}): {len(state.told)} logs told, "
+            f"{len(state.learned)} learned, {len(state.proposals)} proposals open"
+        )
+
+    def plot(self, path: str | Path | None = None) -> Picture:
+        """The learning curve: shown by a notebook, and saved as SVG if there is a path."""
+        return picture_of("campaign", self, path)
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        return str(self.spec.name)
+
+    @cached_property
+    def models(self) -> dict[str, LearnedModel]:
+        """Stored models that were read, by the hash of their file."""
+        return {}
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """What a log of this robot may hold."""
+        return tuple(self.kind.channels(self.spec))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Coordinates of the path."""
+        return self.channel(self.kind.path).parts
+
+    @property
+    def command(self) -> Channel:
+        """What is learned."""
+        return next(c for c in self.channels if c.role == "command")
+
+    def channel(self, name: str) -> Channel:
+        """The channel of that name."""
+        return next(c for c in self.channels if c.name == name)
+
+    def limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
+        """What no trajectory may exceed, less the margins of tracking; commands by the model, if any."""
+        return self.kind.limits(self.spec, self.config, model, margins or {})
+
+    def described_limits(self, margins: Margins | None = None, model: Model | None = None) -> Sequence[Limit]:
+        """What the robot's description allows: what a proposal that is open already is held against."""
+        trajectory = getattr(self.config.trajectory, "described", self.config.trajectory)
+        return self.kind.limits(self.spec, replace(self.config, trajectory=trajectory), model, margins or {})
+
+    def proposal(self, number: int) -> Path:
+        return self.path / "proposals" / f"{number:04d}"
+
+    def run_file(self, number: int) -> Path:
+        return self.path / "runs" / f"{number:04d}.parquet"
+
+    def source_file(self, number: int) -> Path:
+        return self.path / "runs" / f"{number:04d}.source.toml"
+
+    def model_folder(self, number: int) -> Path:
+        return self.path / "models" / f"{number:04d}"
+
+    def events(self) -> list[Event]:
+        return read_events(self.path)
+
+    def state(self) -> State:
+        """The state that all committed events add up to."""
+        return replay(self.events())
+
+    def commit(self, event: str, number: int | None, files: list[Path], **facts: Any) -> None:
+        """Appends a fact to the journal, with the robot and the generation that it is of.
+
+        Its files are on the disk already. The caller holds the lock.
+        """
+        own = {ROBOT_SHA256: self.robot_sha256, "generation": GENERATION}
+        commit(self.path, event, number, self.config_sha256, files, **facts, **own)
+
+    @contextlib.contextmanager
+    def writing(self, wait_s: float | None = None) -> Iterator[None]:
+        """The one writer's place."""
+        with writer_lock(self.path, WAIT_S if wait_s is None else wait_s):
+            yield
+
+    def round(self, number: int) -> Round:
+        """The round of that number.
+
+        Raises:
+            UsageError: nothing of that number was asked for or told.
+        """
+        rounds = self.state().rounds
+        if number not in rounds:
+            known = ", ".join(map(str, sorted(rounds))) or "none yet"
+            raise UsageError(
+                f"there is no trajectory {number}", where=str(self.path), next_step=f"Known: {known}."
+            )
+        return rounds[number]
+
+
+def open_campaign(path: Path) -> Campaign:
+    """Opens the campaign in `path`.
+
+    Raises:
+        UsageError: there is none, its `init` was interrupted, or campaign.toml or robot.toml are impossible.
+    """
+    path = Path(path)
+    found = load_config(path)
+    if not any(event.event == "created" for event in read_events(path)):
+        raise UsageError(
+            "this campaign was not finished being made",
+            where=str(path / CONFIG),
+            next_step="Run etude init again.",
+        )
+    spec = _spec(path, found.kind)
+    parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
+    require_plain((part for part in parts if part), str(path / ROBOT))
+    return Campaign(path, found.config, found.sha256, found.kind, spec, found.notes, sha256_of(path / ROBOT))
+
+
+def _spec(path: Path, kind: Kind) -> Any:
+    try:
+        with named_in(path / ROBOT, path, folder_id(path / JOURNAL), trusting(path)):
+            return kind.spec(path / ROBOT)
+    except UsageError:
+        if (path / ROBOT).is_file() and not kind.recognises(path / ROBOT):
+            raise UsageError(
+                f"robot.toml does not describe a robot of the kind {kind.name!r}, which campaign.toml names",
+                where=str(path / ROBOT),
+                next_step="Both files name the same kind; put back the one that was changed.",
+            ) from None
+        raise

@@ -1,0 +1,165 @@
+"""What earlier versions left on a user's disk, and is known to be unsafe: named, with what makes it again.
+
+Everything that is written says its generation (`etude.generation`); what says none is of the first. A fault
+is named where it applies and nowhere else, and until what it is in was made again. docs/known_faults.md tells
+people of each.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etude.campaign.deployment.model_export import EXPORTS, MARK
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.journal import Event
+from etude.campaign.record.state import State
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of earlier generations.
+
+    Attributes:
+        mended: generation from which it is not there. what: for people.
+    """
+
+    mended: int
+    what: str
+
+
+MOUNTING, CLAMPED, MOVING_END = "mounting", "clamped_physics", "moving_end"
+FAULTS = {
+    MOUNTING: Fault(
+        2,
+        "[mounting] was lost, since the model file's root link is called world: gravity, clearances and "
+        "torques are those of a robot that stands upright",
+    ),
+    CLAMPED: Fault(
+        2,
+        "its physics, gravity too, stand still where a joint leaves the positions that it was trained on: "
+        "commands are wrong there",
+    ),
+    MOVING_END: Fault(
+        2,
+        "its last row is in motion, and a receiver that holds the last row flies on: out of the limits",
+    ),
+}
+TARGETS = ("c", "ros2", "onnx", "px4", "crazyflie")
+"""Of exported models: those whose code clamped its inputs before the physics."""
+
+
+@dataclass(frozen=True)
+class Affected:
+    """One thing on the disk with a known fault.
+
+    Attributes:
+        code: of the fault, as in the documentation. what: is affected, in words. path: where it lies.
+        command: what makes it again.
+    """
+
+    code: str
+    what: str
+    path: str
+    command: str
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return (
+            f"{self.what} ({self.path}) is of an earlier version: {FAULTS[self.code].what}. Do not use it. "
+        )
+
+
+def affected(campaign: Campaign, state: State) -> list[Affected]:
+    """Everything of this campaign that is known to have a fault, motions first."""
+    of_robot = tuple(getattr(campaign.kind, "mended", lambda _: ())(campaign.spec))
+    return [
+        *_motions(campaign, state, of_robot),
+        *_models(campaign, state, of_robot),
+        *_exports(campaign, of_robot),
+    ]
+
+
+def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterator[Affected]:
+    """Proposals, and what was written of them for receivers; of each folder the newest event counts."""
+    folders: dict[str, Event] = {}
+    for event in campaign.events():
+        if event.event in ("asked", "exported") and event.number is not None:
+            folders |= {
+                name.rpartition("/")[0]: event for name in event.files if name.endswith("certificate.json")
+            }
+    for folder, event in folders.items():
+        number = event.number or 0
+        one, certificate = state.rounds.get(number), campaign.path / folder / "certificate.json"
+        if one is None or one.abandoned or not certificate.is_file():
+            continue
+        what = f"trajectory {number}" + (f" for {event.facts['format']}" if "format" in event.facts else "")
+        if _is_before(event, MOUNTING) and MOUNTING in of_robot:
+            again = "" if one.open else " --new"
+            yield Affected(MOUNTING, what, folder, f"etude ask {campaign.path}{again}")
+        if _is_before(event, MOVING_END) and _in_motion(certificate):
+            give_up = f"etude abandon {campaign.path} {number}, then " if one.open else ""
+            yield Affected(MOVING_END, what, folder, f"{give_up}etude ask {campaign.path} --new")
+
+
+def _in_motion(certificate: Path) -> bool:
+    """Whether it says that the motion does not end at rest."""
+    try:
+        return json.loads(certificate.read_bytes()).get("at_rest") is False
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterator[Affected]:
+    """The newest model and the one in use, of a robot whose physics were wrong."""
+    if MOUNTING not in of_robot:
+        return
+    path, events = campaign.path, campaign.events()
+    trained = [e for e in events if e.event == "trained" and state.trained]
+    if trained and _is_before(trained[-1], MOUNTING):
+        number = trained[-1].number
+        told = (state.rounds[number].told or {}) if number in state.rounds else {}
+        log = told.get("source", "LOG")
+        again = f"etude untell {path} {number}, then etude tell {path} {log}"
+        yield Affected(MOUNTING, f"the model of log {number}", f"models/{number:04d}", again)
+    promoted = [e for e in events if e.event == "promoted"]
+    if state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
+        what = f"the promoted model of log {promoted[-1].number}"
+        yield Affected(MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {path}")
+
+
+def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
+    """Models that left: those in exports/ by their mark, those elsewhere by the journal."""
+    for place, words in _exported(campaign):
+        generation, target = int(words.get("generation", 1)), str(words.get("target", ""))
+        where = place.relative_to(campaign.path) if place.is_relative_to(campaign.path) else place
+        output = "" if place == campaign.path / EXPORTS / target else f" --output {place}"
+        again = f"etude export {campaign.path} --to {target}{output}"
+        if generation < FAULTS[MOUNTING].mended and MOUNTING in of_robot:
+            yield Affected(MOUNTING, f"the model for {target}", str(where), again)
+        if generation < FAULTS[CLAMPED].mended and target in TARGETS:
+            yield Affected(CLAMPED, f"the model for {target}", str(where), again)
+
+
+def _exported(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
+    elsewhere = {
+        Path(e.facts["place"])
+        for e in campaign.events()
+        if e.event == "exported" and e.number is None and "place" in e.facts
+    }
+    inside = [mark.parent for mark in sorted(campaign.path.glob(f"{EXPORTS}/*/{MARK}"))]
+    for place in dict.fromkeys([*inside, *sorted(elsewhere)]):
+        try:
+            words = json.loads((place / MARK).read_bytes())
+        except (OSError, ValueError):
+            continue  # it went to the robot, or was deleted
+        if isinstance(words, dict):
+            yield place, words
+
+
+def _is_before(event: Event, code: str) -> bool:
+    return int(event.facts.get("generation", 1)) < FAULTS[code].mended

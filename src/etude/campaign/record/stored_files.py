@@ -1,0 +1,194 @@
+"""What lies on a campaign's disk: held against the journal before anything rests on it, and written anew
+where robot.toml, campaign.toml or a model have changed since.
+
+What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
+a file that nobody should have changed is refused by its name, and a file that would be written otherwise
+today is written anew, committed, and named.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from etude.campaign.record.folder import ROBOT, Campaign
+from etude.campaign.record.journal import ROBOT_SHA256, Event, recorded, require_intact
+from etude.errors import UsageError
+from etude.generation import GENERATION
+from etude.storage import unreadable, write_atomic
+
+RESTORE = "Restore the file from a copy."
+
+
+def name_of(campaign: Campaign, path: Path) -> str:
+    """As the journal names it."""
+    return path.relative_to(campaign.path).as_posix()
+
+
+def stored_bytes(campaign: Campaign, path: Path, next_step: str = RESTORE) -> bytes:
+    """The bytes of a committed file, which are those that were committed.
+
+    Raises:
+        FileNotFoundError: the journal knows no such file, or it is missing.
+        UsageError: it was changed, or cannot be read.
+    """
+    name = name_of(campaign, path)
+    digest = recorded(campaign.events()).get(name)
+    if digest is None:
+        raise FileNotFoundError(f"the journal knows no {name}")
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(f"{name} is missing") from None
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise UsageError(f"{name} was changed after it was committed", where=str(path), next_step=next_step)
+    return data
+
+
+def is_committed(campaign: Campaign, path: Path) -> bool:
+    """Whether the journal knows the file, and it is there: a killed writer may leave one that it does not."""
+    return name_of(campaign, path) in recorded(campaign.events()) and path.exists()
+
+
+def require_description(campaign: Campaign) -> None:
+    """The robot's files beside robot.toml: its model and its meshes. People edit robot.toml alone.
+
+    Raises:
+        UsageError: one is missing or was changed.
+    """
+    created = next(e for e in campaign.events() if e.event == "created")
+    own = {name: digest for name, digest in created.files.items() if name != ROBOT}
+    advice = (
+        f"{RESTORE} If the robot is another one by now, start a campaign of its own: "
+        "etude init FOLDER --robot FILE."
+    )
+    require_intact(campaign.path, [Event("created", "", None, "", own)], advice)
+
+
+def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
+    """The stored logs of these numbers. UsageError: one is missing or was changed; says which."""
+    for number in numbers:
+        name = name_of(campaign, campaign.run_file(number))
+        digest = recorded(campaign.events()).get(name)
+        own = Event("told", "", number, "", {} if digest is None else {name: digest})
+        require_intact(campaign.path, [own], run_advice(campaign, number))
+
+
+def run_advice(campaign: Campaign, number: int) -> str:
+    """What to do where the stored log of that number is not the one that was told."""
+    told = campaign.state().rounds[number].told or {}
+    return (
+        f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
+        f"etude untell {campaign.path} {number}, then etude tell {campaign.path} {told.get('source', 'LOG')}."
+    )
+
+
+def settle(
+    campaign: Campaign, number: int, contents: Mapping[Path, bytes], next_step: str = "", **facts: object
+) -> tuple[str, ...]:
+    """Has these files hold these bytes when it returns; a sentence if that took writing them anew.
+
+    They are written and committed where the journal does not know them yet, or somebody deleted all of them.
+    Where it knows them, each has to be as it was committed, or as it is to be: then those that are to be
+    otherwise are written and committed anew. The caller holds the writer's lock.
+
+    Args:
+        campaign: the folder. number: of the proposal.
+        contents: path -> bytes, the certificate last.
+        next_step: where a file was changed; "": to delete all of them and repeat the command, which then
+            writes them anew. facts: of the `exported` event.
+
+    Raises:
+        UsageError: a file is missing or was changed; nothing is written.
+    """
+    events = campaign.events()
+    known, there = recorded(events), [path for path in contents if path.exists()]
+    names = {path: name_of(campaign, path) for path in contents}
+    committed = [path for path in contents if names[path] in known] if there else []
+    wrong = [path for path, data in contents.items() if not _holds(path, data)]
+    # one that holds what is to be written needs no other witness: a writer may have been killed on its way
+    held = {names[path]: known[names[path]] for path in committed if path in wrong}
+    require_intact(campaign.path, [Event("exported", "", number, "", held)], next_step or _anew(there))
+    if not wrong and {names[path]: _digest(data) for path, data in contents.items()}.items() <= known.items():
+        if _is_older(events, names):  # proved again, by this generation
+            campaign.commit("exported", number, list(contents), **facts)
+        return ()
+    for path in wrong:
+        write_atomic(path, contents[path])
+    campaign.commit("exported", number, list(contents), **facts)
+    if not committed:
+        return ()
+    anew = wrong or committed
+    folders = dict.fromkeys(name_of(campaign, path.parent) for path in anew)
+    why = changed_since(campaign, events, [names[path] for path in committed])
+    what = f"{', '.join(path.name for path in anew)} in {', '.join(folders)}"
+    why = why or (
+        "an earlier version wrote them" if _is_older(events, names) else "what they rest on changed"
+    )
+    return (f"Written anew, since {why}: {what}.",)
+
+
+def _anew(there: Sequence[Path]) -> str:
+    """What to do where files were changed that the same command writes again once none of them is there."""
+    return (
+        "Do not run it. Restore the file from a copy; or delete all that was written with it, and run the "
+        f"same command again: rm {shlex.join(str(path) for path in there)}"
+    )
+
+
+def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[str]) -> str:
+    """Which of robot.toml and campaign.toml changed since these files were committed, in words; "" if neither
+    did, as far as the journal tells: before it kept the hash of robot.toml it tells nothing of that.
+    """
+    last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
+    found = [e for e in last if e is not None]
+    robot = any(e.facts.get(ROBOT_SHA256, campaign.robot_sha256) != campaign.robot_sha256 for e in found)
+    config = any(e.config_sha256 != campaign.config_sha256 for e in found)
+    words = [name for name, changed in ((ROBOT, robot), ("campaign.toml", config)) if changed]
+    return f"{' and '.join(words)} changed" if words else ""
+
+
+def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
+    """A sentence for each folder of these proposals whose certificate is of another robot.toml or
+    campaign.toml than lie here now.
+    """
+    events, found = campaign.events(), []
+    names = {
+        name for e in events if e.event in ("asked", "exported") and e.number in numbers for name in e.files
+    }
+    folders: dict[str, list[str]] = {}
+    for name in sorted(names):
+        if (campaign.path / name).is_file():
+            folders.setdefault(name.rpartition("/")[0], []).append(name)
+    for folder, files in folders.items():
+        why = changed_since(campaign, events, files)
+        if why:
+            own = re.match(r"proposals/0*(\d+)", folder)
+            number = int(own[1]) if own else 0
+            again = number == max(numbers, default=0)  # the newest is what ask proves again
+            step = f"etude ask {campaign.path}" if again else f"etude abandon {campaign.path} {number}"
+            advice = "ask for it again, before it is run" if again else "do not run it, give it up"
+            found.append(f"{folder} was proved before {why}: {advice}: {step}")
+    return found
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    try:
+        return path.read_bytes() == data
+    except OSError:
+        return False
+
+
+def _is_older(events: Sequence[Event], names: Mapping[Path, str]) -> bool:
+    """Whether an earlier generation wrote one of these files last."""
+    last = [next((e for e in reversed(events) if name in e.files), None) for name in names.values()]
+    return any(e is not None and e.facts.get("generation", 1) < GENERATION for e in last)
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,150 @@
+"""How far a run left its plan: the largest errors, by form of motion, once tracking has settled.
+
+A run may begin with a transient: a plan that starts with a step, integrators that have to find what a robot
+weighs. It says what a start costs, and nothing of what tracking leaves later. It ends where a step response
+is said to be settled: where the error's envelope stays, for the first time, inside the band that it keeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etude.logs.cleaning.smoothing import (
+    NYQUIST_SHARE,
+    median_rate,
+    noise_deviation,
+    resample,
+    segments,
+    smooth,
+    uniform_grid,
+)
+from etude.protocols import Trajectory
+from etude.types import Array, Log, Mask
+
+LEAST_HZ = 5.0
+"""The error is smoothed no more than this before it is differentiated, and less where noise allows."""
+NOISY = 0.1
+"""Part of the largest rate that noise may reach, in `PEAKS` deviations."""
+PEAKS = 4.0
+PASSED = 0.2777
+"""Integral of x^2/(1 + x^4)^2 over x > 0: white noise that is differentiated behind the filter."""
+ORDERS = 3
+"""Position, velocity, acceleration."""
+LEAST_ROWS = 8
+"""Fewer cannot be differentiated."""
+HELD = 2
+"""Orders by which a start is judged: position and velocity, of which margins are kept."""
+BAND = 0.5
+"""The last part of a run, of its duration: the largest errors there are the band."""
+STAYS = 0.125
+"""Part of the duration for which the error stays inside the band where it has settled."""
+LATEST = 0.45
+"""Part of the duration by which it has to: a log that never settles counts whole."""
+EDGE, BEYOND = 2.0, 4.0
+"""Times the band: inside of which an error has settled, as motions leave more here and less there; and which
+a start must reach. One that does not may be chance, and counts: margins have factors of 1.5 to 3 for it.
+"""
+ASKED = 1.0 / EDGE
+"""Part of what the start asks of each coordinate, in speed and acceleration, that the rest must ask too: a
+joint that moves at first and then stands has no transient, but a motion.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A start transient: until when, s of the trajectory, and the largest errors (ORDERS, k) before."""
+
+    until: float
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """By form of motion (ORDERS, k) the largest |measured - asked| of position, velocity, acceleration, and
+    the start transient that is not in them; None where there is none.
+    """
+
+    errors: dict[str, Array]
+    start: Start | None = None
+
+
+def largest_errors(log: Log, trajectory: Trajectory, path: str) -> dict[str, Array]:
+    """By form of motion, (ORDERS, k) the largest errors; see `tracked`."""
+    return tracked(log, trajectory, path).errors
+
+
+def tracked(log: Log, trajectory: Trajectory, path: str) -> Tracked:
+    """How far the run left its plan, a start transient by itself.
+
+    A chain counts as the forms of its pieces. Rates are those of the position's error, smoothed without
+    phase: a logged velocity has a filter of its own. Rows before and after the trajectory do not count. No
+    errors where the log lacks the path or is too short.
+    """
+    if path not in log:
+        return Tracked({})
+    error = log[path] - trajectory.motion(np.clip(log.t, 0.0, trajectory.duration), 1).orders[0]
+    stretches = [own for own in segments(log.t) if own.stop - own.start >= LEAST_ROWS]
+    if not stretches:
+        return Tracked({})
+    t = np.concatenate([log.t[own] for own in stretches])
+    sizes = np.concatenate([np.abs(_orders(log.t[own], error[own])) for own in stretches], axis=1)
+    inside = (t >= 0.0) & (t <= trajectory.duration)
+    until = _settled(t[inside], sizes[:HELD, inside], trajectory) if inside.any() else 0.0
+    found: dict[str, Array] = {}
+    for start, _, piece in trajectory.pieces():
+        own = (t >= max(start, until)) & (t <= start + piece.duration)
+        if own.any():
+            most = sizes[:, own].max(axis=1)
+            found[piece.form] = np.maximum(found.get(piece.form, most), most)
+    if until == 0.0:
+        return Tracked(found)
+    return Tracked(found, Start(until, sizes[:, (t >= 0.0) & (t < until)].max(axis=1)))
+
+
+def _settled(t: Array, sizes: Array, trajectory: Trajectory) -> float:
+    """s, when the errors (HELD, T, k) at times t (T,) have settled first; 0 without a transient."""
+    duration = trajectory.duration
+    late = t >= (1.0 - BAND) * duration
+    if not late.any() or late.all():
+        return 0.0
+    band = np.maximum(sizes[:, late].max(axis=1, keepdims=True), np.finfo(float).tiny)
+    beyond = (sizes / band).max(axis=(0, 2))
+    outside = t[beyond > EDGE]  # the last one in each window decides whether it stays
+    ends = np.concatenate([[0.0], outside])
+    following = np.concatenate([outside, [np.inf]])
+    until = float(ends[np.argmax(following - ends > STAYS * duration)])
+    before = t <= until
+    if not 0.0 < until <= LATEST * duration or beyond[before].max() < BEYOND:
+        return 0.0
+    later = float(t[~before][0]) if (~before).any() else 0.0
+    return later if _asks_on(t, before, trajectory) else 0.0
+
+
+def _asks_on(t: Array, before: Mask, trajectory: Trajectory) -> bool:
+    """Whether the rest of the motion asks of each coordinate about what its start does."""
+    asked = np.abs(trajectory.motion(t, ORDERS).orders[1:])
+    first, rest = asked[:, before].max(axis=1), asked[:, ~before].max(axis=1)
+    return bool(np.all(rest >= ASKED * first))
+
+
+def _orders(t: Array, error: Array) -> Array:
+    """(ORDERS, T, k) the error as it is and its smoothed rates, at times t (T,)."""
+    rate = median_rate(t)
+    grid = uniform_grid(t, rate)
+    values = resample(t, error, grid)
+    gentle = min(LEAST_HZ, 0.25 * rate)
+    rates = np.abs(smooth(grid, values, gentle).first).max(axis=0)
+    cutoffs = np.clip(_allowed(rates, noise_deviation(grid, values), rate), gentle, None)
+    parts = [smooth(grid, values[:, [j]], cutoff) for j, cutoff in enumerate(cutoffs.tolist())]
+    first, second = (np.hstack([getattr(part, name) for part in parts]) for name in ("first", "second"))
+    inside = (grid >= grid[0] + 1.0 / gentle) & (grid <= grid[-1] - 1.0 / gentle)  # the filter's edges ring
+    return np.stack([error, *(resample(grid, inside[:, None] * part, t) for part in (first, second))])
+
+
+def _allowed(rates: Array, noise: Array, rate: float) -> Array:
+    """(k,) Hz up to which noise stays below its part of the largest rates (k,), at most rate/8."""
+    most = 0.5 * NYQUIST_SHARE * rate
+    deviation = 2.0 * np.pi * np.maximum(noise, np.finfo(float).tiny) * PEAKS
+    return np.minimum(np.cbrt((NOISY * rates / deviation) ** 2 * rate / (2.0 * PASSED)), most)

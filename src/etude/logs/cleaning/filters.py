@@ -1,0 +1,159 @@
+"""The words of every recipe: grid, resample, smooth, differentiate, average, lag, trim, thin, mask.
+
+Words over arrays come from `smoothing`; those below take and give whole logs, all channels alike.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from etude.errors import DataError
+from etude.logs.cleaning.lag import LONGEST_LAG, command_lag, without_lag
+from etude.logs.cleaning.smoothing import (
+    Smoothed,
+    auto_cutoff,
+    median_rate,
+    motion_bands,
+    resample,
+    segments,
+    smooth,
+    uniform_grid,
+)
+from etude.types import Array, Channel, Log, Mask
+
+__all__ = [
+    "LONGEST_LAG",
+    "Smoothed",
+    "auto_cutoff",
+    "command_lag",
+    "differentiated",
+    "duration",
+    "longest_stretch",
+    "median_rate",
+    "motion_bands",
+    "on_grid",
+    "resample",
+    "sampled",
+    "saturated",
+    "segments",
+    "slower",
+    "smooth",
+    "thinned",
+    "trimmed",
+    "uniform",
+    "uniform_grid",
+    "without_lag",
+]
+GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+def duration(log: Log) -> float:
+    """Seconds that the log's stretches last together."""
+    return float(sum(np.ptp(log.t[piece]) for piece in segments(log.t)))
+
+
+def longest_stretch(log: Log) -> Log:
+    """The most rows without a pause; a repair is noted if that is not all of them."""
+    longest = max(segments(log.t), key=lambda piece: piece.stop - piece.start)
+    rows = longest.stop - longest.start
+    if rows == len(log):
+        return log
+    sentence = f"The recording pauses; the longest stretch, {rows} rows, is kept."
+    return log.take(longest).repaired(sentence)
+
+
+def uniform(log: Log, rate: float | None = None) -> Log:
+    """The longest stretch on a uniform grid at `rate` Hz, by default that of most of its intervals."""
+    rate = median_rate(log.t) if rate is None else rate
+    log = longest_stretch(log)
+    return on_grid(log, uniform_grid(log.t, rate))
+
+
+def on_grid(log: Log, grid: Array) -> Log:
+    """The log at the times `grid` (n,) s, by linear interpolation. Angles that wrap and quaternions that
+    change sign are made continuous first.
+    """
+    values = {
+        name: resample(log.t, _continuous(log.channels[name], part), grid)
+        for name, part in log.values.items()
+    }
+    return Log(grid, log.channels, values, log.source, log.repairs)
+
+
+def _continuous(channel: Channel, values: Array) -> Array:
+    if channel.parts == ("w", "x", "y", "z") and len(values):
+        flips = np.cumsum((values[1:] * values[:-1]).sum(axis=1) < 0.0) % 2
+        return np.asarray(values * np.concatenate([[1.0], 1.0 - 2.0 * flips])[:, None])
+    if set(channel.units) == {"rad"} and np.abs(np.diff(values, axis=0)).max(initial=0.0) > np.pi:
+        return np.asarray(np.unwrap(values, axis=0))
+    return values
+
+
+def sampled(log: Log, rate: float, *, averaged: bool = True) -> Log:
+    """The log at `rate` Hz or a little above; as it is if its own rate is no higher.
+
+    Args:
+        log: on a uniform grid.
+        rate: Hz.
+        averaged: means over the interval, at its middle, so that noise does not fold in; else single
+            samples at its start (thesis).
+    """
+    ticks = int(median_rate(log.t) / rate + 1e-6)
+    count = len(log) // max(ticks, 1)
+    if ticks < 2 or count == 0:
+        return log
+    if not averaged:
+        return log.take(slice(0, count * ticks, ticks))
+
+    def mean(values: Array) -> Array:
+        shape = (count, ticks, *values.shape[1:])
+        return np.asarray(values[: count * ticks].reshape(shape).mean(axis=1))
+
+    values = {name: mean(part) for name, part in log.values.items()}
+    return Log(mean(log.t), log.channels, values, log.source, log.repairs)
+
+
+def differentiated(log: Log, source: str, channel: Channel, cutoff_hz: float) -> Log:
+    """The log with `channel`, the zero-phase derivative of its channel `source`, on a uniform grid."""
+    return log.put(channel, smooth(log.t, log[source], cutoff_hz).first)
+
+
+def trimmed(log: Log, first_s: float, last_s: float) -> Log:
+    """The log without its first and last seconds.
+
+    Raises:
+        DataError: nothing is left.
+    """
+    since = log.t - log.t[0] if len(log) else log.t
+    kept = (since >= first_s) & (since <= (since[-1] if len(log) else 0.0) - last_s)
+    if not kept.any():
+        raise DataError(
+            "nothing is left of a log after trimming",
+            where=log.source,
+            next_step="Trim less, or record longer.",
+        )
+    return log.take(kept)
+
+
+def thinned(rate: float, rate_hz: float, number: int = 0) -> slice:
+    """Which rows of a log at `rate` Hz to keep, so that at least `rate_hz` remain per second.
+
+    `number` of the trajectory shifts the first: multiples of the golden ratio visit the step evenly,
+    whatever the number of logs, so that repeated motions add samples.
+    """
+    step = max(1, int(rate / rate_hz + 1e-3))
+    return slice(int(step * ((number * GOLDEN) % 1.0)), None, step)
+
+
+def slower(speed: Array, top: Array, fraction: float) -> Mask:
+    """(T, k) where |speed| (T, k) is less than that part of its largest value, or of `top` (k,) if less."""
+    reached = np.minimum(top, np.abs(speed).max(axis=0, initial=0.0))
+    return np.asarray(np.abs(speed) < fraction * reached)
+
+
+def saturated(command: Array, lower: Array, upper: Array, part: float = 1e-3) -> Mask:
+    """(T, J) where a command is within that part of its range of a limit, or beyond."""
+    near = part * (upper - lower)
+    return np.asarray((command <= lower + near) | (command >= upper - near))

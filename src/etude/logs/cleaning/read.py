@@ -1,0 +1,203 @@
+"""From a file to a cleaned Log: columns matched, units checked, rows repaired, for the channels of any robot.
+
+Times begin at 0 unless the log itself marks its 0; `identity.align` puts it where the trajectory starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from etude.errors import DataError
+from etude.logs.cleaning.ranges import check_commands, check_consistency, check_positions, looks_scaled
+from etude.logs.cleaning.repairs import check_constant, drop_spikes, drop_unreadable, note_pauses, order_rows
+from etude.logs.columns.headers import Column
+from etude.logs.columns.mapping import LogConfig, mapped
+from etude.logs.columns.matching import Matching, match_columns
+from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
+from etude.logs.columns.vocabulary import is_time
+from etude.logs.readers.cut import cut_sentences, with_rest_told
+from etude.logs.readers.log_file import is_log_file, read_log_file
+from etude.logs.readers.registry import file_head, read_raw
+from etude.types import Array, Channel, Log
+
+LEAST_ROWS = 50
+Settle = Callable[[Log], Log]
+
+
+def read_log(
+    path: str | Path,
+    channels: Sequence[Channel],
+    *,
+    rate: float,
+    degrees: bool = False,
+    limits: Limits | None = None,
+    topics: Sequence[str] = (),
+    config: LogConfig | None = None,
+    own_clock: bool = False,
+    settle: Settle | None = None,
+) -> Log:
+    """Reads, checks and repairs a recorded motion.
+
+    Args:
+        path: CSV, Parquet, or what another package's reader takes; headers as `logs.columns` describes.
+        channels: of the robot: what a log may hold, and must (`Channel.required`).
+        rate: Hz at which such logs are usually recorded; tells the unit of the times.
+        degrees: the file's angles and their rates are degrees; convert them all.
+        limits: lower and upper (parts,) by channel. Of positions, they tell another unit; of their rates,
+            wild cells; of commands, another unit and saturation.
+        topics: of a file that holds several.
+        config: other names of columns, and topics if none are given.
+        own_clock: times stay as recorded, which `identity.align` uses where a motion repeats itself; a log
+            that answers no trajectory then needs `units.start_at_zero`.
+        settle: asks the log what is asked before ranges are looked at; see `clean_log`.
+
+    Raises:
+        DataError: the file cannot be used; the message says what, where and what to do.
+    """
+    path = Path(path)
+    with np.errstate(all="ignore"):  # wild numbers are judged, not warned of
+        log, stated = matched_log(path, channels, rate, topics, config)
+        if degrees:
+            log = from_degrees(log, stated)
+        log = clean_log(log, channels, limits, stated, settle)
+        return log if own_clock else start_at_zero(log)
+
+
+def matched_log(
+    path: Path,
+    channels: Sequence[Channel],
+    rate: float,
+    topics: Sequence[str] = (),
+    config: LogConfig | None = None,
+) -> tuple[Log, set[str]]:
+    """The log in a file with its columns in place, in the units that it states, its rows as recorded; and
+    the channels whose unit is stated. Arguments and errors as `read_log`.
+    """
+    if _is_stored(path):
+        return _stored(path, channels)
+    return _recorded(path, channels, rate, topics, config or LogConfig())
+
+
+def clean_log(
+    log: Log,
+    channels: Sequence[Channel],
+    limits: Limits | None = None,
+    stated: Collection[str] = (),
+    settle: Settle | None = None,
+) -> Log:
+    """The doctor's round over a log whose columns are in place; `read_log` ends with it. Errors as there.
+
+    Args:
+        stated: names of channels whose unit the file states, which is believed.
+        settle: the log, its rows in order, to the log whose clock and rates are right; it refuses those
+            whose are not. None: rates of another unit than their positions are refused.
+    """
+    limits = limits or {}
+    log = order_rows(drop_unreadable(log))
+    if len(log) < LEAST_ROWS:
+        raise DataError(
+            f"only {len(log)} usable rows; a log needs at least {LEAST_ROWS}. {ending(log)}".rstrip(" ."),
+            where=log.source,
+            next_step="Was the recording cut? Export it again.",
+        )
+    log = note_pauses(log)
+    log = _consistent(log) if settle is None else settle(log)
+    # A wild cell must not decide the unit, and a wrong unit must not look like wild cells.
+    if looks_scaled(log, channels, limits):
+        log = drop_spikes(check_positions(log, limits), channels, limits)
+    else:
+        log = check_positions(drop_spikes(log, channels, limits), limits)
+    return check_lengths(check_constant(check_commands(log, limits)), stated)
+
+
+def _consistent(log: Log) -> Log:
+    check_consistency(log)
+    return log
+
+
+def ending(log: Log) -> str:
+    """The sentence that says why and where a run broke off, or nothing."""
+    return " ".join(cut_sentences(log))
+
+
+def _is_stored(path: Path) -> bool:
+    return path.suffix.lower() == ".parquet" and bool(file_head(path)) and is_log_file(path)
+
+
+def _stored(path: Path, channels: Sequence[Channel]) -> tuple[Log, set[str]]:
+    """A log that Étude wrote, with the robot's own channels, and the channels whose unit is known: all."""
+    log = read_log_file(path)
+    values = {}
+    for channel in channels:
+        if channel.name in log:
+            values[channel.name] = _in_order(log, channel)
+        elif channel.required:
+            raise DataError(f"the log has no channel {channel.name}", where=log.source, next_step=OTHER)
+    known = {c.name: c for c in channels if c.name in values}
+    return replace(log, channels=known, values=values), set(known)
+
+
+OTHER = "Tell a log of this robot."
+
+
+def _in_order(log: Log, channel: Channel) -> Array:
+    """The values of a channel in the order of the robot's parts."""
+    own = log.channels[channel.name].parts
+    if set(own) != set(channel.parts):
+        raise DataError(
+            f"the log has {', '.join(own)} in its channel {channel.name}, "
+            f"the robot {', '.join(channel.parts)}",
+            where=log.source,
+            next_step=OTHER,
+        )
+    order = [own.index(part) for part in channel.parts]
+    return log[channel.name] if order == sorted(order) else log[channel.name][:, order]
+
+
+def _recorded(
+    path: Path, channels: Sequence[Channel], rate: float, topics: Sequence[str], config: LogConfig
+) -> tuple[Log, set[str]]:
+    """A foreign log with its columns in place, in SI, and the channels whose unit its headers state."""
+    raw = mapped(read_raw(path, topics or config.topics), config)
+    matching = _matched(raw, channels, path.name)
+    t, time_repairs = read_time(raw, rate, path.name)
+    repairs = [*raw.repairs, *time_repairs, *matching.repairs]
+    values = {}
+    left = dict(raw.values)
+    del raw  # of a long log there is no room for both
+    for name, columns in matching.channels.items():
+        values[name] = _taken(left, columns)
+        if any(column.factor != 1.0 for column in columns):
+            repairs.append(f"Channel {name} was converted from the unit in its headers.")
+    log = Log(
+        t=t,
+        channels={c.name: c for c in channels if c.name in values},
+        values=values,
+        source=path.name,
+        repairs=tuple(repairs),
+    )
+    stated = {name for name, columns in matching.channels.items() if any(c.stated for c in columns)}
+    return with_rest_told(log), stated
+
+
+def _matched(raw: Log, channels: Sequence[Channel], where: str) -> Matching:
+    """Whose columns are whose. DataError: some are missing; with what the reader said, which may tell why."""
+    try:
+        return match_columns([name for name in raw.values if not is_time(name)], channels, where)
+    except DataError as error:
+        read = f"What was read: {' '.join(raw.repairs)} " if raw.repairs else ""
+        raise DataError(error.fact, where=error.where, next_step=read + error.next_step) from None
+
+
+def _taken(left: dict[str, Array], columns: Sequence[Column]) -> Array:
+    """The values of a channel in SI; its columns are no longer in `left`, since no other channel has them."""
+    own = [left.pop(column.name)[:, 0] for column in columns]
+    out = np.empty((len(own[0]), len(own)))
+    for j, column in enumerate(columns):
+        np.multiply(own[j], column.factor, out=out[:, j])
+        own[j] = out[:, j]
+    return out

@@ -1,0 +1,241 @@
+"""Repairs of rows: what is dropped, and when a log is refused instead. Nothing is interpolated here.
+
+Each repair adds one sentence to `Log.repairs`.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+
+import numpy as np
+
+from etude.errors import DataError
+from etude.logs.cleaning.leaps import leaps, told
+from etude.logs.cleaning.ranges import RARE, bounded, top_speed
+from etude.logs.cleaning.smoothing import segments
+from etude.logs.columns.units import Limits
+from etude.types import Array, Channel, Index, Log
+
+LARGEST_LOSS = 0.2  # of the rows may be unusable; beyond it the log is refused
+LARGEST_PAUSE = 0.5  # of the log's duration may be missing in pauses
+REWIND_SECONDS = 1.0  # time that falls back further, and stays there, is a second recording
+
+
+def drop_unreadable(log: Log, *, recorded: bool = True) -> Log:
+    """Drops optional channels that are mostly empty, then rows with an empty, NaN or infinite cell.
+
+    Args:
+        recorded: the log is a recording, in which a rate that stands still while its path moves was never
+            filled; else somebody wrote it so.
+
+    Raises:
+        DataError: too many rows would go.
+    """
+    for name, channel in log.channels.items():
+        if channel.required or channel.role == "command":
+            continue
+        finite = np.isfinite(log[name])
+        if recorded and _never_recorded(log, name):
+            log = log.without(name).repaired(
+                f"Channel {name} never changes although {channel.derivative_of} does: it was dropped."
+            )
+        elif not finite.any(axis=0).all():
+            log = log.without(name).repaired(f"Channel {name} has a column without numbers and was dropped.")
+        elif (share := 1.0 - finite.all(axis=1).mean()) > LARGEST_LOSS:
+            log = log.without(name).repaired(
+                f"Channel {name} has empty cells in {100 * share:.0f} % of the rows and was dropped."
+            )
+    bad = ~np.isfinite(log.t)
+    worst, count = "time", int(bad.sum())
+    for name, values in log.values.items():
+        cells = ~np.isfinite(values)
+        j = int(np.argmax(cells.sum(axis=0)))
+        if cells[:, j].sum() > count:
+            worst, count = f"{name} of {log.channels[name].parts[j]}", int(cells[:, j].sum())
+        bad |= cells.any(axis=1)
+    if not bad.any():
+        return log
+    if bad.mean() > LARGEST_LOSS:
+        raise DataError(
+            f"{bad.sum()} of {len(bad)} rows have empty, NaN or infinite cells, most in {worst} ({count})",
+            where=log.source,
+            next_step="Export the log again, with all channels at the same times.",
+        )
+    sentence = f"{bad.sum()} rows with empty, NaN or infinite cells (most in {worst}) were dropped."
+    return log.take(~bad).repaired(sentence)
+
+
+def _never_recorded(log: Log, name: str) -> bool:
+    """Whether a rate stands still in every part while what it is the rate of moves: nobody filled it."""
+    path = log.channels[name].derivative_of
+    return path in log and not np.ptp(log[name], axis=0).any() and bool(np.ptp(log[path], axis=0).any())
+
+
+def order_rows(log: Log) -> Log:
+    """Keeps the longest run of rows whose time increases: drops repeats, and stamps that jump or run back.
+    Rows that stand from last to first by their times are turned round.
+
+    Raises:
+        DataError: time restarts (two recordings in one file), too many stamps are out of order, or too many
+            rows share theirs.
+    """
+    if len(log) > 1 and (np.diff(log.t) < 0).mean() > 1.0 - LARGEST_LOSS / 2:
+        log = log.take(np.arange(len(log))[::-1])
+        log = log.repaired("By their times the rows stood from last to first, and were turned round.")
+    log = _without_repeats(log)
+    if len(log.t) < 2:
+        raise DataError("the time never advances", where=log.source, next_step="Export the log again.")
+    steps = np.diff(log.t)
+    if (steps > 0).all():
+        return _without_strays(log)
+    keep = increasing_rows(log.t)
+    lost = len(log.t) - len(keep)
+    if lost > LARGEST_LOSS / 2 * len(log.t):
+        back = int(np.argmin(steps)) + 1
+        restart = (steps < 0).sum() <= 3 and steps.min() < -REWIND_SECONDS
+        advice = "Cut the file there, and tell each recording on its own." if restart else "Sort it by time."
+        fact = "time restarts" if restart else f"time runs backwards {(steps < 0).sum()} times, first"
+        raise DataError(f"{fact} at row {back}", where=f"{log.source}, time column", next_step=advice)
+    ordered = log.take(keep).repaired(f"{lost} rows whose time jumps or runs backwards were dropped.")
+    return _without_strays(ordered)
+
+
+def _without_strays(log: Log) -> Log:
+    """Drops few rows whose times lie further from the others than those last: stamps not set yet, garbage."""
+    pieces = segments(log.t)
+    main = max(pieces, key=lambda piece: piece.stop - piece.start)
+    first, last = log.t[main.start], log.t[main.stop - 1]
+    far = (log.t < 2.0 * first - last) | (log.t > 2.0 * last - first)
+    if not far.any() or far.mean() > RARE:
+        return log
+    said = f"{far.sum()} rows whose times lie far from all others (first at {log.t[far][0]:.6g} s)"
+    return log.take(~far).repaired(f"{said} were dropped.")
+
+
+def _without_repeats(log: Log) -> Log:
+    """Drops rows that repeat the time before. DataError: too many do, with other values."""
+    repeats = np.concatenate([[False], np.diff(log.t) == 0])[: len(log)]
+    if not repeats.any():
+        return log
+    new = np.zeros(len(log), dtype=np.bool_)
+    for values in log.values.values():
+        new[1:] |= (np.diff(values, axis=0) != 0.0).any(axis=1)
+    if (repeats & new).mean() > LARGEST_LOSS and not repeats[1:].all():
+        raise DataError(
+            f"{(repeats & new).sum()} of {len(log)} rows have the time of the row before and other values: "
+            "the times have too few digits",
+            where=f"{log.source}, time column",
+            next_step="Export the times with more digits (microseconds), or leave those rows out.",
+        )
+    return log.take(~repeats).repaired(f"{repeats.sum()} rows that repeat the time before were dropped.")
+
+
+def increasing_rows(t: Array) -> Index:
+    """Row numbers of a longest strictly increasing subsequence of t (T,) (patience sorting)."""
+    tails: list[float] = []
+    tail_rows: list[int] = []
+    previous = np.full(len(t), -1)
+    for row, value in enumerate(t.tolist()):
+        place = bisect_left(tails, value)
+        previous[row] = tail_rows[place - 1] if place else -1
+        if place == len(tails):
+            tails.append(value)
+            tail_rows.append(row)
+        else:
+            tails[place], tail_rows[place] = value, row
+    keep = []
+    row = tail_rows[-1]
+    while row >= 0:
+        keep.append(row)
+        row = int(previous[row])
+    return np.array(keep[::-1], dtype=np.int64)
+
+
+def note_pauses(log: Log) -> Log:
+    """Reports pauses, which split the log; refuses a log that is mostly pauses."""
+    pieces = segments(log.t)
+    if len(pieces) == 1:
+        return log
+    starts = np.array([piece.start for piece in pieces[1:]])
+    lengths = log.t[starts] - log.t[starts - 1]
+    duration = log.t[-1] - log.t[0]
+    if lengths.sum() > LARGEST_PAUSE * duration:
+        raise DataError(
+            f"samples are missing for {lengths.sum():.3g} of {duration:.3g} s, the longest pause after "
+            f"t = {log.t[starts[np.argmax(lengths)] - 1]:.3f} s",
+            where=f"{log.source}, time column",
+            next_step="Record again, or cut the file to its continuous part.",
+        )
+    where = ", ".join(f"{log.t[s - 1]:.2f}" for s in starts[:5])
+    more = ", ..." if len(starts) > 5 else ""
+    return log.repaired(
+        f"{len(starts)} pauses without samples (together {lengths.sum():.3g} s, after t = {where}{more} s) "
+        "split the log.",
+    )
+
+
+def drop_spikes(log: Log, channels: Sequence[Channel], limits: Limits) -> Log:
+    """Drops single rows in which a position leaps out and back faster than the robot can move.
+
+    Raises:
+        DataError: positions leap and stay, or leap too often.
+    """
+    for channel in bounded(log, limits):
+        top = top_speed(channel, channels, limits)
+        if top is not None:
+            lower, upper = limits[channel.name]
+            log = _without_spikes(log, channel, top, upper - lower)
+    return log
+
+
+def _without_spikes(log: Log, channel: Channel, top: Array, size: Array) -> Log:
+    leap = leaps(log, channel, top, size)
+    rows = np.flatnonzero(leap.any(axis=1))
+    spikes = rows[np.isin(rows + 1, rows)] + 1
+    # The row between a leap out and a leap back; a run of leaps is no single spike and stays.
+    if len(spikes) and len(spikes) <= RARE * len(log.t):
+        keep = np.ones(len(log.t), dtype=bool)
+        keep[spikes] = False
+        log = log.take(keep).repaired(f"{len(spikes)} rows with a single wild position were dropped.")
+        leap = leaps(log, channel, top, size)
+    if leap.any():
+        row, j = (int(k[0]) for k in np.nonzero(leap))
+        fact, step = told(log, channel, row, j)
+        raise DataError(fact, where=f"{log.source}, {channel.parts[j]}", next_step=step)
+    return log
+
+
+def check_commanded(log: Log) -> Log:
+    """The log. DataError: what moved has a constant command, which the truth tests make no sense of."""
+    for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
+        dead = np.flatnonzero(moved & (np.ptp(log[channel.name], axis=0) == 0)).tolist()
+        if dead:
+            names = ", ".join(channel.parts[j] for j in dead)
+            raise DataError(
+                f"the command of {names} is constant although it moved: it was not recorded",
+                where=log.source,
+                next_step="Log this command, or leave the joint out of the robot file.",
+            )
+    return log
+
+
+def check_constant(log: Log) -> Log:
+    """Refuses a log where nothing moved or a moving joint's command is constant; notes joints at rest.
+
+    Raises:
+        DataError: what is commanded did not move, or moved without a command.
+    """
+    for channel in [c for c in log.channels.values() if c.role == "command" and c.acts_on in log]:
+        moved = np.ptp(log[channel.acts_on], axis=0) > 0
+        if not moved.any():
+            raise DataError(
+                "nothing moved: every position column is constant",
+                where=log.source,
+                next_step="Record the motion itself, and check the position channel.",
+            )
+        log = check_commanded(log)
+        for j in np.flatnonzero(~moved):
+            log = log.repaired(f"{channel.parts[j]} did not move in this log.")
+    return log

@@ -1,0 +1,266 @@
+"""What each header of a file says: a part of a channel, by name, by number or by the part's bare name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from etude.errors import DataError
+from etude.logs.columns.controllers import doubles, plain
+from etude.logs.columns.vocabulary import (
+    ALIKE,
+    COMMANDS,
+    PREFIXES,
+    SETPOINTS,
+    SYNONYMS,
+    UNITS,
+    UNITS_TO_USE,
+    normal,
+    split_suffix,
+    split_unit,
+)
+from etude.types import Channel
+
+NUMBERED = (
+    r"(?P<word>[a-z_]*?)_?(?:joint_?|j)?(?P<number>\d{1,4})",
+    r"(?:joint_?|j)(?P<number>\d{1,4})_(?P<word>[a-z_]+)",
+)
+LETTERS = set("wxyz")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One matched column.
+
+    Attributes:
+        name: its header in the file.
+        factor: to SI, by the unit that the header states.
+        stated: whether it states one.
+        word: rank of the word that was used for its channel, 0 for the channel's own name.
+    """
+
+    name: str
+    factor: float
+    stated: bool
+    word: int = 0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a header may be.
+
+    Attributes:
+        place: "named", "numbered" or "bare": of `Found`. channel: its name.
+        part: of the channel, or its number. word: rank of the word, as in `Column`.
+    """
+
+    place: str
+    channel: str
+    part: str
+    word: int = 0
+
+
+@dataclass
+class Found:
+    """What headers say, by channel: columns by part, by number, and by a part's bare name."""
+
+    named: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
+    numbered: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
+    bare: dict[str, dict[str, list[Column]]] = field(default_factory=dict)
+    ignored: list[str] = field(default_factory=list)
+
+    def of(self, claim: Claim) -> dict[str, list[Column]]:
+        """The columns of the claim's channel, in its place."""
+        places: dict[str, dict[str, dict[str, list[Column]]]] = vars(self)
+        return places[claim.place].setdefault(claim.channel, {})
+
+    def note(self, claim: Claim, header: str, unit: str) -> None:
+        """Adds a column."""
+        column = Column(header, UNITS[unit], unit != "", claim.word)
+        self.of(claim).setdefault(claim.part, []).append(column)
+
+    def columns(self) -> Iterator[Column]:
+        """All of them."""
+        for place in (self.named, self.numbered, self.bare):
+            for parts in place.values():
+                for own in parts.values():
+                    yield from own
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What headers may say of the channels that are looked for."""
+
+    named: Mapping[str, tuple[str, str, int]]
+    words: dict[str, str]
+    bare: Mapping[str, tuple[tuple[str, str], ...]]
+
+    def claims(self, text: str) -> tuple[Claim, ...]:
+        """Of a header without its unit: the part that it names, else the number of one, else what its bare
+        name may be.
+        """
+        rests = _rests(normal(text))
+        hit = next((self.named[rest] for rest in rests if rest in self.named), None)
+        if hit:
+            return (Claim("named", *hit),)
+        number = _number(rests, self.words)
+        if number:
+            return (Claim("numbered", *number),)
+        return tuple(Claim("bare", *own) for own in self.bare.get(rests[0], ()))
+
+
+def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Found:
+    """Every header's meaning. DataError: one has a meaning, and an unknown unit.
+
+    A unit at the end without brackets, `q1_deg`, counts where nothing else names that part, and where the
+    channel is whole with it: such a column is no reason to refuse what is whole without it.
+    """
+    known = _Known(_named(channels), _words(channels), _bare(channels))
+    again, found, left = doubles(headers), Found(), []
+    own = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
+    for header in headers:
+        if header in own and header not in again:  # as Étude itself writes it, whatever is in the part's name
+            found.note(Claim("named", *own[header], 0), header, "")
+            continue
+        text, unit = split_unit(header)
+        claims = () if header in again else known.claims(text)
+        if claims and unit not in UNITS:
+            raise DataError(
+                f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
+            )
+        for claim in claims:
+            found.note(claim, header, unit)
+        left += [] if claims else [header]
+    _add_suffixed(found, [h for h in left if h not in again and not split_unit(h)[1]], known, channels)
+    taken = {column.name for column in found.columns()}
+    found.ignored += [header for header in left if header not in taken]
+    return found
+
+
+def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels: Sequence[Channel]) -> None:
+    """Columns whose headers end with a unit; of two of a part that in SI."""
+    more, described = Found(), {channel.name: channel for channel in channels}
+    for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
+        text, unit = split_suffix(header)
+        for claim in known.claims(text) if unit else ():
+            units = described[claim.channel].units
+            alike = [one for own in dict.fromkeys(units) for one in ALIKE.get(own, ())]
+            if unit in alike and claim.part not in more.of(claim):
+                more.note(claim, header, unit)
+    for place in ("named", "numbered", "bare"):
+        for name, columns in getattr(more, place).items():
+            own = getattr(found, place).get(name, {})
+            elsewhere = any(name in getattr(found, p) for p in ("named", "numbered", "bare") if p != place)
+            if len({*own, *columns}) == len(described[name].parts) and not elsewhere:
+                getattr(found, place)[name] = {**columns, **own}
+
+
+def column_names(channel: Channel) -> list[str]:
+    """The headers of a channel as Étude writes them; a part without a name is the channel itself."""
+    return [f"{channel.name}_{part}" if part else channel.name for part in channel.parts]
+
+
+def _rests(text: str) -> list[str]:
+    rests = [text, *(text.removeprefix(f"{p}_") for p in PREFIXES if text.startswith(f"{p}_"))]
+    named = text.partition("_joint_states_")[2]  # in a robot's namespace, /left/joint_states/...
+    return [*rests, *(rest for rest in (named, plain(text)) if rest)]
+
+
+def words_of(channel: Channel) -> tuple[str, ...]:
+    """The channel's own name, then what else it is called."""
+    words = [normal(channel.name), *SYNONYMS.get(channel.name, ())]
+    if channel.role == "command":
+        words += [word for unit in dict.fromkeys(channel.units) for word in COMMANDS.get(unit, ())]
+        words += () if channel.acts_on else SETPOINTS
+    return tuple(dict.fromkeys(words))
+
+
+def _words(channels: Sequence[Channel]) -> dict[str, str]:
+    """Word -> channel, own names first."""
+    own = {normal(channel.name): channel.name for channel in channels}
+    return {**{w: c.name for c in reversed(channels) for w in words_of(c)}, **own}
+
+
+def _named(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
+    """Every normalised header that names a part -> (channel, part, rank of the word); own names first."""
+    named: dict[str, tuple[str, str, int]] = {}
+    ranked = [(rank, word, c) for c in channels for rank, word in enumerate(words_of(c))]
+    for rank, word, channel in sorted(ranked, key=lambda row: row[0] > 0):
+        for alias, part in _aliases(channel).items():
+            for text in (f"{word}_{alias}", f"{alias}_{word}") if alias else (word,):
+                named.setdefault(text, (channel.name, part, rank))
+            if set(channel.parts) <= LETTERS:
+                named.setdefault(f"{word}{alias}", (channel.name, part, rank))
+        if len(channel.parts) == 1:
+            named.setdefault(word, (channel.name, channel.parts[0], rank))
+    return named
+
+
+def _aliases(channel: Channel) -> dict[str, str]:
+    """Normalised spellings of each part: its name, and the name without a final `_joint` where unique."""
+    exact = {normal(part): part for part in channel.parts}
+    short = [normal(part).removesuffix("_joint") for part in channel.parts]
+    unique = {s: part for s, part in zip(short, channel.parts, strict=True) if short.count(s) == 1}
+    return {**unique, **exact}
+
+
+def _bare(channels: Sequence[Channel]) -> dict[str, tuple[tuple[str, str], ...]]:
+    """A part's bare name -> (channel, part) that it may mean: `roll`, `front_right`; never a joint's."""
+    own = [c for c in channels if c.role in ("command", "aside") and not c.acts_on]
+    bare: dict[str, tuple[tuple[str, str], ...]] = {}
+    for channel in own:
+        if sum(c.parts == channel.parts and c.role not in ("plan", "truth") for c in channels) == 1:
+            for part in channel.parts:
+                if len(part) > 1:
+                    bare[normal(part)] = (*bare.get(normal(part), ()), (channel.name, part))
+    return bare
+
+
+def _number(rests: list[str], words: dict[str, str]) -> tuple[str, str] | None:
+    """(channel, number) of a normalised header such as `q_3`; None if it is none."""
+    for rest in rests:
+        for pattern in NUMBERED:
+            found = re.fullmatch(pattern, rest)
+            if found is not None and found["word"] in words:
+                return words[found["word"]], found["number"]
+    return None
+
+
+def other_unit(channel: Channel, headers: Sequence[str]) -> tuple[str, str] | None:
+    """The first header that names a part of this command in another unit, and that unit."""
+    if channel.role != "command" or not channel.acts_on:
+        return None
+    for unit in COMMANDS:
+        other = replace(channel, units=(unit,) * len(channel.parts))
+        named, words = _named([other]), _words([other])
+        for header in headers:
+            rests = _rests(normal(split_unit(header)[0]))
+            if any(rest in named for rest in rests) or _number(rests, words):
+                return header, unit
+    return None
+
+
+def settle_bare(found: Found, channels: dict[str, Channel], where: str) -> None:
+    """Adds bare names to the one channel that needs them and gets whole by them.
+
+    Raises:
+        DataError: a column may be either of two channels.
+    """
+    whole: dict[str, list[str]] = {}
+    for name, columns in found.bare.items():
+        have = found.named.get(name, {})
+        missing = [part for part in channels[name].parts if part not in have]
+        if missing and name not in found.numbered and all(part in columns for part in missing):
+            for part in missing:
+                whole.setdefault(columns[part][0].name, []).append(name)
+    for header, names in whole.items():
+        if len(names) > 1:
+            raise DataError(
+                f"column '{header}' may be of the channel {' or '.join(names)}",
+                where=where,
+                next_step=f"Name it {' or '.join(f'{name}_{normal(header)}' for name in names)}.",
+            )
+    for name in {n for names in whole.values() for n in names}:
+        mine = found.named.setdefault(name, {})
+        mine |= {part: own for part, own in found.bare[name].items() if part not in mine}

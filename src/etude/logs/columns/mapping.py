@@ -1,0 +1,160 @@
+"""Other names for a log's columns: the table [log] of campaign.toml, applied to a log and written for one.
+
+    [log.columns]
+    "q_shoulder [deg]" = "ActPos1"
+
+reads the column ActPos1 as if its header were `q_shoulder [deg]`. Left is a header as `columns` understands
+it (what to write there is listed in `words`), right the header in the file.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from etude.errors import DataError
+from etude.logs.columns.headers import Found, read_headers
+from etude.logs.columns.vocabulary import NUMBERED, is_time, split_unit, unit_of
+from etude.types import Channel, Log
+
+NEAR, ALIKE = 3, 0.5
+"""Headers that are offered for a part that has none, and how much they must resemble it."""
+HEAD = """\
+# In place of the table [log] in campaign.toml. Left: what the column is to be read as, with its unit in
+# brackets if the file does not state it; right: its header in the file.
+[log]
+
+[log.columns]
+"""
+
+
+@dataclass(frozen=True)
+class LogConfig:
+    """The table [log]: how the logs of a robot differ from what Étude expects.
+
+    Attributes:
+        columns: header as it is to be read -> header in the file. A unit in the file's header is kept.
+        ignored: headers of columns that are left out.
+        topics: of logs that hold several; none: those that look like what is needed.
+        rate: Hz, at which rows of logs without times stand; 0: such logs are refused.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    ignored: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    rate: float = 0.0
+
+
+def mapped(raw: Log, config: LogConfig) -> Log:
+    """The raw columns under the names that the mapping gives; as they are if it names none of them.
+
+    Raises:
+        DataError: some of the mapping's headers are in the file and another is not, or the file has no header
+            and the mapping names none of its columns.
+    """
+    return _timed(_renamed(raw, config), config.rate)
+
+
+def _timed(raw: Log, rate: float) -> Log:
+    """With the times of equally spaced rows, if the log has none and a rate is told."""
+    counted = np.arange(len(raw))
+    if not rate or any(is_time(name) for name in raw.values) or not np.array_equal(raw.t, counted):
+        return raw
+    said = f"The log has no times: by [log] rate, {rate:g} rows a second were taken; pauses are not seen."
+    return replace(raw, t=counted / rate).repaired(said)
+
+
+def _renamed(raw: Log, config: LogConfig) -> Log:
+    left = {name: values for name, values in raw.values.items() if name not in config.ignored}
+    used = {to: header for to, header in config.columns.items() if header in left}
+    if not used:
+        _check_header(raw)
+        return _with(raw, left)
+    missing = [header for header in config.columns.values() if header not in left]
+    if missing:
+        near = difflib.get_close_matches(missing[0], list(left), 1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise DataError(
+            f"there is no column {missing[0]!r}, which [log] columns names",
+            where=raw.source,
+            next_step=f"{hint}Correct it in campaign.toml; the file has {', '.join(list(left)[:40])}.",
+        )
+    named = {_with_unit(to, header): left[header] for to, header in used.items()}
+    rest = {name: values for name, values in left.items() if name not in (*used.values(), *named)}
+    said = ", ".join(f"{header} as {to}" for to, header in used.items())
+    return _with(raw, {**named, **rest}).repaired(f"By [log] columns, {said} were read.")
+
+
+def _check_header(raw: Log) -> None:
+    """DataError: the file has no header, so that nobody knows what its columns are."""
+    if f"{NUMBERED} 1" in raw.values:
+        raise DataError(
+            f"the file has no header, only {len(raw.values)} columns of numbers",
+            where=raw.source,
+            next_step="Say what they are in the table [log.columns] of campaign.toml, as in "
+            f'"t" = "{NUMBERED} 1", or add a header row such as t,q_<joint>,tau_<joint>.',
+        )
+
+
+def mapping_text(headers: Sequence[str], channels: Sequence[Channel], where: str = "") -> str:
+    """TOML of a mapping for a log with these headers: what is understood, and a blank for what is needed.
+
+    Args:
+        headers: of the raw log, `list(readers.read_raw(path).values)`.
+        channels: of the robot, `kind.channels(spec)`.
+        where: the file, for messages.
+
+    Raises:
+        DataError: a header has a meaning and an unknown unit.
+    """
+    found = read_headers([name for name in headers if not is_time(name)], channels, where)
+    times = [_entry("t", name) for name in headers if is_time(name)][:1] or [_blank("t", headers)]
+    known = [line for channel in channels for line in _lines(channel, found)]
+    unused = [f"# Not understood: {', '.join(map(_quoted, found.ignored))}"] if found.ignored else []
+    return HEAD + "\n".join([*times, *known, *unused]) + "\n"
+
+
+def _lines(channel: Channel, found: Found) -> list[str]:
+    """A line for each part of a channel that the log has, or that no log may lack."""
+    named = found.named.get(channel.name, {})
+    numbered = found.numbered.get(channel.name, {})
+    if not named and len(numbered) == len(channel.parts):
+        numbers = sorted(numbered, key=int)
+        named = {part: numbered[n] for part, n in zip(channel.parts, numbers, strict=True)}
+    whole = all(part in named for part in channel.parts)
+    if not (whole or channel.required):
+        return []
+    return [
+        _entry(f"{channel.name}_{part}", named[part][0].name)
+        if part in named
+        else _blank(f"{channel.name}_{part}", found.ignored)
+        for part in channel.parts
+    ]
+
+
+def _entry(to: str, header: str) -> str:
+    return f"{_quoted(to)} = {_quoted(header)}"
+
+
+def _blank(to: str, headers: Sequence[str]) -> str:
+    near = difflib.get_close_matches(to, headers, NEAR, cutoff=ALIKE)
+    hint = f"  # {' or '.join(_quoted(header) for header in headers if header in near)}?" if near else ""
+    return f"# {_quoted(to)} = {_quoted('')}{hint}"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _with_unit(to: str, header: str) -> str:
+    unit = unit_of(header)
+    return f"{to} [{unit}]" if unit and not split_unit(to)[1] else to
+
+
+def _with(raw: Log, values: Mapping[str, object]) -> Log:
+    channels = {name: Channel(name, ("",), ("",), "aside") for name in values}
+    return replace(raw, channels=channels, values=dict(values))  # type: ignore[arg-type]

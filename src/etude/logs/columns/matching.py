@@ -1,0 +1,148 @@
+"""Which column of a file is which part of which channel: matched by name, in any order.
+
+A header is read as CHANNEL and PART (a joint, an axis, a motor) in either order, joined by any punctuation,
+in any case, with an optional unit: `q_elbow`, `elbow.position`, `/joint_states/elbow/effort`, `gyro.x`,
+`Elbow Velocity [deg/s]`. Instead of the part's name, its number is accepted (`q0` .. or `position_1` ..), in
+the channel's order, or as the numbers at the end of the parts' names. Words are rows of `words`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from etude.errors import DataError
+from etude.logs.columns.headers import Column, Found, other_unit, read_headers, settle_bare, words_of
+from etude.logs.columns.vocabulary import DIMENSIONS, SENSORS, unit_of
+from etude.types import Channel
+
+LISTED = 12  # columns in a message
+
+
+@dataclass(frozen=True)
+class Matching:
+    """The columns of each channel in the order of its parts, what was ignored, and the repairs to report."""
+
+    channels: dict[str, tuple[Column, ...]]
+    ignored: tuple[str, ...]
+    repairs: tuple[str, ...]
+
+
+def match_columns(headers: Sequence[str], channels: Sequence[Channel], where: str) -> Matching:
+    """Finds the columns of every channel; of those not required, the ones that are there.
+
+    Raises:
+        DataError: a required channel lacks a part, a part has two columns, a unit is unknown, or the
+            numbering does not fit; names the file, the columns, the parts expected and what to do.
+    """
+    found = read_headers(headers, channels, where)
+    settle_bare(found, {c.name: c for c in channels}, where)
+    matched: dict[str, tuple[Column, ...]] = {}
+    repairs: list[str] = []
+    for channel in sorted(channels, key=lambda c: not c.required):
+        columns = _of_channel(channel, found, repairs, where)
+        if columns is not None:
+            matched[channel.name] = columns
+    used = {column.name for columns in matched.values() for column in columns}
+    ignored = tuple(header for header in headers if header not in used)
+    if ignored:
+        repairs.append(f"Columns without a meaning here were ignored: {', '.join(ignored)}.")
+    return Matching({c.name: matched[c.name] for c in channels if c.name in matched}, ignored, tuple(repairs))
+
+
+def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) -> tuple[Column, ...] | None:
+    """The channel's columns in the order of its parts; None if the file has none, or too few of an aside."""
+    mine = found.named.get(channel.name, {})
+    if channel.name in SENSORS:
+        mine = _first_spelling(mine, channel)
+    numbered = found.numbered.get(channel.name, {})
+    if numbered and not mine and _worth(channel, numbered):
+        mine = _by_number(channel, numbered, repairs, where)
+    missing = [part for part in channel.parts if part not in mine]
+    if not missing:
+        mine = _in_its_unit(channel, mine)
+        _check_single(channel, mine, where)
+        return tuple(mine[part][0] for part in channel.parts)
+    if channel.required or (mine and channel.role == "state" and channel.name not in SENSORS):
+        raise DataError(
+            f"no column for channel '{channel.name}' of {', '.join(missing)}",
+            where=where,
+            next_step=_advice(channel, missing[0], found.ignored),
+        )
+    if mine:
+        repairs.append(f"Channel {channel.name} lacks {', '.join(missing)} and was left out.")
+    return None
+
+
+def _first_spelling(mine: dict[str, list[Column]], channel: Channel) -> dict[str, list[Column]]:
+    """The columns of the first word that has them all, each once; as they are if none has."""
+    for word in sorted({column.word for columns in mine.values() for column in columns}):
+        own = {part: [c for c in columns if c.word == word][:1] for part, columns in mine.items()}
+        if all(own.get(part) for part in channel.parts):
+            return own
+    return mine
+
+
+def _worth(channel: Channel, numbered: dict[str, list[Column]]) -> bool:
+    """Whether numbered columns are taken or refused; of what no log needs, others are just ignored."""
+    needed = channel.required or (channel.role == "state" and channel.name not in SENSORS)
+    return needed or len(numbered) == len(channel.parts)
+
+
+def _by_number(
+    channel: Channel, numbered: dict[str, list[Column]], repairs: list[str], where: str
+) -> dict[str, list[Column]]:
+    own = {found.group(): part for part in channel.parts if (found := re.search(r"\d+$", part))}
+    if len(own) == len(channel.parts) and set(own) == set(numbered):
+        return {own[number]: columns for number, columns in numbered.items()}
+    numbers = sorted(numbered, key=int)
+    first = int(numbers[0])
+    if first not in (0, 1) or [int(n) for n in numbers] != list(range(first, first + len(channel.parts))):
+        raise DataError(
+            f"the columns of channel '{channel.name}' are numbered {', '.join(numbers[:LISTED])}, which are "
+            f"not the {len(channel.parts)} parts {', '.join(channel.parts)}",
+            where=where,
+            next_step=f"Put the part's name into each header, for example {channel.name}_{channel.parts[0]}.",
+        )
+    names = ", ".join(numbered[number][0].name for number in numbers)
+    repairs.append(f"Columns {names} were taken for {', '.join(channel.parts)}, in this order.")
+    return {part: numbered[number] for part, number in zip(channel.parts, numbers, strict=True)}
+
+
+def _in_its_unit(channel: Channel, mine: dict[str, list[Column]]) -> dict[str, list[Column]]:
+    """The columns, and of a part that has several the one whose header states a unit of the channel."""
+    kept = dict(mine)
+    for part, unit in zip(channel.parts, channel.units, strict=True):
+        own = [c for c in mine[part] if c.stated and unit_of(c.name) in DIMENSIONS.get(unit, ())]
+        if len(mine[part]) > 1 and len(own) == 1:
+            kept[part] = own
+    return kept
+
+
+def _check_single(channel: Channel, mine: dict[str, list[Column]], where: str) -> None:
+    double = [[c.name for c in columns] for columns in mine.values() if len(columns) > 1]
+    if double:
+        raise DataError(
+            f"columns {' and '.join(double[0])} mean the same thing (channel '{channel.name}')",
+            where=where,
+            next_step='Remove one of them, rename it, or leave it out: ignored = ["header"] in [log].',
+        )
+
+
+def _advice(channel: Channel, part: str, ignored: list[str]) -> str:
+    examples = dict.fromkeys(f"{word}_{part}" for word in words_of(channel)[:2])
+    near = difflib.get_close_matches(f"{channel.name}_{part}", ignored, n=3, cutoff=0.5)
+    more = f" and {len(ignored) - LISTED} more" if len(ignored) > LISTED else ""
+    known = f" Not understood: {', '.join(ignored[:LISTED])}{more}." if ignored else ""
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    unit = other_unit(channel, ignored)
+    said = (
+        f' {unit[0]} and the like are read if the robot file says command_unit = "{unit[1]}".' if unit else ""
+    )
+    return (
+        f"Expected {', '.join(channel.parts)}, in headers such as {', '.join(examples)}.{known}{said}{hint} "
+        "Rename the columns, correct the names in the robot file, or say in [log] columns what they are: "
+        "etude inspect LOG --robot ROBOT --write-mapping."
+    )

@@ -1,1 +1,0 @@
-"""How well was it recorded? One module a subject: the clock, the columns, the motion."""

@@ -1,0 +1,133 @@
+"""ROS 2 recordings as files: folders, bare storages, compressed ones, and storages that were cut.
+
+rosbag2 writes a folder with metadata.yaml and one or several storages (SQLite or MCAP), which may be
+compressed as a whole or message by message. A recorder that was killed leaves no metadata, and an MCAP
+without its end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from etude.errors import DataError
+from etude.logs.readers.extras import READING, needed
+from etude.logs.readers.mcap_mend import check_chunks, is_cut, mend
+from etude.logs.readers.unpacking import LARGEST, PIECE, blocks_of, unpacked
+
+STORAGES = (".db3", ".mcap")
+METADATA = "metadata.yaml"
+ZSTD = b"\x28\xb5\x2f\xfd"
+CUT = "The bag was cut: it has no end, and what was recorded last is missing."
+LARGEST_RATIO = 1000
+"""Of a storage's size to its compressed size."""
+BLOCK = 2**20
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a folder holds a recording of ROS 2."""
+    return path.is_dir() and ((path / METADATA).is_file() or bool(_storages(path)))
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[tuple[list[Any], tuple[str, ...]]]:
+    """The readers (`rosbags.rosbag2.Reader`) of a recording, and what was done to open them."""
+    rosbag2 = needed("rosbags.rosbag2", READING, path)
+    with ExitStack() as stack:
+        repairs: tuple[str, ...] = ()
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        if path.is_dir() and (path / METADATA).is_file() and not any(map(_is_cut, _storages(path))):
+            files = [path]
+        else:
+            bare = _storages(path) if path.is_dir() else [path]
+            mended = [_mended(_unpacked(one, folder), folder) for one in bare]
+            files = [one for one, _ in mended]
+            repairs = (CUT,) if any(cut for _, cut in mended) else ()
+        for one in files:
+            _check_room(one)
+        yield [stack.enter_context(rosbag2.Reader(one)) for one in files], repairs
+
+
+def decompressed(data: bytes, path: Path) -> bytes:
+    """A message as it was before it was compressed, if it was."""
+    return unpacked(_zstd(path).ZstdDecompressor(), data, path) if data[:4] == ZSTD else data
+
+
+def _storages(folder: Path) -> list[Path]:
+    ends = (*STORAGES, *(f"{one}.zstd" for one in STORAGES))
+    return sorted(one for one in folder.iterdir() if one.is_file() and one.name.endswith(ends))
+
+
+def _unpacked(path: Path, folder: Path) -> Path:
+    """A storage, decompressed into `folder` if it is compressed as a whole."""
+    if path.suffix not in (".zstd", ".zst"):
+        return path
+    target = folder / path.stem
+    if target.suffix not in STORAGES:
+        raise DataError(
+            "this compressed file is not named as a storage of ROS 2",
+            where=str(path),
+            next_step="Name it as it was recorded, run_0.db3.zstd for example.",
+        )
+    left = LARGEST_RATIO * path.stat().st_size
+    with path.open("rb") as packed, _zstd(path).open(packed, "rb") as source, target.open("wb") as out:
+        while block := source.read(BLOCK):
+            left -= len(block)
+            if left < 0:
+                raise DataError(
+                    "the compressed file unpacks without end", where=str(path), next_step="Export it again."
+                )
+            out.write(block)
+    return target
+
+
+def _check_room(path: Path) -> None:
+    """DataError: a chunk of an MCAP unpacks to more than a file may. The library unpacks each as a whole."""
+    for one in _storages(path) if path.is_dir() else [path]:
+        if one.suffix == ".mcap":
+            check_chunks(one, partial(_count, one))
+
+
+def _count(path: Path, packing: bytes, data: bytes) -> None:
+    if packing == b"zstd":
+        unpacker = _zstd(path).ZstdDecompressor()
+    elif packing == b"lz4":
+        unpacker = needed("lz4.frame", READING, path).LZ4FrameDecompressor()
+    else:
+        return
+    for _ in blocks_of(unpacker, data, path):
+        pass
+
+
+def _is_cut(path: Path) -> bool:
+    return path.suffix == ".mcap" and is_cut(path)
+
+
+def _mended(path: Path, folder: Path) -> tuple[Path, bool]:
+    """An MCAP that lacks its end with one; and whether it did."""
+    if not _is_cut(path):
+        return path, False
+    target = folder / f"mended-{path.name}"
+    mend(path, target, lambda torn: _started(torn, path))
+    return target, True
+
+
+def _started(torn: bytes, path: Path) -> bytes:
+    """What the beginning of compressed data holds; nothing if that cannot be told."""
+    try:
+        most = min(LARGEST_RATIO * len(torn), LARGEST // PIECE)
+        return bytes(_zstd(path).ZstdDecompressor().decompress(torn, most))
+    except Exception:
+        return b""
+
+
+def _zstd(path: Path) -> Any:
+    """Python's own, or the library that rosbags brings to older versions of Python."""
+    import sys
+
+    return needed("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd", READING, path)

@@ -1,0 +1,221 @@
+"""From a file to its raw columns: a reader for each format, built in or brought by another package.
+
+A reader is a function (path, topics) -> a Log for each topic, of raw columns: nothing is matched, converted
+or repaired here. A log whose times are row numbers has them in one of its columns.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from etude import plugins
+from etude.errors import DataError, EtudeError
+from etude.logs.columns.holes import without_holes
+from etude.logs.columns.indices import with_index
+from etude.logs.readers.csv_tables import csv_log
+from etude.logs.readers.frames import frame_log, parquet_frame, raw_log
+from etude.logs.readers.lerobot import is_lerobot
+from etude.logs.readers.log_file import column_names
+from etude.logs.readers.mat import mat_log
+from etude.logs.readers.pointers import check_whole
+from etude.logs.readers.silence import silences
+from etude.protocols import Reader
+from etude.types import Array, Log
+
+GROUP = "etude.readers"
+READERS: Mapping[str, str] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt"), "csv"),
+    ".parquet": "parquet",
+    **dict.fromkeys((".db3", ".mcap", ".zstd"), "rosbag2"),
+    ".ulg": "ulog",
+    ".mat": "mat",
+}
+"""Suffix -> name of the built-in reader; other files and folders are shown to those that look into them."""
+PACKED = dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z", ".tar", ".tgz"), "Unpack it first.")
+SHEETS = dict.fromkeys((".xlsx", ".xls", ".ods"), "Save the sheet as CSV.")
+INSTEAD: Mapping[str, str] = {
+    **PACKED,
+    **SHEETS,
+    ".bag": "This is a bag of ROS 1: rosbags-convert --src run.bag --dst run writes it as one of ROS 2.",
+}
+"""Suffix -> what to do with a file that nobody reads."""
+TABLES = (".dat", ".log", ".asc", ".out")
+"""Suffixes of files that no other reader knows, and that are read as CSV if they are text."""
+BY_SUFFIX_ALONE = ("csv", "parquet", "mat")
+HEAD = 4096
+AGAIN = "Export the log again."
+
+
+def read_raw(path: Path, topics: Sequence[str] = ()) -> Log:
+    """The file's raw columns, as one log.
+
+    Raises:
+        DataError: no such file, unknown format, empty, truncated, or not what its suffix says.
+    """
+    path = Path(path)
+    name = _of_folder(path) if path.is_dir() else ""
+    head = b"" if name else file_head(path)
+    check_whole(head, path)
+    if not head and not path.is_dir():
+        raise DataError("the log file is empty (0 bytes)", where=str(path), next_step=AGAIN)
+    name = name or _reader_of(path, head)
+    log = without_holes(with_index(_joined(_topics(plugins.load(GROUP, name), name, path, topics))))
+    if len(log) < 2:
+        raise DataError(f"the log file has {len(log)} rows of data", where=str(path), next_step=AGAIN)
+    return log
+
+
+def _of_folder(path: Path) -> str:
+    """The reader of a folder that is one log; "" for any other folder."""
+    names = (name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE)
+    return next((name for name in names if _recognises(name, path, b"")), "")
+
+
+def file_head(path: Path) -> bytes:
+    """The first HEAD bytes of a file.
+
+    Raises:
+        DataError: there is none, it is a folder, or it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return file.read(HEAD)
+    except IsADirectoryError:
+        fact, step = "this is a folder, not a log file", "Name the file in it."
+    except (FileNotFoundError, NotADirectoryError):
+        fact, step = "there is no such log file", "Check the path."
+    except PermissionError:
+        fact, step = "the log file may not be read", "Change its permissions, or its folder's."
+    except (OSError, ValueError) as problem:
+        fact, step = f"the log file cannot be read ({problem})", "Check the path and the disk."
+    raise DataError(fact, where=str(path), next_step=step)
+
+
+def _reader_of(path: Path, head: bytes) -> str:
+    built_in = READERS.get(path.suffix.lower())
+    if built_in == "parquet" and is_lerobot(path):
+        return "lerobot"
+    if built_in is not None:
+        return built_in
+    brought = [name for name in plugins.names(GROUP) if name not in BY_SUFFIX_ALONE]
+    for name in brought:
+        if _recognises(name, path, head):
+            return name
+    if path.suffix.lower() in TABLES and b"\0" not in head:
+        return "csv"
+    if path.name == "metadata.yaml":
+        step = "Tell the folder that it lies in."
+        raise DataError("this belongs to a bag", where=str(path), next_step=step)
+    raise DataError(
+        f"there is no reader for '{path.suffix}' files",
+        where=str(path),
+        next_step=INSTEAD.get(
+            path.suffix.lower(),
+            f"Write it as CSV or Parquet, a column for each signal. Read are {', '.join(READERS)}, and "
+            f"by what is in them logs of {', '.join(brought)}.",
+        ),
+    )
+
+
+def _recognises(name: str, path: Path, head: bytes) -> bool:
+    """Whether that reader takes the file; one that is broken takes none, and harms no other."""
+    try:
+        return bool(plugins.load(GROUP, name).recognises(path, head))
+    except Exception:
+        return False
+
+
+def _topics(reader: Reader, name: str, path: Path, topics: Sequence[str]) -> Mapping[str, Log]:
+    """What the reader gives; a reader of another package may fail with anything."""
+    try:
+        found = reader(path, topics)
+    except EtudeError:
+        raise
+    except Exception as problem:
+        raise DataError(
+            f"the reader '{name}' failed ({type(problem).__name__}: {problem})",
+            where=str(path),
+            next_step="Convert the log to CSV or Parquet, or report it to the reader's authors.",
+        ) from problem
+    if not found:
+        raise DataError("the file holds no log", where=str(path), next_step=AGAIN)
+    return found
+
+
+def _joined(topics: Mapping[str, Log]) -> Log:
+    """One log of all topics, at the times of the one with the most rows; the others are interpolated where
+    they are not silent. A column that several topics have keeps its topic's name before it.
+    """
+    if len(topics) == 1:
+        return next(iter(topics.values()))
+    leader = max(topics, key=lambda name: len(topics[name]))
+    base = topics[leader]
+    columns = {topic: _columns(part) for topic, part in topics.items()}
+    counts = Counter(name for own in columns.values() for name in own)
+    found, said = {}, [f"Topics {', '.join(topics)} were joined at the times of {leader}."]
+    for topic, own in columns.items():
+        t = topics[topic].t
+        silent, sentences = silences(f"Topic {topic}", base.t, t) if topic != leader else (None, ())
+        said += sentences
+        for name, signal in own.items():
+            at_base = signal if silent is None else np.where(silent, np.nan, _interpolated(base.t, t, signal))
+            found[name if counts[name] == 1 else f"{topic}/{name}"] = at_base
+    return replace(raw_log(found, base.source, base.repairs), t=base.t).repaired(*said)
+
+
+def _columns(log: Log) -> dict[str, Array]:
+    """Header -> (T,) of a log's channels, part by part."""
+    named = ((column_names(log.channels[name]), values) for name, values in log.values.items())
+    return {name: column for names, values in named for name, column in zip(names, values.T, strict=True)}
+
+
+def _interpolated(times: Array, t: Array, signal: Array) -> Array:
+    told = np.isfinite(t)
+    t, signal = t[told], signal[told]
+    if len(t) < 2:
+        return np.full(len(times), np.nan)
+    order = np.argsort(t, kind="stable")
+    t, signal = t[order], signal[order]
+    return np.interp(times, t, signal, left=np.nan, right=np.nan)
+
+
+@dataclass(frozen=True)
+class TableReader:
+    """A `protocols.Reader` of files that hold one table, so one topic, whatever is asked for.
+
+    Attributes:
+        name: as in READERS.
+        table: path -> its raw columns.
+    """
+
+    name: str
+    table: Callable[[Path], Log]
+
+    def __call__(self, path: Path, topics: Sequence[str] = ()) -> Mapping[str, Log]:  # noqa: ARG002
+        return {"": self.table(path)}
+
+    def recognises(self, path: Path, head: bytes) -> bool:  # noqa: ARG002
+        """By the suffix."""
+        return READERS.get(path.suffix.lower()) == self.name
+
+
+def _parquet(path: Path) -> Log:
+    """All columns of a Parquet file."""
+    return frame_log(parquet_frame(path), path)
+
+
+def _csv(path: Path) -> Log:
+    """Text with one header row; see `csv_tables`."""
+    if file_head(path)[:4] == b"PAR1":
+        raise DataError("this is a Parquet file", where=str(path), next_step="Rename it to .parquet.")
+    return csv_log(path)
+
+
+read_csv = TableReader("csv", _csv)
+read_parquet = TableReader("parquet", _parquet)
+read_mat = TableReader("mat", mat_log)

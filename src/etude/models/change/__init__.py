@@ -1,0 +1,4 @@
+"""Has the robot changed? Evidence in new logs, its onset and its diagnosis."""
+
+PUBLIC = ("change_detection", "diagnosis", "drift_onset", "judged")
+"""Modules that may be used from outside."""

@@ -1,0 +1,106 @@
+"""One log against the model in use: the evidence of a changed robot, when it was enough, and of what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from etude.models.change.change_detection import ALARM, evidence, first_alarm, scores
+from etude.models.change.diagnosis import Cause, Expected, alone, cause
+from etude.models.change.drift_onset import block_sizes
+from etude.models.data.frozen_sensors import stuck
+from etude.models.model import LearnedModel
+from etude.types import Array, Mask, Samples
+
+MOST_ROWS = 200
+"""Enough to name a cause by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What became of the test.
+
+    Attributes:
+        evidence: (n,) after each sample, nats.
+        alarm: the first sample with enough of it, or by which a sensor is certainly stuck; None if there is
+            none.
+        z2: mean square of the errors over their predicted deviations.
+        cause: what has changed; "unknown" as long as there is no alarm.
+        output: the command that holds nearly all of the errors, if one does.
+        sizes: (B,) root mean squares of the errors over their deviations, in blocks of `manner.BLOCK_S`.
+    """
+
+    evidence: Array
+    alarm: int | None
+    z2: float
+    cause: Cause = "unknown"
+    output: int | None = None
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def judged(model: LearnedModel, samples: Samples) -> Judged:
+    """The test of one log's samples, in the order of time, where they move.
+
+    Raises:
+        KeyError: the log lacks an input of the model.
+    """
+    mean, variance = model.posterior(samples.log)
+    error, deviation = samples.command - mean, np.sqrt(variance)
+    use = samples.usable & samples.moving
+    z = error / deviation
+    found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
+    z2 = float(np.mean(z[use] ** 2)) if use.any() else 0.0
+    at, held = first_alarm(found, ALARM), stuck(samples)
+    quiet = Judged(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
+    if held is not None:
+        first = held[1] if at is None else min(at, held[1])
+        return replace(quiet, alarm=first, cause="stuck", output=held[0])
+    if at is None:
+        return quiet
+    motion = _motion(model, samples)
+    what: Cause = "unknown"
+    if motion is not None:
+        rows = np.unique(np.linspace(0, len(samples) - 1, MOST_ROWS).astype(np.int64))
+        static, velocity, acceleration = (part[rows] for part in motion)
+        expected = _expected(model, samples.take(rows), mean[rows])
+        own = static, velocity, acceleration
+        what = cause(error[rows], deviation[rows], use[rows], own, expected)
+    return replace(quiet, cause=what, output=alone(error, deviation, use))
+
+
+def _expected(model: LearnedModel, samples: Samples, mean: Array) -> Expected:
+    """What the model says of the commands, if positions were others."""
+    log = samples.log
+    channel = log.channels[log.channels["command"].acts_on]
+    q = log[channel.name]
+
+    def without(i: int, d: float) -> Array:
+        return model.mean(log.put(channel, q - d * (np.arange(q.shape[1]) == i)))
+
+    return Expected(mean, np.ptp(q, axis=0), without)
+
+
+def _evidence(z: Array, worth: Array, use: Mask) -> Array:
+    """(n,) of all outputs together, or of one alone where that is more: its odds are one in so many, and
+    whatever happens in one of seven joints, six others speak against it.
+    """
+    alone = [evidence(z[:, [j]], worth[[j]], use[:, [j]]) for j in range(z.shape[1])]
+    return np.asarray(np.maximum(evidence(z, worth, use), np.max(alone, axis=0) - np.log(len(alone))))
+
+
+def _motion(model: LearnedModel, samples: Samples) -> tuple[Array, Array, Array] | None:
+    """Static part, velocity and acceleration (n, J) each; None unless the commands do work on coordinates
+    whose rates the samples have.
+    """
+    rate = _rate_of(samples, samples.log.channels["command"].acts_on)
+    second = _rate_of(samples, rate)
+    if not second or samples.log[rate].shape != samples.command.shape:
+        return None
+    return model.static(samples.log, fade=False), samples.log[rate], samples.log[second]
+
+
+def _rate_of(samples: Samples, name: str) -> str:
+    """The channel that is the rate of that one; "" if there is none."""
+    found = (n for n, c in samples.log.channels.items() if name and c.derivative_of == name)
+    return next(found, "")

@@ -1,0 +1,302 @@
+"""The ladder: every rung that a robot allows, and for each command the one that predicts new motion best.
+
+A rung is a mean function (none, linear regression, identified or nominal physics), with a process on what it
+leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
+where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
+linear regression is a rung like the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.errors import DataError, UsageError
+from etude.models.change.change_detection import independence, tails
+from etude.models.config import ModelConfig
+from etude.models.contracts import Offered
+from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_numbers
+from etude.models.data.fit import Folds, Rows, rows_of
+from etude.models.data.insufficient_data import least_variance, notes
+from etude.models.data.rows import in_order
+from etude.models.model import LearnedModel
+from etude.models.score import Score, figures, score, trivial_prediction
+from etude.models.selection.averaging import Average, averages
+from etude.models.selection.ensemble import beside_default
+from etude.models.selection.linear import LinearPhysics
+from etude.models.selection.selection_rule import TRAJECTORIES, choices, warnings_of
+from etude.models.selection.structures import Learned, alone, base_of, earlier_of, rows_only, with_process
+from etude.models.student_t import StudentT, fit_student
+from etude.progress import counted, part
+from etude.protocols import Inputs, Physics
+from etude.types import Array, Samples
+
+OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
+"""Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
+LEAST_CALIBRATED = 4
+"""Trajectories from which held-out ones tell how wrong a new one will be; with fewer a model is
+uncalibrated."""
+RUNGS = 0.3
+"""About the part of the time that the rungs take; the rest is that of the candidates beside them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """All trained rungs and the choice among them.
+
+    Attributes:
+        model: with every rung, weighted by the choice.
+        errors: by rung, (J,) held-out error that decided; "linear" is there even if it was not offered.
+        held_out: by rung, what it says of each sample without having seen its trajectory.
+        scores: by rung, of the same.
+        left_out: of the choice, the same as `held_out`, its variances calibrated.
+        samples: those that it is of, in their order.
+    """
+
+    model: LearnedModel
+    errors: dict[str, Array]
+    held_out: dict[str, HeldOut]
+    scores: dict[str, Score]
+    left_out: HeldOut
+    samples: Samples
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The rung of each command."""
+        return self.model.chosen
+
+
+def train_ladder(
+    samples: Samples,
+    inputs: Inputs,
+    physics: Mapping[str, Physics],
+    limit: Array,
+    config: ModelConfig,
+    rng: np.random.Generator,
+    previous: LearnedModel | None = None,
+) -> Ladder:
+    """Trains every rung that `config` and the robot allow, and chooses for each command.
+
+    Args:
+        samples: of one or more trajectories, in any order.
+        inputs: the robot's; what the samples tell of them is set first.
+        physics: of the robot, by rung: "identified", "nominal". "linear" may be overridden.
+        limit: (J,) of the commands, the scale of a noise floor.
+        rng: draws the offsets of the thinning.
+        previous: an earlier model; training goes on from its rungs, as `config.schedule` says.
+
+    Raises:
+        UsageError: a rung without its physics, a plug-in that does not work, limits of another robot.
+        DataError: no sample, an input that the samples lack, or an axis that never moved.
+    """
+    folds = _folds(samples, inputs, limit, config)
+    offered = _offered(config, physics)
+    known = {"linear": LinearPhysics(folds.inputs), **physics}
+    names = dict.fromkeys(["linear", *(base_of(rung) for rung in offered)])
+    bases = {name: fitted_base(folds, name, known[name]) for name in names if name}
+    baseline = bases["linear"].held_out(folds)
+    groups = []
+    with part(RUNGS):
+        for group in counted(folds.groups):
+            rows = rows_of(folds, group, rng)
+            groups.append(_train_group(folds, group, rows, offered, bases, rng, previous))
+    with part(1.0 - RUNGS):
+        more = beside_default(folds, groups, bases, rng, previous)
+    return _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
+
+
+def prequential(model: LearnedModel, new: Samples, trained: Samples | None = None) -> dict[str, Score]:
+    """Score of each rung of an earlier model on motion that it has not seen.
+
+    Args:
+        trained: what it had seen, for the log loss.
+    """
+    complete = [rung for rung in model.rungs if _covers(model, rung)]
+    return {rung: score(new, *model.of_rung(rung).posterior(new.log), trained) for rung in complete}
+
+
+def _covers(model: LearnedModel, rung: str) -> bool:
+    return {j for c in model.candidates if c.rung == rung for j in c.commands} == set(
+        range(len(model.commands))
+    )
+
+
+def _folds(samples: Samples, inputs: Inputs, limit: Array, config: ModelConfig) -> Folds:
+    if not len(samples):
+        raise DataError("there is no sample to learn from", next_step="Tell a log first.")
+    samples = in_order(samples)
+    commands = samples.log.channels["command"].parts
+    limit = np.asarray(limit, dtype=float)
+    if limit.shape != (len(commands),) or not bool(np.all(limit > 0.0)):
+        raise UsageError(
+            f"the samples have {len(commands)} commands, the robot's limits are {limit.tolist()}",
+            next_step="Use the robot that the logs were recorded with.",
+        )
+    if not np.isfinite(samples.command[samples.usable]).all():
+        raise DataError("training data contain NaN or infinite values", next_step="Repair the log first.")
+    inputs = inputs.tuned(samples)
+    try:
+        X = np.asarray(inputs.of_log(samples.log), dtype=float)
+    except KeyError as error:
+        raise DataError(
+            f"the samples lack an input ({error.args[0]})", next_step="Turn that input off, or log it."
+        ) from error
+    if X.shape != (len(samples), len(inputs.columns)) or not np.isfinite(X).all():
+        raise DataError(
+            f"the inputs of {len(samples)} samples are no numbers, or of shape {X.shape}",
+            next_step="Repair the log, or turn the input off that it lacks.",
+        )
+    fold = fold_numbers(samples, config.stretch_s)
+    return Folds(samples, inputs, X, fold, limit, config.for_commands(len(commands)), commands)
+
+
+def _offered(config: ModelConfig, physics: Mapping[str, Physics]) -> list[str]:
+    """The rungs to train; those of one name alone bring the process that designs see."""
+    there = ("", "linear", *physics)
+    possible = [rung for rung in OFFERED if base_of(rung) in there]
+    if config.rung == "auto":
+        return possible
+    if base_of(config.rung) not in there:
+        raise UsageError(
+            f"there are no {base_of(config.rung)} physics of this robot",
+            where=f"model.rung = {config.rung!r}",
+            next_step=f"Describe the robot's body, or use one of {', '.join(possible)}.",
+        )
+    return [config.rung]
+
+
+def _train_group(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    offered: Sequence[str],
+    bases: Mapping[str, Base],
+    rng: np.random.Generator,
+    previous: LearnedModel | None,
+) -> dict[str, Learned]:
+    """Every rung of a group, the first the one that is taken if nothing was held out."""
+    auto = folds.config.rung == "auto"
+    found: dict[str, Learned] = {}
+
+    def process(rung: str) -> Learned:
+        base = bases.get(base_of(rung))
+        start = earlier_of(previous, rung, group, folds)
+        return with_process(folds, group, rows, rung, base, start, rng)
+
+    late = ["linear+gp"] if auto else []
+    for rung in [rung for rung in offered if rung.endswith("gp") and rung not in late]:
+        found[rung] = process(rung)
+    if auto and _loses(folds, group, rows, found, bases):
+        found["linear+gp"] = process("linear+gp")
+    for rung in [rung for rung in offered if not rung.endswith("gp")]:
+        twins = (f"{rung}+gp", *(() if rung == "linear" else ("identified+gp",)), "gp")
+        twin = next((twin for twin in twins if twin in found), None)
+        if twin is None:
+            twin = f"{rung}+gp"
+            found[twin] = process(twin)
+        found[rung] = alone(folds, group, rows, rung, bases[rung], found[twin].candidate)
+    order = [rung for rung in (*offered, *found) if rung in found]
+    return {rung: found[rung] for rung in dict.fromkeys(order)}
+
+
+def _loses(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    found: Mapping[str, Learned],
+    bases: Mapping[str, Base],
+) -> bool:
+    """Whether linear regression predicts a command of the group better than everything else."""
+    if folds.trajectories < TRAJECTORIES:
+        return False
+    held = {rung: learned.held for rung, learned in found.items()}
+    for name, base in bases.items():
+        held[name] = rows_only(base.held_out(folds), group, rows)
+    errors = {rung: own.errors(folds.config.choose_by) for rung, own in held.items()}
+    best = np.fmin.reduce([error for name, error in errors.items() if name != "linear"])
+    return bool(np.any(errors["linear"] < best))
+
+
+def _assembled(
+    folds: Folds,
+    groups: Sequence[Mapping[str, Learned]],
+    averaged: Mapping[str, Average],
+    baseline: HeldOut,
+) -> Ladder:
+    """The model of all groups, with the choice for each command."""
+    config, samples, pairs = folds.config, folds.samples, list(zip(folds.groups, groups, strict=True))
+    held, calibrated = _joined(folds, pairs)
+    held |= {rung: average.held for rung, average in averaged.items()}
+    calibrated |= {rung: average.held.variance for rung, average in averaged.items()}
+    kept = np.any([np.isfinite(own.error) for own in held.values()], axis=0)
+    held.setdefault("linear", baseline.at(kept))
+    trained = [list(own) for j in range(len(folds.commands)) for group, own in pairs if j in group]
+    chosen = choices(folds, trained, held)
+    parts = {
+        id(own): (own, np.ones(len(own.candidate.commands))) for group in groups for own in group.values()
+    }
+    for average in averaged.values():
+        parts |= {id(own): (own, share) for own, share in zip(average.parts, average.shares, strict=True)}
+    candidates = [_weighed(own.candidate, share, chosen) for own, share in parts.values()]
+    error = np.column_stack([held[rung].error[:, j] for j, rung in enumerate(chosen)])
+    spread = np.column_stack([calibrated[rung][:, j] for j, rung in enumerate(chosen)])
+    use = samples.usable & samples.moving
+    z = np.where(use, error / np.sqrt(spread), np.nan)
+    freedom = tails(z)
+    model = LearnedModel(
+        inputs=folds.inputs,
+        candidates=tuple(candidates),
+        commands=folds.commands,
+        ranges=np.stack([folds.X.min(axis=0), folds.X.max(axis=0)]),
+        calibrated=config.calibrate and folds.trajectories >= LEAST_CALIBRATED,
+        independence=independence(z, freedom, samples.t, samples.group, use),
+        freedom=freedom,
+        member=config.process,
+        least=least_variance(folds, candidates),
+        student=_student(error, spread) if config.student_t else None,
+        warnings=(*notes(folds), *warnings_of(folds, trained, chosen, held)),
+    )
+    errors = {rung: own.errors(config.choose_by) for rung, own in held.items()}
+    trivial = trivial_prediction(folds.samples)
+    scores = {
+        rung: _score(folds.samples, own.error, calibrated.get(rung, own.variance), trivial)
+        for rung, own in held.items()
+    }
+    return Ladder(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
+
+
+def _weighed(candidate: Offered, share: Array, chosen: Sequence[str]) -> Offered:
+    """With its part of the answer of the commands that were given its rung."""
+    weights = share * np.array([float(chosen[j] == candidate.rung) for j in candidate.commands])
+    return replace(candidate, weights=weights, share=share)
+
+
+def _joined(
+    folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]
+) -> tuple[dict[str, HeldOut], dict[str, Array]]:
+    """By rung, what it says of all commands, and its calibrated variances; NaN where it was not trained."""
+    held: dict[str, HeldOut] = {}
+    calibrated: dict[str, Array] = {}
+    for rung in dict.fromkeys(rung for _, own in pairs for rung in own):
+        error, variance, spread = (np.full_like(folds.samples.command, np.nan) for _ in range(3))
+        for group, own in pairs:
+            if rung in own:
+                columns, found = list(group), own[rung]
+                error[:, columns], variance[:, columns] = found.held.error, found.held.variance
+                spread[:, columns] = found.candidate.calibration * found.held.variance
+        held[rung], calibrated[rung] = HeldOut(error, variance, folds.fold), spread
+    return held, calibrated
+
+
+def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> Score:
+    """Of predictions that were held out; those that stood still were not."""
+    use = np.isfinite(error)
+    found = figures(samples.command, np.where(use, samples.command - error, 0.0), variance, use, trivial)
+    return Score(**vars(found), usable=found)
+
+
+def _student(error: Array, variance: Array) -> StudentT | None:
+    told = np.isfinite(error)
+    return fit_student(error[told] / np.sqrt(variance[told]))

@@ -1,0 +1,116 @@
+"""One rung for one group of commands: a mean function with a process on what it leaves, or alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from etude.models.contracts import Offered
+from etude.models.data.cross_validation import Base, HeldOut, process_held_out
+from etude.models.data.fit import Folds, Rows, fit_data, floor_of, units_of
+from etude.models.data.hyperparameters import is_held, on_schedule
+from etude.models.members import member_named
+from etude.models.model import LearnedModel
+from etude.models.process import Silent
+from etude.protocols import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A rung of one group of commands, and what it says of samples held out."""
+
+    candidate: Offered
+    held: HeldOut
+    rows: Rows
+
+
+def base_of(rung: str) -> str:
+    """Name of a rung's mean function; "" for a process on the commands themselves."""
+    return "" if rung == "gp" else rung.removesuffix("+gp")
+
+
+def rows_only(held: HeldOut, group: tuple[int, ...], rows: Rows) -> HeldOut:
+    """The commands of a group at the samples kept, so that all rungs are compared on the same."""
+    own = list(group)
+    use = np.zeros((len(held.error), len(own)), dtype=np.bool_)
+    use[rows.kept] = True
+    return HeldOut(held.error[:, own], held.variance[:, own], held.fold).at(use)
+
+
+def earlier_of(
+    previous: LearnedModel | None, rung: str, group: tuple[int, ...], folds: Folds, name: str = "default"
+) -> Candidate | None:
+    """Last round's candidate of the same rung, name and commands, if it had the same inputs.
+
+    None too where there are too few trajectories to go on from fewer.
+    """
+    if previous is None or list(previous.inputs.columns) != list(folds.inputs.columns):
+        return None
+    if folds.trajectories < folds.config.warm_from:
+        return None
+    own = [c for c in previous.candidates if c.rung == rung and c.commands == group]
+    return next((c for c in own if getattr(c, "name", "default") == name), None)
+
+
+def with_process(
+    folds: Folds,
+    group: tuple[int, ...],
+    rows: Rows,
+    rung: str,
+    base: Base | None,
+    earlier: Candidate | None,
+    rng: np.random.Generator,
+) -> Learned:
+    """A process on what the mean function leaves, with the noise floor that predicts best."""
+    config, own, member = folds.config, list(group), member_named(folds.config.process)
+    command = folds.samples.command[:, own]
+    target = command if base is None else command - base.whole[:, own]
+    start = None if earlier is None else earlier.process
+    units, scale, best = units_of(target, rows, config), np.ones(len(group)), -np.inf
+    found: Learned | None = None
+    for place, part in enumerate(config.floors):
+        down = place > 0 and config.floor_of == "deviation"  # from the optimum of a higher floor
+        floor = floor_of(folds, group, rows, units, part)
+        settings = replace(config, starts=1, schedule="update") if down else config
+        fit = fit_data(folds, group, rows, (target - units[0]) / units[1], floor, start, settings, rng)
+        held_fast = is_held(fit)
+        if held_fast and config.schedule == "first" and earlier is not None:
+            units = earlier.units
+            fit = replace(fit, Y=(target - units[0]) / units[1])
+        process = member(on_schedule(fit))
+        held = process_held_out(folds, group, rows, units, process, base)
+        if config.calibrate:
+            scale = held.scale()
+        density = held.density(scale)
+        if found is None or density > best:
+            mean = None if base is None else base.mean
+            error = held.errors("absolute")
+            candidate = Offered(rung, group, np.zeros(len(group)), mean, process, units, scale, error=error)
+            found, best = Learned(candidate, held, rows), density
+        if held_fast:  # the noise is held too
+            break
+        if config.floor_of == "deviation":
+            start = process
+    assert found is not None
+    return found
+
+
+def alone(
+    folds: Folds, group: tuple[int, ...], rows: Rows, rung: str, base: Base, twin: Candidate
+) -> Learned:
+    """A mean function by itself; the process of `twin` says where the robot has not been."""
+    own, process, factor = list(group), twin.process, twin.units[1]
+    assert process is not None
+    held = base.held_out(folds)
+    prior = process.signal_variance + process.noise_variance
+    if rung == "linear":  # all that there is to explain
+        command = folds.samples.command[rows.moving][:, own]
+        prior = np.maximum(prior, command.var(axis=0) / factor**2)
+    least = held.variance[0, own] / factor**2
+    silent = Silent(process, twin.calibration, least, prior, grows=rung == "linear")
+    nothing, ones = np.zeros(len(own)), np.ones(len(own))
+    units = np.stack([nothing, factor])
+    return Learned(
+        Offered(rung, group, nothing, base.mean, silent, units, ones), rows_only(held, group, rows), rows
+    )

@@ -1,0 +1,1 @@
+"""Logs of flight controllers: PX4's ULog, the Crazyflie's card."""

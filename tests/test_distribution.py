@@ -1,0 +1,147 @@
+"""The name on the package index is not ours: no sentence sends anybody there; who shares it is named."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import etude
+from etude import cli, distribution
+from etude.logs.readers.extras import REQUIREMENTS, needed
+
+ROOT = Path(__file__).parents[1]
+FROM_THE_INDEX = re.compile(
+    r"""(?:pipx?|uv|uvx)\s+(?:pip\s+|tool\s+)?(?:install|add|run|inject)\s+(?:-\S+\s+)*['"]?etude(?![\w/.])"""
+    r"""|['"`]etude(?:-studies|-sdk)?\[""",
+    re.IGNORECASE,
+)
+"""`pip install etude`, `pipx install etude[ros]`, `uv tool install etude`, or an extra by the name alone."""
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "pip install etude",
+        "pip install -U 'etude[ros]'",
+        "pipx install etude",
+        "uv tool install etude",
+        "'etude[px4]'",
+    ],
+)
+def test_the_search_finds_such_sentences(sentence: str) -> None:
+    assert FROM_THE_INDEX.search(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "pip install .",
+        "pip install '.[ros]'",
+        "uvx --from dist/*.whl etude demo",
+        "pipx install dist/etude-0.2.0.whl",
+    ],
+)
+def test_the_search_lets_the_others_be(sentence: str) -> None:
+    assert not FROM_THE_INDEX.search(sentence)
+
+
+def pages() -> list[Path]:
+    """What users read: messages in the code, docs, README, notebooks, settings. One record
+    tells of the clash.
+    """
+    folders = ("src", "docs", "examples", "packages", "packaging", ".github", ".ci")
+    found = [*ROOT.glob("*.md"), *ROOT.glob("*.toml"), ROOT / "Dockerfile"]
+    for folder in folders:
+        found += [
+            path
+            for path in (ROOT / folder).rglob("*")
+            if path.suffix in (".py", ".md", ".toml", ".ipynb", ".yml", ".yaml")
+        ]
+    record = ROOT / "docs" / "decisions" / "0048-name-on-the-index.md"
+    return [path for path in found if path.is_file() and path != record]
+
+
+def test_no_sentence_installs_a_strangers_package() -> None:
+    found = pages()
+    assert len(found) > 300
+    bad = []
+    for path in found:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if FROM_THE_INDEX.search(line):
+                bad.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:120]}")
+    assert bad == []
+
+
+def test_messages_ask_for_what_the_extras_ask_for() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    stated = {own for name in ("ros", "px4", "onnx") for own in extras[name]}
+    assert set(REQUIREMENTS.values()) == stated
+
+
+def test_a_missing_library_is_named_with_what_needs_it() -> None:
+    with pytest.raises(etude.errors.UsageError, match="writing a table needs no_such_library") as problem:
+        needed("no_such_library.part", "writing a table")
+    assert problem.value.next_step == "Install it: pip install 'no_such_library'"
+
+
+def test_the_version_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    studies = tomllib.loads((ROOT / "packages/etude-studies/pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.split()[1] == project["version"] == studies["version"] == etude.__version__
+    assert f"## [{project['version']}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"version: {project['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f'"{project["version"]}"' in (ROOT / "packaging/conda/meta.yaml").read_text(encoding="utf-8")
+
+
+def installed(site: Path, name: str, files: str) -> None:
+    """A distribution as pip leaves it."""
+    info = site / f"{name.replace('-', '_')}-0.2.6.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.2.6\n")
+    (info / "RECORD").write_text(files)
+
+
+def test_another_distribution_with_a_package_etude_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    installed(tmp_path, "etude-sdk", "etude/__init__.py,,\netude/launch/records.py,,\n")
+    installed(tmp_path, "etudes", "etudes/__init__.py,,\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    assert distribution.strangers() == ["etude-sdk 0.2.6"]
+    assert cli.main(["--version"]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"etude {etude.__version__}\n"
+    assert "etude-sdk 0.2.6" in said.err
+    assert "environment of its own" in said.err
+    assert cli.main(["doctor"]) == 1
+    assert "etude-sdk 0.2.6" in capsys.readouterr().out
+
+
+def test_a_failed_import_names_the_other_distribution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def overwritten(given: list[str]) -> int:
+        raise ImportError("cannot import name 'ask' from 'etude'")
+
+    monkeypatch.setattr(cli, "_run", overwritten)
+    installed(tmp_path, "etude-sdk", "etude/__init__.py,,\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    assert cli.main(["status", "lab"]) == 1
+    said = capsys.readouterr().err
+    assert "annot import name 'ask'" in said
+    assert "etude-sdk 0.2.6" in said
+    assert "bug" not in said
+
+
+def test_alone_nobody_is_named() -> None:
+    assert distribution.strangers() == []
+    assert distribution.conflict() == ""
