@@ -82,6 +82,13 @@ def test_positions_alone_are_differentiated_as_learning_does(lab: Path, tmp_path
     assert 0.9 * len(t) < len(log) < len(t)
     exact = model.predict(model.inputs.states(trajectory.motion(log.t, 3)))[0]
     assert np.median(np.abs(log["command"] - exact)) < 2.0  # of 255: what the filter takes
+    start = 1_700_000_000 * 10**9
+    stamps = pl.Series("time_ns", start + np.round(t * 1e9).astype(np.int64))
+    clocked = tmp_path / "clocked.csv"
+    pl.read_csv(path).drop("time").insert_column(0, stamps).write_csv(clocked)
+    again = etude.predict(lab, clocked)
+    assert again.t[0] == pytest.approx(log.t[0], abs=1e-4)  # nanoseconds as doubles are 256 apart
+    assert f"Time was counted from its first row, {start} ns." in again.repairs
 
 
 @pytest.mark.slow

@@ -122,7 +122,9 @@ def _as_learning(campaign: Campaign, motion: Log, missing: Sequence[str]) -> Log
     groups = [np.zeros(len(motion), dtype=np.int64)]
     samples = campaign.kind.samples(campaign.spec, config, [motion], groups)
     said = f"{' and '.join(missing)} made of the positions by learning's own filter; its ends are cut."
-    return _as_given(motion, samples.log, missing).repaired(said[0].upper() + said[1:])
+    found = _as_given(motion, samples.log, missing)
+    kept = [sentence for sentence in motion.repairs if sentence not in found.repairs]
+    return found.repaired(*kept, said[0].upper() + said[1:])
 
 
 def _as_given(motion: Log, made: Log, missing: Sequence[str]) -> Log:

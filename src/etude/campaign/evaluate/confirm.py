@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.edited import take_up
 from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
@@ -23,6 +22,7 @@ from etude.campaign.propose.proposal_constraints import Kept, kept_then
 from etude.campaign.propose.tracking import kept_now
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
+from etude.campaign.record.edited import take_up
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.proposals import FULL, stored_trajectory
 from etude.campaign.record.state import State

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from etude.campaign.edited import edited
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.ingest.confirmed import confirmed
 from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.edited import edited
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.history import calibration_factor, seen_by_the_rule
 from etude.campaign.record.journal import damaged_files

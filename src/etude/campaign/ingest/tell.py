@@ -11,7 +11,6 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from etude.campaign.edited import take_up
 from etude.campaign.ingest.confirmed import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import Asked, Given, answers_of
@@ -21,6 +20,7 @@ from etude.campaign.ingest.simulated_logs import mixed
 from etude.campaign.learn.training import Learner, learn_pending
 from etude.campaign.propose.tracking import errors_told, start_in_words
 from etude.campaign.record.controls import required
+from etude.campaign.record.edited import take_up
 from etude.campaign.record.findings import as_facts, kept_findings
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.numbers import check_asked, check_same_number, free_number

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.edited import take_up
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.propose.proposal import proposed
 from etude.campaign.propose.proposal_constraints import Kept, kept_then
 from etude.campaign.propose.tracking import kept_now
 from etude.campaign.propose.visited import Swept, as_facts, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
+from etude.campaign.record.edited import take_up
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.history import seen_by_the_rule
 from etude.campaign.record.journal import Event, recorded, require_intact

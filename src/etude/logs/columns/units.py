@@ -67,7 +67,9 @@ def read_time(raw: Log, rate: float, where: str) -> tuple[Array, list[str]]:
     if sec is not None and nanosec is not None and np.isfinite(raw[sec]).any():
         seconds, nanos = raw[sec][:, 0], raw[nanosec][:, 0]
         # Whole seconds since 1970 and nanoseconds together exceed a double's digits: subtract first.
-        return seconds - np.nanmin(seconds) + 1e-9 * nanos, [f"Time is {sec} and {nanosec} together."]
+        first, said = np.nanmin(seconds), f"Time is {sec} and {nanosec} together."
+        counted = [f"Time was counted from {first:.0f} s."] if first else []
+        return seconds - first + 1e-9 * nanos, [said, *counted]
     plain = [name for name in headers if time_word(normal(split_unit(name)[0])) in TIME_WORDS]
     if not plain:
         if not np.array_equal(raw.t, np.arange(len(raw))):
@@ -108,6 +110,8 @@ def _seconds(header: str, values: Array, rate: float, where: str) -> tuple[Array
         return values, repairs
     # Nanoseconds since 1970 lose digits when scaled: subtract the start first.
     start = finite[0] if abs(finite[0]) * factor > 1e6 else 0.0
+    if start:
+        repairs.append(f"Time was counted from its first row, {start:.0f} {name}.")
     return (values - start) * factor, repairs
 
 
