@@ -207,7 +207,7 @@ def require_right(found: Asked, equal: float) -> None:
     for error, promised in ((found.still, found.promised), (found.whole, found.whole_promised)):
         assert (np.abs(error) <= 2.0 * promised).mean() >= 0.8
     known = found.physics
-    assert (root(found.still) <= root(found.file) + 0.01)[known].all()
+    assert (root(found.still) <= root(found.file) + 0.01).all()  # a process by itself fades to physics
     assert (root(found.whole) <= 0.6 * root(found.whole_file))[known].all()
 
 
@@ -235,7 +235,7 @@ def test_a_small_arm(
     walk = Walk(tmp_path, plant.arm_of_urdf(URDF, seed=7), quick)
     found = ask_c(walk, walk.follow())
     require_right(found, EQUAL)
-    assert ("no physics stand behind" in capsys.readouterr().out) == (not found.physics.all())
+    assert "no physics stand behind" not in capsys.readouterr().out  # a file with masses is behind all
     folder = walk.go_on()
     found = ask_c(walk, folder)
     require_right(found, EQUAL)

@@ -261,6 +261,8 @@ def test_static_is_the_part_at_rest_and_safe_the_part_of_physics(full) -> None:
     np.testing.assert_allclose(model.safe(new), physics.predict(new), rtol=1e-9)
     gp = full.model.of_rung("gp")
     np.testing.assert_allclose(gp.static(new), gp.mean(still), rtol=1e-9)
+    np.testing.assert_allclose(gp.safe(new), physics.predict(new), rtol=1e-9)  # those learned beside it
+    gp = replace(gp, candidates=tuple(c for c in gp.candidates if c.rung == "gp"))
     levels = gp.safe(new)
     assert np.all(levels == levels[0])  # without physics a level, between 0 and the mean of training
     offset = np.concatenate([c.units[0] for c in gp.candidates if c.rung == "gp"])

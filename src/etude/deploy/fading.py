@@ -7,19 +7,20 @@ from __future__ import annotations
 import numpy as np
 
 from etude.models.model import LearnedModel
-from etude.models.selection.parts import is_physical, level_of
+from etude.models.selection.parts import level_of, physics_behind
 
 
 def fading(model: LearnedModel) -> str:
     """Where commands go there, in a sentence."""
-    used = [c for c in model.candidates if c.weights.any() and is_physical(c)]
-    physical = {j for c in used for j, weight in zip(c.commands, c.weights, strict=True) if weight}
+    used = [(c, physics_behind(c, model.candidates)) for c in model.candidates if c.weights.any()]
+    known = [c for c, mean in used if mean is not None]
+    physical = {j for c in known for j, weight in zip(c.commands, c.weights, strict=True) if weight}
     bare = [name for j, name in enumerate(model.commands) if j not in physical]
     if not bare:
         return "where the model knows no more than before any data its commands are those of physics alone."
     level = np.zeros(len(model.commands))
-    for c in model.candidates:
-        if c.weights.any() and not is_physical(c):
+    for c, mean in used:
+        if mean is None:
             level[list(c.commands)] += c.weights * level_of(c)
     told = ", ".join(f"{name} {level[model.commands.index(name)]:.3g}" for name in bare)
     return (

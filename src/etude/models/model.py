@@ -17,7 +17,7 @@ from etude.models.data.as_log import Run, as_log, as_run
 from etude.models.known import known_of
 from etude.models.prediction import Prediction
 from etude.models.selection.linear import at_rest
-from etude.models.selection.parts import Means, is_physical, level_of, noise_of, outputs, rests_of
+from etude.models.selection.parts import Means, level_of, noise_of, outputs, physics_behind, rests_of
 from etude.models.student_t import StudentT
 from etude.models.trust import outside, trusted
 from etude.progress import counted
@@ -94,7 +94,9 @@ class LearnedModel:
     @property
     def columns(self) -> tuple[Column, ...]:
         """What is looked at: by the inputs, and beside them by the means in use."""
-        beside = (column for one, _ in self._in_use() for column in getattr(one.mean, "columns", ()))
+        used = [candidate for candidate, _ in self._in_use()]
+        means = [m for c in used for m in (c.mean, physics_behind(c, self.candidates)) if m is not None]
+        beside = (column for mean in means for column in getattr(mean, "columns", ()))
         return tuple(dict.fromkeys([*self.inputs.columns, *beside]))
 
     @property
@@ -291,16 +293,16 @@ class LearnedModel:
         return self.static({**still, position: q})
 
     def safe(self, log: Log) -> Array:
-        """Commands (n, J) that a feedforward may fade to: of physics, where they are used, else
-        `parts.level_of`.
+        """Commands (n, J) that a feedforward may fade to: of physics, where there are any
+        (`parts.physics_behind`), else `parts.level_of`.
         """
         return self._safe(Means(log))
 
     def _safe(self, means: Means) -> Array:
-        parts = [
-            means.of(replace(c, units=np.zeros_like(c.units))) if is_physical(c) else level_of(c)[None]
-            for c, _ in self._in_use()
-        ]
+        parts = []
+        for candidate, own in self._in_use():
+            behind = physics_behind(candidate, self.candidates)
+            parts.append(level_of(candidate)[None] if behind is None else means.alone(behind, own))
         return self._weighted(len(means.log), parts)
 
     def _weighted(self, count: int, parts: Sequence[Array]) -> Array:

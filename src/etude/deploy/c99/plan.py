@@ -13,6 +13,7 @@ from etude.deploy.states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
+from etude.models.selection.parts import physics_behind
 from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
 
@@ -29,7 +30,8 @@ class Plan:
     Attributes:
         name: prefix in C. model, candidates: those in use. channels: what is read, in order.
         inputs: code of the feature map. means, processes: code by its function, each once.
-        mean_of, process_of: the function of each candidate, "" of no mean.
+        mean_of, process_of: the function of each candidate, "" of no mean. safe_of: of the physics that each
+            fades to, "" of none.
         low, high: (N,) of the states, that the model was trained on. limit: (J,) how far commands reach.
         least, most: (J,) of commands.
         still: (N,) whether a state is the rate of another. units: (J,) of commands.
@@ -45,6 +47,7 @@ class Plan:
     processes: Mapping[str, Code]
     mean_of: tuple[str, ...]
     process_of: tuple[str, ...]
+    safe_of: tuple[str, ...]
     low: Array
     high: Array
     limit: Array
@@ -99,10 +102,12 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
     means: dict[str, Code] = {}
     processes: dict[str, Code] = {}
     names: dict[int, str] = {}
-    mean_of, process_of = [], []
+    mean_of, process_of, safe_of = [], [], []
     for candidate in used:
         mean_of.append("" if candidate.mean is None else _mean(candidate.mean, prefix, means, names))
         process_of.append(_process(candidate, prefix, processes, names))
+        behind = physics_behind(candidate, model.candidates)
+        safe_of.append("" if behind is None else _mean(behind, prefix, means, names))
     available = {channel.name: channel for channel in kind.channels(spec)}
     reads = dict.fromkeys([*inputs.reads, *(read for code in means.values() for read in code.reads)])
     channels = tuple(available[read] for read in reads)
@@ -122,6 +127,7 @@ def planned(model: LearnedModel, kind: Kind, spec: Any, name: str) -> Plan:
         processes,
         tuple(mean_of),
         tuple(process_of),
+        tuple(safe_of),
         low,
         high,
         limit,

@@ -14,7 +14,7 @@ from etude.deploy.c99.plan import WIDENED, Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
-from etude.models.selection.parts import is_physical, level_of, rests_of
+from etude.models.selection.parts import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
 
 
@@ -150,7 +150,7 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
         lines += _enough(plan, k) if form.fade else []
         lines.append(f"    {plan.process_of[k]}(x, own{k}, {spread});")
         lines += _loose(plan, k) if form.fade else []
-        physical, level = is_physical(candidate), level_of(candidate)
+        safe, level = plan.safe_of[k], level_of(candidate)
         for i, j in enumerate(candidate.commands):
             weight, (offset, factor) = float(candidate.weights[i]), candidate.units[:, i]
             source = f"from{means.index(plan.mean_of[k])}[{j}]" if plan.mean_of[k] else ""
@@ -158,9 +158,9 @@ def _sums(plan: Plan, form: Form, means: list[str]) -> list[str]:
             lines.append(f"    own{k}[{i}] = {real(offset)} + {real(factor)} * own{k}[{i}]{mean};")
             if weight:
                 lines.append(f"    command[{j}] += {real(weight)} * own{k}[{i}];")
-                if form.fade and physical and source:
-                    lines.append(f"    safe[{j}] += {real(weight)} * {source};")
-                elif form.fade and not physical:
+                if form.fade and safe:
+                    lines.append(f"    safe[{j}] += {real(weight)} * from{means.index(safe)}[{j}];")
+                elif form.fade:
                     lines.append(f"    safe[{j}] += {real(weight * float(level[i]))};")
     lines += [*(_noise(plan) if form.fade else []), *(_spreads(plan) if form.deviations else [])]
     return [*lines, *_exactly(plan)] if form.fade else lines

@@ -13,7 +13,7 @@ from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
 from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
-from etude.models.selection.parts import is_physical, level_of, rests_of
+from etude.models.selection.parts import level_of, physics_behind, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs
@@ -70,8 +70,9 @@ def parts_of(model: LearnedModel) -> Parts:
     for candidate in used:
         assert candidate.process is not None
         looked |= looked_at(candidate.process)
-        mean = candidate.mean
-        if mean is not None and id(mean) not in means:
+        for mean in (candidate.mean, physics_behind(candidate, model.candidates)):
+            if mean is None or id(mean) in means:
+                continue
             draw = getattr(mean, "onnx", None)
             if draw is None:
                 raise unwritable(f"the physics {type(mean).__name__}")
@@ -194,10 +195,11 @@ def _trusted(command: Value, unknown: Value, parts: Parts, physics: Mapping[int,
     """(n, J) as `trust.trusted`, blended with physics where they are used, else with a level."""
     J, safe = len(parts.model.commands), command * 0.0
     for candidate in parts.used:
-        if is_physical(candidate) and candidate.mean is not None:
-            own = physics[id(candidate.mean)].at(candidate.commands)
+        behind = physics_behind(candidate, parts.model.candidates)
+        if behind is not None:
+            own = physics[id(behind)].at(candidate.commands)
             safe = safe + Value(own.graph, _placed(cast("Graph", own.graph), own.name, candidate, J))
-        elif not is_physical(candidate):
+        else:
             level = np.zeros(J)
             level[list(candidate.commands)] = candidate.weights * level_of(candidate)
             safe = safe + level[None]

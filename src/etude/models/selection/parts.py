@@ -27,17 +27,36 @@ class Means:
         offset = np.tile(candidate.units[0], (len(self.log), 1))
         if candidate.mean is None:
             return offset
-        if id(candidate.mean) not in self._known:
-            self._known[id(candidate.mean)] = self._ask(candidate.mean)
-        return np.asarray(offset + self._known[id(candidate.mean)][:, list(candidate.commands)])
+        return np.asarray(offset + self.alone(candidate.mean, candidate.commands))
 
-    def _ask(self, mean: Mean) -> Array:
-        return mean.static(self.log) if self._static else mean.predict(self.log)
+    def alone(self, mean: Mean, commands: Sequence[int]) -> Array:
+        """(n, m) of a mean function by itself, of those commands."""
+        if id(mean) not in self._known:
+            self._known[id(mean)] = mean.static(self.log) if self._static else mean.predict(self.log)
+        return self._known[id(mean)][:, list(commands)]
 
 
 def is_physical(candidate: Candidate) -> bool:
-    """Whether its mean is physics, so that a command may fade to it."""
+    """Whether its mean is physics."""
     return candidate.rung.removesuffix("+gp") in PHYSICAL
+
+
+def physics_behind(candidate: Candidate, candidates: Sequence[Candidate]) -> Mean | None:
+    """What a candidate's commands fade to: its own physics, or else those that the model has beside it.
+
+    A process on the commands themselves may predict best where it was taught. Where it was not it knows
+    nothing, gravity not either, while the robot's file or the same data tell it.
+
+    Args:
+        candidates: of the model, those of weight 0 too.
+
+    Returns:
+        None where there are no physics: `level_of`.
+    """
+    if is_physical(candidate):
+        return candidate.mean
+    beside = {c.rung: c.mean for c in candidates if c.rung in PHYSICAL}
+    return beside.get("identified", beside.get("nominal"))
 
 
 def level_of(candidate: Candidate) -> Array:
