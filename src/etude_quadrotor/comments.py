@@ -12,7 +12,7 @@ COMMENTS: dict[str, dict[str, str]] = {
         "free_centre": "whether x and y have a constant term too",
         "tilt": "rad, largest angle of the planned thrust from the vertical, if the vehicle's is not less",
         "lean": "whether simulated flights lean against the drag that earlier ones taught",
-        "centre": "m, constant terms of x and y where they are not free",
+        "centre": "m, constant terms of x and y where they are not free; of a room without 0, 0 its middle",
     },
     "data": {
         "averaged": "means over each sample interval; false: single samples, as the thesis",

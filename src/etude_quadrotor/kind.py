@@ -103,11 +103,12 @@ class QuadrotorKind:
 
         return expected(spec)
 
-    def family(self, spec: QuadrotorSpec, config: Any) -> Family:  # noqa: ARG002
+    def family(self, spec: QuadrotorSpec, config: Any) -> Family:
         """Fourier series of x, y and z of one base frequency (thesis (3.3))."""
         from etude_quadrotor.family import flight_family
+        from etude_quadrotor.room import centred
 
-        return flight_family(config.trajectory)
+        return flight_family(centred(spec, config.trajectory))
 
     def limits(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -101,6 +102,15 @@ def lift_room(spec: QuadrotorSpec) -> float:
     return GRAVITY - least
 
 
+def centred(spec: QuadrotorSpec, config: FlightConfig) -> FlightConfig:
+    """With flights about `home` where nobody said a centre and the world's own is outside of the room."""
+    margins, own = np.array(spec.margins)[:2], np.array(config.centre)
+    low, high = np.array(spec.lower)[:2] + margins, np.array(spec.upper)[:2] - margins
+    if config.free_centre or own.any() or ((low < own) & (own < high)).all():
+        return config
+    return replace(config, centre=(float(home(spec)[0]), float(home(spec)[1])))
+
+
 def home(spec: QuadrotorSpec) -> Array:
     """(3,) m the middle of the box less its margin; with a cylinder, where it leaves most room on the way
     to its axis.
@@ -127,7 +137,7 @@ def trial_flights(
 ) -> Mapping[str, Trajectory]:
     """A flight uniform on the safe ones of the thesis's form (N = 2), and one on their edge."""
     own = FlightConfig(TEST_HARMONICS, TEST_DURATION, start=config.start)
-    family = flight_family(own)
+    family = flight_family(centred(spec, own))
     feasible = FeasibleSet.of(limits(spec, own, {}), family, home(spec))
     drawn = {"uniform": uniform(rng, feasible)[0], "boundary": boundary(rng, feasible)[0]}
     return {name: family.trajectory(p) for name, p in drawn.items()}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.exporters.knots import SPACE, names_of
 from etude.deploy.played import certify_played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
@@ -67,6 +67,7 @@ class Along:
         rate = float(asked.rate or table_rate(spec))
         controller = kind.controller(spec, asked.config, model)
         what = accelerated(commanded(motion, model), controller, model.inputs.orders)
+        what = within_tilt(what, limits)
         files = {
             COEFFICIENTS: motion.to_json().encode(),
             TABLE: csv_bytes(motion, model.inputs, rate, lambda log: _columns(model, log, what)),

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from etude.errors import UsageError
-from etude.protocols import Model, Trajectory
-from etude.types import Array
+from etude.limits.library import TiltLimit
+from etude.protocols import Limit, Model, Trajectory
+from etude.types import Array, Mask
 
 FORCES = ("N m", "N")
 """Units of commands that a field named effort may hold."""
+ROUNDING, HALVINGS = 1e-5, 40
+"""Part of a tilt limit left to single precision; of finding how much of what was learned it allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,40 @@ def accelerated(what: Trajectory | Commanded, controller: Any, orders: int) -> C
     if told is None or told(motion.motion(np.zeros(1), orders)) is None:
         return own
     return replace(own, acceleration=lambda t: np.asarray(told(motion.motion(t, orders))))
+
+
+def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
+    """The same, with as much of what the model adds to accelerations as limits of the tilt allow: what is
+    commanded has to hold them, as the motion does.
+    """
+    tilts = [limit for limit in limits if isinstance(limit, TiltLimit)]
+    if what.acceleration is None or not tilts:
+        return what
+    told, motion, limit = what.acceleration, what.trajectory, min(tilts, key=lambda own: own.angle)
+
+    def held(t: Array) -> Array:
+        own = motion.motion(np.minimum(t, motion.duration), limit.order + 1).orders[limit.order]
+        return shortened(own, told(t), limit)
+
+    return replace(what, acceleration=held)
+
+
+def shortened(own: Array, told: Array, limit: TiltLimit) -> Array:
+    """(T, 3) from own towards told, as far as the thrust's tilt stays within the limit. By halving: the tilts
+    allowed are a cone, which a line leaves once.
+    """
+    angle = limit.angle * (1.0 - ROUNDING)
+
+    def inside(part: Array) -> Mask:
+        return np.asarray(limit.of_acceleration(own + part[:, None] * (told - own)) <= angle)
+
+    low, high = np.zeros(len(own)), np.ones(len(own))
+    low[inside(high)] = 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        within = inside(middle)
+        low, high = np.where(within, middle, low), np.where(within, high, middle)
+    return np.asarray(own + low[:, None] * (told - own))
 
 
 def parted(what: Trajectory | Commanded) -> tuple[Trajectory, Callable[[Array], Array] | None]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, spare
+from etude.limits.library import TiltLimit
 from etude.protocols import Exporter, Limit, Trajectory
 from etude.trajectories.splined import Splined
-from etude.types import Proof
+from etude.types import Array, Proof
 
 MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""
@@ -59,7 +60,7 @@ def certify_played(
 
     Args:
         exporter: its attribute `back` reads the files as their receiver does; `notes`, if it has one, says
-            what they hold beside the motion.
+            what they hold beside the motion, `accelerations` what they command in its place.
         files: what it wrote.
         limits: of the robot.
         motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
@@ -74,7 +75,9 @@ def certify_played(
         played = _cut(replace(played, like=motion.form), motion)
     said = getattr(exporter, "notes", lambda _: ())(files)
     found = certify(played, [Looked(limit) for limit in limits], control=control)
-    found = replace(found, rows=(*found.rows, *_holds(played, limits, control)), notes=said)
+    sent = getattr(exporter, "accelerations", lambda _: None)(files)
+    rows = (*found.rows, *_holds(played, limits, control), *_tilts(sent, limits))
+    found = replace(found, rows=rows, notes=said)
     for row in found.failed:
         if row.quantity == REST:
             raise UnsafeTrajectoryError(
@@ -92,6 +95,18 @@ def certify_played(
                 next_step="Ask for another format, or at a lower speed: etude ask --speed 50.",
             )
     return found
+
+
+def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
+    """Of accelerations (T, 3) that are commands, not the motion's: each is held, so each is all there is."""
+    if sent is None:
+        return []
+    rows = []
+    for limit in (own for own in limits if isinstance(own, TiltLimit)):
+        most = float(limit.of_acceleration(sent).max())
+        angle, name = limit.angle, f"{limit.quantity}, commanded"
+        rows.append(Proof(limit.axis, name, -angle, angle, -most, most, "what the rows say"))
+    return rows
 
 
 REST = "largest speed or acceleration"

@@ -273,9 +273,13 @@ class TiltLimit(Convex):
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, 1) rad."""
-        force = motion.orders[self.order][:, list(self.axes)]
+        return self.of_acceleration(motion.orders[self.order])[:, None]
+
+    def of_acceleration(self, acceleration: Array) -> Array:
+        """(T,) rad of accelerations (T, k)."""
+        force = acceleration[:, list(self.axes)]
         across = np.hypot(force[:, 0], force[:, 1])
-        return np.asarray(np.arctan2(across, force[:, 2] + self.gravity)[:, None])
+        return np.asarray(np.arctan2(across, force[:, 2] + self.gravity))
 
 
 def _form(family: Family) -> str:

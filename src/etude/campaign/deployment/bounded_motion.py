@@ -31,7 +31,15 @@ def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
         place = Path(motion)
         if not place.is_file():
             raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
-        motion = from_json(place.read_bytes())
+        try:
+            motion = from_json(place.read_bytes())
+        except UsageError as problem:
+            raise UsageError(
+                problem.fact,
+                where=str(place),
+                next_step="Name a trajectory.json: those in proposals/NUMBER hold the motion's coefficients, "
+                "tables (CSV) do not.",
+            ) from None
     kept = kept_now(campaign, campaign.state(), LEARNED)
     return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
 

@@ -19,6 +19,7 @@ from etude.design.ways import There, require_inside, there_and_back
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
+from etude.trajectories.splined import Splined
 from etude.types import Array
 
 HOME = "home"
@@ -66,6 +67,7 @@ def approached(
     try:
         pose, found, made = prepared(campaign, motion, start, kept)
     except UnsafeTrajectoryError as problem:
+        require_pose(campaign, start, kept, problem)
         raise UnsafeTrajectoryError(
             f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
             where=problem.where,
@@ -86,6 +88,31 @@ def pose_inside(campaign: Campaign, start: str) -> Array:
         limits = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
         require_inside(pose, *limits, campaign.axes)
     return pose
+
+
+def require_pose(campaign: Campaign, start: str, kept: Kept, problem: UnsafeTrajectoryError) -> None:
+    """UnsafeTrajectoryError if standing at the pose breaks the limit that the way breaks: no other motion
+    helps.
+    """
+    pose = pose_of(campaign, start)
+    still = np.zeros((2, 2, len(pose)))
+    still[0] = pose
+    hold = Splined(np.array([0.0, 1.0]), still)
+    for limit in kept.limits(campaign):
+        rows = limit.prove(hold) if getattr(limit, "order", None) == 0 else ()
+        for row in rows:
+            low, high = row.lower - row.margin, row.upper + row.margin
+            if row.upper >= row.proved_upper and row.proved_lower >= row.lower:
+                continue
+            if problem.where != f"{row.axis}, {row.quantity}":
+                continue
+            raise UnsafeTrajectoryError(
+                f"the pose itself is the fault: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "
+                f"motions stay in {row.lower:.6g}..{row.upper:.6g}, "
+                f"{row.margin:.3g} inside of {low:.6g}..{high:.6g} for tracking",
+                where="--from",
+                next_step="Name a pose inside, or bring the robot to the start by its own controller.",
+            ) from None
 
 
 def prepared(

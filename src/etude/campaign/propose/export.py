@@ -13,7 +13,7 @@ from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
-from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.played import certify_played
 from etude.generation import GENERATION
 from etude.limits.certificate import Certificate
@@ -77,10 +77,11 @@ def export(
     exporter = plugins.load(GROUP, name)
     what = _with_effort(campaign, trajectory) if effort else trajectory
     what = _accelerated(campaign, what) if drag else what
-    files = exporter(what, campaign.kind, campaign.spec)
     own = asked_under(campaign.round(number).asked)
     kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
     limits = kept.limits_as_played(campaign, trajectory)
+    what = within_tilt(what, limits) if isinstance(what, Commanded) else what
+    files = exporter(what, campaign.kind, campaign.spec)
     certificate = certify_played(exporter, files, limits, trajectory, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}

@@ -36,6 +36,9 @@ LARGEST = 64 * 2**20
 """Bytes of tables beyond which nobody compiles them."""
 
 
+BARE = "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
+
+
 @dataclass(frozen=True)
 class Options:
     """See `commands.export`."""
@@ -182,7 +185,7 @@ def _names(plan: Plan) -> list[str]:
 def _outside(made: Files) -> str:
     """What commands are where nothing was learned."""
     if not made.form.fade:
-        return "WARNING: --no-fade: commands are the mean given the data, outside of what was learned too."
+        return BARE
     return f"Outside: {fading(made.plan.model)}"
 
 

@@ -78,6 +78,11 @@ class Offboard:
         points[2] -= drag
         return Splined(t, points @ NED.T, held=True)
 
+    def accelerations(self, files: Mapping[str, bytes]) -> Array | None:
+        """(K, 3) that are commanded, m/s^2, east, north, up; None: the motion's own."""
+        _, points, drag = _read(files)
+        return np.asarray(points[2] @ NED.T) if drag.any() else None
+
     def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
         """A sentence if accelerations are commands, with what they ask beyond the motion."""
         _, points, drag = _read(files)
@@ -88,7 +93,7 @@ class Offboard:
         return (
             "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
             f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
-            "Limits are proved of the motion.",
+            "Limits are proved of the motion, that of the tilt also of what is commanded.",
         )
 
 

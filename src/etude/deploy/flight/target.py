@@ -11,7 +11,7 @@ from typing import Any
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.target import Files, held
+from etude.deploy.c99.target import BARE, Files, held
 from etude.deploy.flight.chips import M4F, M7, Chip, chosen_rate, cost_in_words
 from etude.errors import UsageError
 from etude.options import taken
@@ -19,6 +19,7 @@ from etude.protocols import Kind
 from etude.types import Delivered
 
 MOTORS = 4
+OUTSIDE = "Far outside of what was learned the last good addition fades out within 0.2 s."
 READS: Mapping[str, Sequence[str]] = {
     "altitude": ("asked->altitude",),
     "specific_force": ("dot(x, push)", "dot(y, push)", "dot(z, push)"),
@@ -88,7 +89,8 @@ class Autopilot:
             f"{n} is {int(m) + 1}" for n, m in zip(model.commands, words["MOTORS"].split(", "), strict=True)
         )
         facts |= {"rate": rate, "operations_of_an_answer": operations}
-        return Delivered(files, (f"Motors of {self.name}: {order}.", *said, cost), facts)
+        told = [sentence for sentence in said if sentence != BARE]  # nobody chose it: the glue ends it itself
+        return Delivered(files, (f"Motors of {self.name}: {order}.", *told, OUTSIDE, cost), facts)
 
 
 SHARED = {"flight.h": "@NAME@_flight.h", "flight.c": "@NAME@_flight.c"}

@@ -1,0 +1,50 @@
+"""What is commanded to an autopilot holds the tilt limit, with what was learned of the drag too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from etude.deploy.commanded import Commanded, within_tilt
+from etude.deploy.exporters.offboard import NED, OFFBOARD
+from etude.deploy.played import certify_played
+from etude.limits.at_rest import at_rest
+from etude.limits.certificate import certify
+from etude.limits.feasible import FeasibleSet
+from etude.limits.samplers import boundary
+from etude_quadrotor.family import FlightConfig, flight_family
+from etude_quadrotor.kind import KIND
+from etude_quadrotor.room import home, limits
+
+ROBOT = Path(__file__).parents[2] / "examples" / "px4" / "px4_quad.toml"
+TILT = np.deg2rad(20.0)
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.6, 1.5])
+def test_the_learned_part_is_cut_to_the_tilt(drag: float) -> None:
+    spec = KIND.spec(ROBOT)
+    config = FlightConfig(2, 15.0, tilt=TILT)
+    allowed, family = limits(spec, config, {}), flight_family(config)
+    room = FeasibleSet.of(allowed, family, home(spec))
+    motion = at_rest(family.trajectory(boundary(np.random.default_rng(3), room)[0]), allowed)
+    assert certify(motion, allowed).ok
+
+    def told(t: np.ndarray) -> np.ndarray:
+        orders = motion.motion(t, 3).orders
+        return np.asarray(orders[2] + drag * orders[1])
+
+    what = within_tilt(Commanded(motion, acceleration=told), allowed)
+    files = OFFBOARD(what, KIND, spec)
+    proof = certify_played(OFFBOARD, files, allowed, motion)
+    table = np.loadtxt(files["setpoints.csv"].decode().splitlines(), delimiter=",", skiprows=1)
+    thrust = table[:, 7:10] @ NED.T + [0.0, 0.0, 9.81]
+    tilts = np.arctan2(np.hypot(thrust[:, 0], thrust[:, 1]), thrust[:, 2])
+    assert tilts.max() <= TILT
+    assert proof.ok
+    rows = [row for row in proof.rows if row.quantity == "tilt, commanded"]
+    assert len(rows) == (drag > 0.0)
+    if drag:
+        assert abs(rows[0].proved_upper - tilts.max()) < 1e-6
+        assert np.abs(table[:, 11:14]).max() > 0.3, "and what the limit allows of it is held"
