@@ -67,7 +67,7 @@ def approached(
     try:
         pose, found, made = prepared(campaign, motion, start, kept)
     except UnsafeTrajectoryError as problem:
-        require_pose(campaign, start, kept, problem)
+        require_pose(campaign, start, kept, problem, f"; proposal {number} stays open")
         raise UnsafeTrajectoryError(
             f"no way from there to proposal {number} is proved, which stays open: {problem.fact}",
             where=problem.where,
@@ -90,9 +90,11 @@ def pose_inside(campaign: Campaign, start: str) -> Array:
     return pose
 
 
-def require_pose(campaign: Campaign, start: str, kept: Kept, problem: UnsafeTrajectoryError) -> None:
+def require_pose(
+    campaign: Campaign, start: str, kept: Kept, problem: UnsafeTrajectoryError, beside: str = ""
+) -> None:
     """UnsafeTrajectoryError if standing at the pose breaks the limit that the way breaks: no other motion
-    helps.
+    helps. beside: what is said after that.
     """
     pose = pose_of(campaign, start)
     still = np.zeros((2, 2, len(pose)))
@@ -109,7 +111,7 @@ def require_pose(campaign: Campaign, start: str, kept: Kept, problem: UnsafeTraj
             raise UnsafeTrajectoryError(
                 f"the pose itself is the fault: {row.quantity} of '{row.axis}' is {row.proved_upper:.6g}; "
                 f"motions stay in {row.lower:.6g}..{row.upper:.6g}, "
-                f"{row.margin:.3g} inside of {low:.6g}..{high:.6g} for tracking",
+                f"{row.margin:.3g} inside of {low:.6g}..{high:.6g} for tracking{beside}",
                 where="--from",
                 next_step="Name a pose inside, or bring the robot to the start by its own controller.",
             ) from None
