@@ -56,7 +56,7 @@ class OnlineLearning:
 
 
 def online_learning(method: str) -> OnlineLearning:
-    """By a method of `models.online.methods`. UsageError: there is none of that name."""
+    """By a method of `etude_online.methods`. UsageError: there is none of that name."""
     return OnlineLearning(OnlineConfig(known(method)))
 
 
