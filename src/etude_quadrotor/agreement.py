@@ -29,6 +29,7 @@ TURN_S, MOVE_S = 0.1, 0.5
 """s over which attitudes are differenced, and half the window of positions: long against noise and filters,
 short against a turn."""
 LEAST_S = 5.0
+"""s of flight below which nothing is compared."""
 LEAST_TURN, LEAST_PUSH = 0.01, 0.4
 """rad and m/s^2 (rms) by which the stated reading has to be wrong: biases and offsets of sensors are less."""
 LIKE, BETTER = 0.5, 4.0
@@ -124,7 +125,6 @@ def _turning(flight: Flight) -> Finding | None:
     span = round(TURN_S / flight.step)
     said = _windowed(flight.rates, span)
     found: list[Reading] = []
-    size = 0.0
     for words, changes, R in _attitudes(flight):
         turns = _vectors(R, span)
         size = float(np.mean(np.sum(turns**2, axis=1)))
@@ -135,6 +135,8 @@ def _turning(flight: Flight) -> Finding | None:
         ):
             for axes, turn in _signed():
                 left = float(np.mean(np.sum((turns - factor * said @ turn.T) ** 2, axis=1)))
+                if not found and np.sqrt(left) < LEAST_TURN:  # as stated: no other reading is looked for
+                    return Finding(RATES, "green", "The gyroscope matches the turns of the attitude.")
                 parts = [
                     words,
                     f"the gyroscope is in {unit}" if unit else "",
@@ -142,9 +144,7 @@ def _turning(flight: Flight) -> Finding | None:
                 ]
                 count = changes + bool(unit) + _count(turn)
                 found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
-        if not words and np.sqrt(found[0].left * size) < LEAST_TURN:
-            return Finding(RATES, "green", "The gyroscope has the turns of the attitude.")
-    return _judged(RATES, found, "The gyroscope has not the turns of the attitude")
+    return _judged(RATES, found, "The gyroscope does not match the turns of the attitude")
 
 
 def _vectors(R: Array, span: int) -> Array:
@@ -197,13 +197,15 @@ def _pushing(flight: Flight) -> Finding | None:
                     off = moved @ turn.T - pushed
                     off = off - np.clip(off.mean(axis=0), -BIAS, BIAS)
                     left = float(np.mean(np.sum(off**2, axis=1)))
+                    if not found and np.sqrt(left) < LEAST_PUSH:
+                        return Finding(
+                            FORCE, "green", "The accelerometer matches the motion of the position."
+                        )
                     parts = [words, frames, force, _axes("the position", axes, turn)]
                     count = changes + one + two + _count(turn)
                     found.append(Reading("; ".join(filter(None, parts)), count, left / max(size, 1e-300)))
-        if not words and np.sqrt(found[0].left * size) < LEAST_PUSH:
-            return Finding(FORCE, "green", "The accelerometer has the motion of the position.")
     return _judged(
-        FORCE, found, "The accelerometer, turned by the attitude, has not the motion of the position"
+        FORCE, found, "The accelerometer, turned by the attitude, does not match the motion of the position"
     )
 
 
@@ -246,14 +248,19 @@ def _axes(whose: str, axes: str, turn: Array) -> str:
 def _judged(check: str, found: Sequence[Reading], fact: str) -> Finding:
     """Red where another reading explains what the stated one does not."""
     stated, best = found[0], min(found, key=lambda one: one.left)
+    alone = f"{fact} everywhere, and no other reading of the columns is better."
     if best.left > LIKE or stated.left < BETTER * best.left:
-        return Finding(check, "cannot tell", f"{fact} in all, and no other reading of the columns is better.")
+        return Finding(
+            check, "cannot tell", f"{fact} everywhere, and no other reading of the columns is better."
+        )
     near = [one for one in found if one.left < NEAR * best.left + 0.01]
     named = min(near, key=lambda one: (one.changes, one.left))
     if not named.changes:
-        return Finding(check, "green", f"{fact} in all, and no other reading of the columns is better.")
+        return Finding(check, "green", alone)
     step = f"Correct the columns or their header; {accepted(check)}."
-    said = f"{fact} ({100.0 * min(stated.left, 99.0):.0f} % of it is unexplained). It has if {named.words}"
+    said = (
+        f"{fact} ({100.0 * min(stated.left, 99.0):.0f} % of it is unexplained). It matches if {named.words}"
+    )
     return Finding(check, "red", f"{said} ({100.0 * named.left:.0f} %).", step, flag=check)
 
 

@@ -106,5 +106,5 @@ def test_instruments_that_agree_are_believed(
 ) -> None:
     assert inspected(tmp_path, table(seed)) == 0
     said = capsys.readouterr().out
-    assert "has the turns of the attitude" in said
-    assert "has the motion of the position" in said
+    assert "matches the turns of the attitude" in said
+    assert "matches the motion of the position" in said

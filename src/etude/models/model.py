@@ -21,7 +21,7 @@ from etude.models.selection.parts import Means, level_of, noise_of, outputs, phy
 from etude.models.student_t import StudentT
 from etude.models.trust import outside, trusted
 from etude.progress import counted
-from etude.protocols import Candidate, Inputs, Posterior, Trajectory
+from etude.protocols import Candidate, Inputs, Mean, Posterior, Trajectory
 from etude.types import Array, Channel, Column, Log, Mask
 
 _InUse = tuple[Candidate, list[int]]
@@ -94,8 +94,7 @@ class LearnedModel:
     @property
     def columns(self) -> tuple[Column, ...]:
         """What is looked at: by the inputs, and beside them by the means in use."""
-        used = [candidate for candidate, _ in self._in_use()]
-        means = [m for c in used for m in (c.mean, physics_behind(c, self.candidates)) if m is not None]
+        means = [m for m in (*(c.mean for c, _ in self._in_use()), *self._behind) if m is not None]
         beside = (column for mean in means for column in getattr(mean, "columns", ()))
         return tuple(dict.fromkeys([*self.inputs.columns, *beside]))
 
@@ -298,10 +297,14 @@ class LearnedModel:
         """
         return self._safe(Means(log))
 
+    @cached_property
+    def _behind(self) -> tuple[Mean | None, ...]:
+        """Of each candidate in use the physics that its commands fade to; asked at every tick."""
+        return tuple(physics_behind(candidate, self.candidates) for candidate, _ in self._in_use())
+
     def _safe(self, means: Means) -> Array:
         parts = []
-        for candidate, own in self._in_use():
-            behind = physics_behind(candidate, self.candidates)
+        for (candidate, own), behind in zip(self._in_use(), self._behind, strict=True):
             parts.append(level_of(candidate)[None] if behind is None else means.alone(behind, own))
         return self._weighted(len(means.log), parts)
 
