@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Posterior
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class Batch(Protocol):

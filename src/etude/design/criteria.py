@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude import plugins
 from etude.design.batch import Batch
@@ -22,6 +21,7 @@ from etude.design.information import d_opt, info_gain, mi_region, sum_log
 from etude.design.score import Criterion, Output, Score, evaluate, needing, value_of
 from etude.errors import UsageError
 from etude.models.gp.cholesky import solved_in_place
+from etude.types import Array
 
 __all__ = [
     "LOG_FLOOR",
@@ -41,8 +41,6 @@ __all__ = [
     "sum_log",
     "value_of",
 ]
-
-Array = NDArray[np.float64]
 
 LOG_FLOOR = 1e-4
 """Part of the signal variance that `log_ivr` adds, so that states known already stop paying."""

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dpotrs, dtrtrs
 from etude.design.batch import Batch
 from etude.design.score import Output, Score, needing
 from etude.models.gp.cholesky import factorise, inverse_lower
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 def sum_log(output: Output, batch: Batch, gain: Array) -> Score:

@@ -8,14 +8,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.design.batch import Batch, batch_of
 from etude.errors import EtudeError, UsageError
 from etude.models.gp.cholesky import factorise
 from etude.protocols import Posterior
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 RESOLUTION = 1e-9
 """Part of the signal variance that is the least noise information is counted against.

@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.unseen import ALL, in_words, not_looked_at
 from etude.protocols import Limit, Trajectory
 from etude.trajectories.json_text import from_json
 from etude.types import Proof
-
-Array = NDArray[np.float64]
 
 REST_TOLERANCE = 1e-9
 """Speed at either end, as a fraction of the speed limits, below which a trajectory is at rest."""

@@ -12,15 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.ranges import CERTIFIED, bound_of, largest_tilt, method_of, norm_range, slabs, tracked
 from etude.protocols import Family, Trajectory
 from etude.trajectories.extremes import ROOM
-from etude.types import Cone, Margins, Motion, Proof
-
-Array = NDArray[np.float64]
+from etude.types import Array, Cone, Margins, Motion, Proof
 
 SMALLEST = 1e-9
 """Width of an interval, relative to its ends, below which there is no room in it."""

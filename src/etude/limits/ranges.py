@@ -6,14 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError
 from etude.protocols import Trajectory
 from etude.trajectories.extremes import OVERSAMPLING, riesz_range
-from etude.types import Cone, Margins
-
-Array = NDArray[np.float64]
+from etude.types import Array, Cone, Margins
 
 CERTIFIED = math.cos(math.pi / OVERSAMPLING)
 """kappa of the proof of final bytes."""

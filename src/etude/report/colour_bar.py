@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html, number, text, with_unit
 from etude.report.png import STOPS, colours, png_address
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 def colour_bar(low: float, high: float, unit: str, stops: Array = STOPS) -> Html:

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Model
 from etude.report.curves import tests
 from etude.report.record import Record
 from etude.report.words import test_name
-from etude.types import Log, Samples
-
-Array = NDArray[np.float64]
+from etude.types import Array, Log, Samples
 
 
 @dataclass(frozen=True, eq=False)

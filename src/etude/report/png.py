@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.types import Array
 
 STOPS = np.array(
     [

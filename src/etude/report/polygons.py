@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 def cut(face: Array, lower: Array, upper: Array) -> Array:

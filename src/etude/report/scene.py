@@ -12,15 +12,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text
 from etude.report.svg import polyline
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.shown import Picture, picture_of
 from etude.trajectories.exact_json import to_text
 from etude.trajectories.series import basis, instants
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.types import Array, Motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.series import series
 from etude.trajectories.splined import Splined
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 ORDERS = 4
 """Position to jerk meet where a lead-in ends: so attitudes and body rates of a vehicle do, too."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.types import Array
 
 PEAK_RATE = 15.0 / 8.0
 """max S'(s) for S(s) = s^3 (10 - 15 s + 6 s^2)."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.trajectories.extremes import OVERSAMPLING, grid
 from etude.trajectories.ramp import PEAK_BEND, PEAK_PRODUCT, PEAK_RATE, phase
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 RAMP_ORDERS = 4
 """Orders (position, ..., jerk) that a phase ramp has: its own third derivative jumps."""

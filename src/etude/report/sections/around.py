@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import text
 from etude.report.polygons import cut
 from etude.report.scene import AZIMUTH, ELEVATION, Camera, Room
 from etude.report.svg import CHARACTER, polyline
-from etude.types import Figure, Thing
-
-Array = NDArray[np.float64]
+from etude.types import Array, Figure, Thing
 
 BEYOND = 0.5
 """Of the robot's own extent: how much farther out things are drawn, which may be as large as a hall."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.curves import score
 from etude.report.markup import Html, element, grid, missing, paragraph, section
@@ -13,9 +12,7 @@ from etude.report.record import Facts, Record
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Band, Level, Line, Mark, panel
-
-Array = NDArray[np.float64]
-
+from etude.types import Array
 
 Z2 = (0.5, 2.5)
 """Band of z² that is good enough."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from etude.campaign.record.state import Round
-from etude.report.curves import Array, chosen_rung, rung_name, score, scored_rungs
+from etude.report.curves import chosen_rung, rung_name, score, scored_rungs
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
 from etude.report.sections.calibration import in_use
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Line, Mark, Points, panel
+from etude.types import Array
 
 Series = dict[str, dict[int, Array | None]]
 """By rung of model and number of the log."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import EtudeError
 from etude.report.colour_bar import colour_bar
@@ -18,8 +17,7 @@ from etude.report.record import Record
 from etude.report.scene import Path, Room, room_of, scene
 from etude.report.sections.views import through_space
 from etude.report.words import test_title
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 NEWEST = 8
 """More training motions than these are not drawn: a page is read, not searched."""

@@ -12,7 +12,8 @@ from etude.report.forecasts import Forecast, newest_forecast
 from etude.report.markup import Html, grid, missing, number, paragraph, section
 from etude.report.record import Record
 from etude.report.scales import Axis
-from etude.report.svg import Area, Array, Level, Line, Mark, panel, thinned
+from etude.report.svg import Area, Level, Line, Mark, panel, thinned
+from etude.types import Array
 
 Z95 = 1.96
 """Half width of a normal distribution's 95 % interval, in deviations."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.record import Record
@@ -11,9 +10,7 @@ from etude.report.scales import Axis
 from etude.report.sections.views import views
 from etude.report.svg import Level, Line, Mark, panel, thinned
 from etude.report.words import FEEDBACK, unit_sign
-from etude.types import Channel, Log
-
-Array = NDArray[np.float64]
+from etude.types import Array, Channel, Log
 
 SIZE, WIDE = (380, 260), (560, 260)
 TITLE = "Desired against actual, feedforward against command"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.record.stored_files import changed_since
 from etude.protocols import Limit, Trajectory
@@ -27,8 +26,7 @@ from etude.report.sections.learning import joint_style
 from etude.report.sections.views import through_space
 from etude.report.svg import Level, Line, Mark, panel
 from etude.report.words import unit_sign
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 SAMPLES = 301
 RATES = ("", "/s", "/s²", "/s³")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import EtudeError
 from etude.protocols import Model
@@ -14,9 +13,7 @@ from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.views import through_space
 from etude.report.svg import Image, Mark, Points, panel
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.types import Array, Motion
 
 TITLE = "Where the model is uncertain"
 GRID = 44

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html, grid
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.svg import Line, Mark, panel
-from etude.types import Log
-
-Array = NDArray[np.float64]
+from etude.types import Array, Log
 
 SIZE = (400, 320)
 DRAWING = (324.0, 226.0)
