@@ -15,9 +15,9 @@ from etude.report.curves import (
     score,
     tests,
 )
+from etude.report.labels import Baseline, baseline, in_telling_order, test_name
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
-from etude.report.words import Baseline, baseline, in_telling_order, test_name
 from etude.types import Array, Finding
 
 SAME = 0.02

@@ -6,12 +6,11 @@ import numpy as np
 
 from etude.errors import EtudeError
 from etude.protocols import Model
-from etude.report.colour_bar import colour_bar
 from etude.report.markup import Html, grid, join, missing, paragraph, section
-from etude.report.png import colours, png_address
+from etude.report.png import colour_bar, colours, png_address
 from etude.report.record import Record
 from etude.report.scales import Axis
-from etude.report.sections.views import through_space
+from etude.report.sections.paths import through_space
 from etude.report.svg import Image, Mark, Points, panel
 from etude.types import Array, Motion
 
