@@ -19,6 +19,9 @@ from etude.protocols import Family, Trajectory
 from etude.trajectories.extremes import ROOM
 from etude.types import Array, Cone, Margins, Motion, Proof
 
+STRAYS = "where what was learned is wrong, tracking apart"
+STRAYS_HOW = "what the rows say, through the receiver's feedback"
+"""Quantity and method of rows about places beside those of a plan; after a quantity's own name."""
 SMALLEST = 1e-9
 """Width of an interval, relative to its ends, below which there is no room in it."""
 TILT_ROOM = (1.0 - 4.0 * (1.0 - CERTIFIED)) / CERTIFIED
@@ -125,6 +128,19 @@ class AxisLimit(Convex):
         beyond = np.flatnonzero((at < low) | (at > high))
         return f"the {self.quantity} limit of {self.names[beyond[0]]}" if len(beyond) else ""
 
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
+        """One row for each axis of a motion's places (T, k) and how far off they may be, (T, k): within the
+        limit itself, of which a margin is a part. Where the plan is, as on the ground, it may be.
+        """
+        at, by = places[:, self.places], off[:, self.places]
+        ends = np.minimum(self.lower, at.min(axis=0)), np.maximum(self.upper, at.max(axis=0))
+        table = np.stack([*ends, (at - by).min(axis=0), (at + by).max(axis=0)], axis=1).tolist()
+        quantity = f"{self.quantity}, {STRAYS}"
+        return [
+            Proof(name, quantity, a, b, c, d, STRAYS_HOW, "sampled")
+            for name, (a, b, c, d) in zip(self.names, table, strict=True)
+        ]
+
     def of_motion(self, motion: Motion) -> Array:
         """(T, n) the coordinates' derivative, shifted."""
         return np.asarray(motion.orders[self.order][:, self.places] + self.shift)
@@ -208,6 +224,13 @@ class NormLimit(Convex):
             low, high = bound_of(piece, self.order, 1, list(self.axes), self._shift).range()
             found = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
         return [Proof(self.axis, self.quantity, *found, how, margin=margin, confidence=confidence)]
+
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
+        """One row, see `AxisLimit.strayed`."""
+        axes = list(self.axes)
+        most = float((np.linalg.norm(places[:, axes], axis=1) + np.linalg.norm(off[:, axes], axis=1)).max())
+        ends = -self.upper, self.upper, -most, most
+        return [Proof(self.axis, f"{self.quantity}, {STRAYS}", *ends, STRAYS_HOW, "sampled")]
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, 1) the size."""
