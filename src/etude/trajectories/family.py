@@ -12,8 +12,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.trajectories.extremes import OVERSAMPLING
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.series import basis, instants, rest_nullspace
+from etude.trajectories.fourier import FourierTrajectory, basis, instants, rest_nullspace
 from etude.types import Array, Motion
 
 SHORTEST, LONGEST = 10.0, 60.0

@@ -12,8 +12,8 @@ import numpy as np
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.shown import Picture, picture_of
-from etude.trajectories.exact_json import to_text
 from etude.trajectories.extremes import ROOM
+from etude.trajectories.fourier import to_text
 from etude.types import Array, Motion
 
 PEAK_VELOCITY = 15.0 / 8.0
