@@ -12,9 +12,9 @@ from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played, played
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.at_rest import at_rest
 from etude.limits.certificate import Certificate, spare
 from etude.limits.feasible import FeasibleSet
+from etude.limits.lead_ins import at_rest
 from etude.limits.samplers import boundary
 from etude.protocols import Limit
 from etude.types import Array

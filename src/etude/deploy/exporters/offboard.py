@@ -19,8 +19,8 @@ import numpy as np
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.csv_player import player
 from etude.deploy.exporters.knots import require_space
+from etude.limits.lead_ins import STILL
 from etude.protocols import Kind, Trajectory
-from etude.trajectories.lead_in import STILL
 from etude.trajectories.splined import Splined
 from etude.types import Array
 

@@ -39,7 +39,7 @@ Stand = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class NonconvexLimits:
     """The limits whose `cones` do not say it all; without any, nothing is done.
 
     Attributes:
@@ -55,7 +55,7 @@ class Kept:
     boxed: bool = False
 
     @classmethod
-    def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> Kept:
+    def of(cls, limits: Sequence[Limit], family: Family, p: Array) -> NonconvexLimits:
         """Those of `limits` that answer with a penalty for the member p (P,)."""
         duration = family.trajectory(p).duration
         times = duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
@@ -253,7 +253,7 @@ class Penalised:
     """An objective less the weighted penalty, for the search alone."""
 
     objective: Objective
-    kept: Kept
+    kept: NonconvexLimits
     weight: float
 
     @property

@@ -16,13 +16,12 @@ from typing import cast
 import numpy as np
 
 from etude.design.candidates import Drawn, Sampler
-from etude.design.coverage import FEW, Visited
-from etude.design.kept import FEW_HALVINGS, Kept
+from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.feasible import FeasibleSet, still_at
 from etude.limits.samplers import scaled, uniform
-from etude.protocols import Family, Limit, SupportsBoxes
-from etude.types import Array, Reachable
+from etude.protocols import Family, Limit, SupportsBoxes, Trajectory
+from etude.types import Array, Mask, Reachable
 
 CENTRES = 6
 """Clear poses that are tried for a segment."""
@@ -46,6 +45,72 @@ SWIFT = 1.0
 """Weight of a motion's speed, in parts of that without clearance, beside what it covers."""
 BEYOND = 1.02
 """How much wider than the way of a motion the box is in which it is refined."""
+
+
+BINS = 20
+"""Of the range between a coordinate's extreme clear poses."""
+LEAST = 0.005
+"""Part of the time that a bin needs to count as visited: a motion that only turns round there shows little.
+"""
+INSTANTS = 512
+"""At which a segment is looked at, for the report."""
+FEW = 96
+"""The same of a candidate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visited:
+    """The time that segments spend in each bin of each coordinate; links do not count.
+
+    Attributes:
+        lower, upper: (k,) ends between which clear poses lie.
+        seconds: (k, BINS).
+        total: s of all segments.
+    """
+
+    lower: Array
+    upper: Array
+    seconds: Array
+    total: float = 0.0
+
+    @classmethod
+    def nothing(cls, reach: Reachable) -> Visited:
+        """Before any motion."""
+        lower, upper = reach.clear
+        return cls(lower, upper, np.zeros((len(lower), BINS)))
+
+    def adding(self, trajectories: Sequence[Trajectory]) -> Visited:
+        """With the segments of these."""
+        pieces = [p for own in trajectories for _, label, p in own.pieces() if label == "segment"]
+        found = self
+        for piece in pieces:
+            t = piece.duration * (np.arange(INSTANTS) + 0.5) / INSTANTS
+            found = found.adding_poses(piece.motion(t, 1).orders[0], piece.duration)
+        return found
+
+    def adding_poses(self, poses: Array, duration: float) -> Visited:
+        """With poses (T, k), spread evenly over a time in s."""
+        each = duration / max(len(poses), 1)
+        return replace(self, seconds=self.seconds + each * self.counts(poses), total=self.total + duration)
+
+    def counts(self, poses: Array) -> Array:
+        """(k, BINS) poses (T, k) in each bin."""
+        place = np.floor(BINS * (poses - self.lower) / np.maximum(self.upper - self.lower, 1e-12))
+        place = np.where(poses == self.upper, BINS - 1, place)
+        inside = (place >= 0) & (place < BINS)
+        found = np.zeros((poses.shape[1], BINS))
+        coordinate = np.broadcast_to(np.arange(poses.shape[1]), poses.shape)
+        np.add.at(found, (coordinate[inside], place[inside].astype(np.int64)), 1.0)
+        return found
+
+    def bins(self, total: float | None = None) -> Mask:
+        """(k, BINS) which were visited, of a total time in s (None: of what there was)."""
+        whole = self.total if total is None else total
+        return np.asarray((self.seconds > 0.0) & (self.seconds >= LEAST * whole))
+
+    def share(self, total: float | None = None) -> Array:
+        """(k,) part of each coordinate's bins that was visited."""
+        return np.asarray(self.bins(total).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +145,7 @@ class Region(Drawn):
     def standing(self) -> Array:
         return self.start
 
-    def allowed(self, kept: Kept, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
+    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:  # noqa: ARG002
         """Drawn back to what is clear, and widened again: room that it has is worth having."""
         p = kept.drawn_home(self.family, self.clear, p, FEW_HALVINGS, quickly=True)
         feasible = self.source.ordered(self.family)
@@ -184,9 +249,9 @@ class Roamed:
             self._stands[id(family)] = family, (offset, rows)
         return self._stands[id(family)][1]
 
-    def _kept(self, family: Family, p: Array) -> Kept:
+    def _kept(self, family: Family, p: Array) -> NonconvexLimits:
         """What is not convex."""
-        return Kept.of(self.limits, family, p)
+        return NonconvexLimits.of(self.limits, family, p)
 
     def _started(self, rng: np.random.Generator, count: int, *, widened: bool = False) -> list[Curve]:
         """Curves from clear poses, drawn there until their paths are about clear, and then widened."""
