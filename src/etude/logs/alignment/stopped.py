@@ -45,8 +45,12 @@ def waits_at_start(t: Array, measured: Array, plan: Plan) -> bool:
     return not len(before) or bool(np.quantile(away.max(axis=1), 0.99) <= AT_START)
 
 
-def noted(log: Log, stop: float, duration: float) -> Log:
-    """The rows up to the stop, and the sentence that says so."""
-    return log.take(log.t <= stop).repaired(
-        f"The run was stopped at {stop:.1f} s of {duration:.4g} s: it teaches up to there."
+def ended(log: Log, duration: float) -> Log:
+    """The log, with a sentence where it ends before its proposal does; t = 0 is where that starts."""
+    last = float(log.t[-1])
+    if duration - last < LEAST_STANDSTILL:
+        return log
+    return log.repaired(
+        f"The log ends at {last:.1f} s of the proposal's {duration:.4g} s, {duration - last:.1f} s before it "
+        "does: it teaches up to there."
     )
