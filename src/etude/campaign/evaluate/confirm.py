@@ -30,7 +30,7 @@ from etude.campaign.record.stored_files import require_description
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible
-from etude.logs.readers.table_text import header_row
+from etude.logs.readers.cells import header_row
 from etude.models.model import LearnedModel
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic

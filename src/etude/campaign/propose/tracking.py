@@ -16,7 +16,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.proposals import FULL
 from etude.campaign.record.state import State
 from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
-from etude.logs.alignment.tracked import tracked
+from etude.logs.alignment.tracking_errors import tracked
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import SINGLE
 from etude.types import Array, Log, Margins

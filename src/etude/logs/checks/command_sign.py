@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.checks.memory import memory
-from etude.logs.checks.seen import Seen
-from etude.logs.checks.words import Mendable, both, named
+from etude.logs.checks.filtered_motion import Seen, memory
+from etude.logs.checks.finding_texts import Mendable, both, named
 from etude.types import Array, Finding, Mask
 
 CHECK = "sign"

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.logs.checks.memory import memory
-from etude.logs.checks.seen import MOVING, Seen
-from etude.logs.checks.sign import ALIKE, SURE, likeness
-from etude.logs.checks.words import Mendable, accepted, named
+from etude.logs.checks.command_sign import ALIKE, SURE, likeness
+from etude.logs.checks.filtered_motion import MOVING, Seen, memory
+from etude.logs.checks.finding_texts import Mendable, accepted, named
 from etude.types import Array, Finding, Index, Mask
 
 CHECK = "swapped"

@@ -9,9 +9,9 @@ import pytest
 from made_motion import COMMAND, DRY, INERTIA, VISCOUS, moved
 
 from etude.campaign.ingest.inspecting import inspect
-from etude.logs.checks.mounting import mounting_finding
-from etude.logs.checks.seen import seen
+from etude.logs.checks.filtered_motion import seen
 from etude.types import Array, Finding
+from etude_arm.log_checks import mounting_finding
 
 DOWN = np.array([0.0, 0.0, -9.81])
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -1,9 +1,9 @@
-"""What the truth tests look at: a motion and its commands through one filter, at 50 Hz at most."""
+"""What the plausibility checks look at: a motion and its commands through one filter, 50 Hz at most."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,3 +165,21 @@ def _stretch(
     made = filtered(path.name)
     found = {"t": grid[rows], "q": made.value[rows], "qd": made.first[rows], "qdd": made.second[rows]}
     return found | {name: filtered(channel.name).value[rows] for name, channel in others.items()}
+
+
+def runs(marked: Mask) -> Sequence[tuple[int, int]]:
+    """First and one past the last of each stretch of neighbours that are marked."""
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def memory(values: Array, step: float) -> Array:
+    """(k,) s between independent samples of signals (n, k) that are `step` s apart: the integral of the
+    autocorrelation over both sides, up to where it first crosses zero (Geyer 1992); `step` of a constant.
+    """
+    n = len(values)
+    spectrum = np.fft.rfft(values - values.mean(axis=0), 2 * n, axis=0)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n, axis=0)[:n]
+    likeness = products / np.maximum(products[0], np.finfo(float).tiny)
+    until = np.cumprod(likeness > 0.0, axis=0)
+    return np.asarray(step * np.maximum(1.0, 2.0 * (likeness * until).sum(axis=0) - 1.0))

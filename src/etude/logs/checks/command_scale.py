@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.checks.seen import Seen
-from etude.logs.checks.words import accepted, named
+from etude.logs.checks.filtered_motion import Seen
+from etude.logs.checks.finding_texts import accepted, named
 from etude.types import Array, Finding, Mask
 
 CHECK, GRAVITY = "scale", "gravity"

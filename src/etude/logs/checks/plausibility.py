@@ -1,25 +1,29 @@
-"""All truth tests over a log of any robot, in the order in which one spoils the next."""
+"""All plausibility checks over a log, in the order in which one spoils the next, and their repairs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from etude.logs.checks import rates, sign, swapped
-from etude.logs.checks.extent import degrees_finding, speed_finding
-from etude.logs.checks.scale import scale_findings
-from etude.logs.checks.seen import Seen, joints, seen
-from etude.logs.checks.words import Mendable
-from etude.logs.cleaning.leaps import leap_finding
+from etude.errors import UsageError
+from etude.logs.checks import command_sign, exchanged_commands, velocities
+from etude.logs.checks.command_scale import scale_findings
+from etude.logs.checks.filtered_motion import Seen, joints, seen
+from etude.logs.checks.finding_texts import Mendable, named
+from etude.logs.checks.velocities import degrees_finding, speed_finding
 from etude.logs.cleaning.ranges import top_speed
+from etude.logs.cleaning.repairs import leap_finding
 from etude.logs.cleaning.smoothing import median_rate
 from etude.logs.columns.units import Limits
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Log
 
-SHORT = f"Less than {sign.LEAST_S:g} s of motion: too little to tell whose a command is, its sign or unit."
+SHORT = (
+    f"Less than {command_sign.LEAST_S:g} s of motion: "
+    "too little to tell whose a command is, its sign or unit."
+)
 STILL = "Nothing moves: no joint changes its position by more than its noise."
 
 
@@ -51,7 +55,7 @@ def judge_motion(
     if leap is not None:
         return (leap,)
     rate = median_rate(log.t)
-    found = rates.rate_finding(motion, rate, usual)
+    found = velocities.rate_finding(motion, rate, usual)
     if found.light == "red":
         return (found,)
     others = [degrees_finding(motion)]
@@ -85,14 +89,14 @@ def judge_commands(
     motion = motion or commanded(log)
     if motion is None or motion.command is None:
         return ()
-    if len(motion.t) * motion.step < sign.LEAST_S:
+    if len(motion.t) * motion.step < command_sign.LEAST_S:
         return (Finding("commands", "cannot tell", SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)
     torque = None if body is None or states is None else body.predict(states)
-    order = swapped.order_of(motion, torque)
-    found = (swapped.finding_of(order, motion.parts), _sign(motion, order, torque))
+    order = exchanged_commands.order_of(motion, torque)
+    found = (exchanged_commands.finding_of(order, motion.parts), _sign(motion, order, torque))
     if body is None or states is None or torque is None or (order is not None and order.doubtful):
         return found
     reach = np.full(len(motion.parts), np.inf) if limit is None else limit
@@ -113,15 +117,68 @@ def _states(motion: Seen, path: Channel) -> Log:
     return log
 
 
-def _sign(motion: Seen, order: swapped.Order | None, torque: Array | None) -> Finding:
+def _sign(motion: Seen, order: exchanged_commands.Order | None, torque: Array | None) -> Finding:
     """Signs of the commands in the order that fits; exchanged ones say nothing."""
     if order is None or not order.doubtful:
-        return sign.sign_finding(motion, torque)
+        return command_sign.sign_finding(motion, torque)
     if motion.command is None or not order.named:
         fact = "Which command is whose is not known, so neither is a sign."
-        return Finding(sign.CHECK, "cannot tell", fact)
-    own = sign.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
+        return Finding(command_sign.CHECK, "cannot tell", fact)
+    own = command_sign.sign_finding(replace(motion, command=motion.command[:, order.best]), torque)
     if not isinstance(own, Mendable):
         return own
     # of the columns as they stand in the log
     return replace(own, by=tuple(own.by[j] for j in np.argsort(order.best)))
+
+
+def repaired(log: Log, finding: Finding) -> Log:
+    """The log put right. UsageError: nothing repairs what was found."""
+    if not isinstance(finding, Mendable):
+        raise UsageError(
+            f"nothing repairs the check '{finding.check}' of this log: {finding.sentence}",
+            where=log.source,
+            next_step=finding.step,
+        )
+    return REPAIRS[finding.check](log, finding)
+
+
+def _scaled(log: Log, finding: Mendable) -> Log:
+    """by: what to divide the times by."""
+    sentence = f"Times were divided by {finding.by[0]:g}, as asked."
+    return replace(log, t=log.t / finding.by[0]).repaired(sentence)
+
+
+def _turned(log: Log, _: Mendable) -> Log:
+    t = log.t[0] + log.t[-1] - log.t[::-1]
+    values = {name: np.ascontiguousarray(part[::-1]) for name, part in log.values.items()}
+    return replace(log, t=t, values=values).repaired("The rows were turned round in time, as asked.")
+
+
+def _ordered(log: Log, finding: Mendable) -> Log:
+    """by: the column of each joint's command."""
+    channel, best = _command(log), np.array(finding.by, dtype=np.int64)
+    names = named(channel.parts, np.asarray(best != np.arange(len(best))))
+    sentence = f"The commands of {names} were put into the order that fits, as asked."
+    return log.put(channel, log[channel.name][:, best]).repaired(sentence)
+
+
+def _signed(log: Log, finding: Mendable) -> Log:
+    """by: -1 for each column that is to be turned."""
+    channel, signs = _command(log), np.array(finding.by)
+    sentence = (
+        f"The sign of the commands of {named(channel.parts, np.asarray(signs < 0))} was turned, as asked."
+    )
+    return log.put(channel, log[channel.name] * signs).repaired(sentence)
+
+
+def _command(log: Log) -> Channel:
+    return next(c for c in log.channels.values() if c.role == "command" and c.acts_on in log)
+
+
+REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
+    velocities.TIME: _scaled,
+    velocities.DIRECTION: _turned,
+    exchanged_commands.CHECK: _ordered,
+    command_sign.CHECK: _signed,
+}
+"""Of the other checks, the answer is to take the log as it is, or to correct it by hand."""
