@@ -155,10 +155,10 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
     from etude.campaign.ingest.groups import told_samples
     from etude.campaign.record.stored import LEFT_OUT
-    from etude.models.data.cross_validation_residuals import read_left_out
-    from etude.models.data.rows import in_order
+    from etude.models.data.fit import in_order
+    from etude.models.selection.model_selection import read_residuals
 
-    left_out = read_left_out(fresh.model_folder(6) / LEFT_OUT)
+    left_out = read_residuals(fresh.model_folder(6) / LEFT_OUT)
     own = left_out.group == left_out.group.max()
     samples = in_order(told_samples(fresh, [1, 2, 3, 4, 5, 6])).take(left_out.rows[own])
     error = samples.command - model_in_use(fresh).model.posterior(samples.log)[0]

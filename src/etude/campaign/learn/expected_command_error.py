@@ -11,8 +11,8 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
-from etude.models.contracts import HasKernel
 from etude.models.model import LearnedModel
+from etude.models.protocols import HasKernel
 from etude.protocols import Candidate
 from etude.types import Array
 

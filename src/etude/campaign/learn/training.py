@@ -27,13 +27,12 @@ from etude.campaign.record.stored import (
     stored_model,
 )
 from etude.errors import DataError, NumericalError
-from etude.models.contracts import SupportsFirstUse
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
-from etude.models.data.cross_validation_residuals import left_out_of
 from etude.models.model import LearnedModel
-from etude.models.score import Score, score
+from etude.models.protocols import SupportsFirstUse
+from etude.models.score import PredictionScore, score
 from etude.models.selection.linear import LinearPhysics
-from etude.models.selection.model_selection import Ladder, prequential, train_ladder
+from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
 from etude.models.store import save_model
 from etude.progress import part
 from etude.protocols import Inputs
@@ -54,7 +53,7 @@ over about as much. Recordings have none: they are short, and their figures are 
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainingOutcome:
     """What learning a log left.
 
     Attributes:
@@ -66,7 +65,7 @@ class Learned:
     facts: dict[str, Any]
 
 
-Learner = Callable[[Campaign, State, int], Learned]
+Learner = Callable[[Campaign, State, int], TrainingOutcome]
 """Learns log `number` with all logs told before it; only tests give another one than `learn_log`."""
 
 
@@ -124,7 +123,7 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
     campaign.commit("trained", numbers[-1], learned.files, **{**learned.facts, **together})
 
 
-def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
+def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
     on all logs told.
     """
@@ -147,7 +146,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     path = campaign.model_folder(number) / MODEL
     save_model(path, ladder.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
-    write_atomic(left_out, left_out_of(ladder).to_bytes())
+    write_atomic(left_out, residuals_of(ladder).to_bytes())
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
@@ -167,7 +166,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     if blocks:
         with part(0.5):
             facts |= _held_out_of(campaign, number, rng, facts["warnings"], 0.0 if foreign else GAP_S)
-    return Learned([path, left_out], facts)
+    return TrainingOutcome([path, left_out], facts)
 
 
 def _unmoved(campaign: Campaign, samples: Samples) -> dict[str, list[str]]:
@@ -195,7 +194,7 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known
     if not newest.any():  # logs that repeat others are no new motion
         return {}
     new = samples.take(newest)
-    found: dict[str, Score] = {}
+    found: dict[str, PredictionScore] = {}
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
@@ -212,7 +211,7 @@ def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str
     return [sentence for sentence in samples.log.repairs if sentence not in told]
 
 
-def _plain(found: Score) -> dict[str, list[float | None]]:
+def _plain(found: PredictionScore) -> dict[str, list[float | None]]:
     """Figures where the joint moved and, as "all", where any did."""
     names = ("nmse", "z2", "coverage", "msll")
     both = {name: jsonable(getattr(found, name)) for name in names}

@@ -10,8 +10,7 @@ from typing import Any
 from etude.campaign.record.findings import kept_findings
 from etude.campaign.record.rounds import measured, summary
 from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
-from etude.models.data.insufficient_data import UNCERTAIN
-from etude.models.selection.selection_rule import TOO_FEW
+from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
 from etude.types import Finding
 
 LEAST_COVERAGE = 0.8

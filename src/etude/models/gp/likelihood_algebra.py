@@ -15,29 +15,30 @@ L X = I, Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and 
 
 from __future__ import annotations
 
-from ctypes import byref, c_int
+import re
+from collections.abc import Callable
+from ctypes import (
+    CFUNCTYPE,
+    PYFUNCTYPE,
+    byref,
+    c_char,
+    c_char_p,
+    c_double,
+    c_int,
+    c_void_p,
+    py_object,
+    pythonapi,
+)
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy import LowLevelCallable
 
-from etude.blas import dpotrf, dpotri, dpotrs, dsyrk
-from etude.models.gp.cholesky import with_jitter
-from etude.models.gp.fortran import (
-    LEFT,
-    LOWER,
-    PLAIN,
-    RIGHT,
-    TRANSPOSED,
-    UPPER,
-    Routines,
-    number,
-    place,
-    routines,
-    whole,
-)
+from etude.blas import dpotrf, dpotri, dpotrs, dsyrk, loaded
+from etude.models.gp.cholesky import copied, diagonal_of, with_jitter
 from etude.models.gp.kernel_algebra import Pull
-from etude.models.gp.lower_half import copied, diagonal_of
 from etude.types import Array
 
 BLOCK = 96
@@ -46,6 +47,77 @@ LEAST = 2 * BLOCK
 """Up to here calls cost more than the one pass gains."""
 ALIGNED = 8
 """Columns begin at multiples of so many numbers, a line of cache."""
+
+
+Routine = Callable[..., None]
+
+INTEGER = re.compile(r"(?<!\w)int \*")
+LEFT = LOWER = byref(c_char(b"L"))
+RIGHT = byref(c_char(b"R"))
+UPPER = byref(c_char(b"U"))
+PLAIN = byref(c_char(b"N"))
+"""Not transposed; or a diagonal that is read."""
+TRANSPOSED = byref(c_char(b"T"))
+
+
+@dataclass(frozen=True)
+class Routines:
+    """The routines in double precision, named as in BLAS and LAPACK."""
+
+    gemm: Routine
+    syrk: Routine
+    trmm: Routine
+    trsm: Routine
+    potrf: Routine
+    trtri: Routine
+    lauum: Routine
+    laset: Routine
+
+
+@cache
+def routines() -> Routines | None:
+    """They, or None if this SciPy's have other integers than C's `int`, as with a BLAS of 64 bits."""
+    cython_blas, cython_lapack = (
+        loaded(f"cython_{name}", f"scipy.linalg.cython_{name}") for name in ("blas", "lapack")
+    )
+    found = [
+        _routine(cython_blas, "dgemm", integers=6),
+        _routine(cython_blas, "dsyrk", integers=4),
+        _routine(cython_blas, "dtrmm", integers=4),
+        _routine(cython_blas, "dtrsm", integers=4),
+        _routine(cython_lapack, "dpotrf", integers=3),
+        _routine(cython_lapack, "dtrtri", integers=3),
+        _routine(cython_lapack, "dlauum", integers=3),
+        _routine(cython_lapack, "dlaset", integers=3),
+    ]
+    return None if None in found else Routines(*found)
+
+
+@cache
+def number(value: float) -> Any:
+    """The address of a number that nobody writes to."""
+    return byref(c_double(value))
+
+
+@cache
+def whole(value: int) -> Any:
+    """The address of an integer that nobody writes to."""
+    return byref(c_int(value))
+
+
+def place(address: int) -> Any:
+    """The address of a block's first entry, as an argument."""
+    return c_void_p(address)
+
+
+def _routine(module: Any, name: str, *, integers: int) -> Any:
+    found = LowLevelCallable.from_cython(module, name)
+    if len(INTEGER.findall(found.signature)) != integers:
+        return None
+    address = PYFUNCTYPE(c_void_p, py_object, c_char_p)(("PyCapsule_GetPointer", pythonapi))
+    # without argument types: their conversion would take as long as the rest of the call
+    return CFUNCTYPE(None)(address(found.function, found.signature.encode()))
+
 
 NONE, ONE, MINUS = number(0.0), number(1.0), number(-1.0)
 

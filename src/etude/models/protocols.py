@@ -1,4 +1,4 @@
-"""What Gaussian processes of the family have beside `etude.protocols.Posterior`."""
+"""What processes of the family may offer beside `etude.protocols.Posterior`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Offered(Candidate):
+class EnsembleMember(Candidate):
     """A candidate with its place among those of its rung.
 
     Attributes:
@@ -76,7 +76,7 @@ class SupportsC(Protocol):
 
 
 @runtime_checkable
-class SupportsOnnx(Protocol):
+class SupportsOnnxMoments(Protocol):
     """A posterior of one output that has its own operators in an ONNX graph."""
 
     @property
@@ -109,7 +109,7 @@ class HasInputs(Protocol):
         ...
 
 
-class Regressor(Protocol):
+class GaussianProcess(Protocol):
     """A Gaussian process with its hyperparameters, before it has seen data."""
 
     def condition(self, X: Array, y: Array) -> Posterior:

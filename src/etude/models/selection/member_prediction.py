@@ -1,4 +1,4 @@
-"""What one candidate says of a log: its mean, its process, and the part of its variance that is noise."""
+"""What one member of the ensemble says of a log: mean, process, and the noise in its variance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from etude.models.gp.rest import resting
+from etude.models.gp.stiction import resting
 from etude.protocols import Candidate, Mean
 from etude.types import Array, Log
 
