@@ -17,7 +17,7 @@ import etude
 from etude import cli
 from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored_files import stored_trajectory
 from etude.commands import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from etude import cli
+from etude.campaign.create import create_campaign
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
-from etude.campaign.simulate.create import create_campaign
 from etude.interrupt import INTERRUPTED
 from etude_arm import motions
 from etude_arm.plant import compiled

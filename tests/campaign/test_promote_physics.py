@@ -10,11 +10,11 @@ from small_robot import make_campaign, random_motion, write_log
 from test_foreign_flights import EXAMPLE, QUICK
 from test_learning import CONFIG
 
+from etude.campaign.create import create_campaign
 from etude.campaign.deployment.promote import promote
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored import LEFT_OUT
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.models.selection.model_selection import read_residuals
 

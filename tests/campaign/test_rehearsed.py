@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.ingest.simulated_logs import SIMULATED
+from etude.campaign.create import create_campaign
+from etude.campaign.ingest.log_groups import SIMULATED
 from etude.campaign.ingest.tell import tell
 from etude.campaign.learn import training as learning
 from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 

@@ -20,7 +20,7 @@ class Abandon(Common):
     """Of the trajectory."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.ingest.abandon import abandon
+        from etude.campaign.ingest.untell import abandon
 
         changed = abandon(opened(self.folder, say), self.number, say=say)
         text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."

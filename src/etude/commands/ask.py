@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from etude.campaign.propose.approach import Approached
     from etude.campaign.propose.ask import Proposal
     from etude.campaign.propose.export import Exported
-    from etude.campaign.propose.visited import Swept
+    from etude.campaign.propose.proposal import Swept
     from etude.campaign.record.folder import Campaign
     from etude.limits.certificate import Certificate
     from etude.types import Proof
@@ -63,7 +63,7 @@ class Ask(Common):
     """Ask although the stop rule has fired."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.campaign.propose.visited import as_facts
+        from etude.campaign.propose.proposal import as_facts
 
         campaign = opened(self.folder, say)
         found = self._found(campaign, say)

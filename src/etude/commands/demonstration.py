@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from etude.campaign.create import create_campaign, find_robot
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.rounds import SimulatedRound, measured, summary
-from etude.campaign.simulate.create import create_campaign, find_robot
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 from etude.report.build import build_report

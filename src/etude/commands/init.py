@@ -48,12 +48,12 @@ class Init(Common):
     """Folders to look for meshes in first, with their package's name or without."""
 
     def run(self, _: Say) -> Outcome:
-        from etude.campaign.simulate.create import Part, create_campaign
+        from etude.campaign.create import RobotPart, create_campaign
         from etude.errors import UsageError
 
         if self.seed < 0:
             raise UsageError(f"the seed must be 0 or more, not {self.seed}")
-        part = Part(
+        part = RobotPart(
             _split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits(), self.floor
         )
         campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)

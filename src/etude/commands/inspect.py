@@ -14,7 +14,7 @@ from etude.commands.outcome import Outcome, Say
 from etude.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from etude.campaign.ingest.inspecting import Inspected
+    from etude.campaign.ingest.inspection import Inspected
     from etude.types import Finding
 
 SIGNS = {"green": "ok", "yellow": "look", "red": "WRONG", "cannot tell": "?"}
@@ -42,7 +42,7 @@ class Inspect(Common):
     """Print the table [log] for campaign.toml, which says what each column is; takes --robot."""
 
     def run(self, _: Say) -> Outcome:
-        from etude.campaign.ingest.inspecting import inspect, mapping_of
+        from etude.campaign.ingest.inspection import inspect, mapping_of
 
         if not self.log.exists():
             raise DataError("there is no such log", where=str(self.log), next_step="Check the path.")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from etude.campaign.record.rounds import SimulatedRound
     from etude.campaign.record.state import State
-    from etude.campaign.simulate.loop import Adaptation
+    from etude.campaign.simulate.simulation import Adaptation
 
 BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
 """What the errors along the axes are called, by their unit."""
@@ -94,7 +94,7 @@ def _next(folder: Path, state: State) -> str:
 
 def _confirmed(found: Mapping[str, Any]) -> str:
     """What both runs of the motion that confirms left."""
-    from etude.campaign.ingest.confirmed import SHOWN, in_words
+    from etude.campaign.ingest.confirmation_runs import SHOWN, in_words
 
     none = [None] * len(found["axes"])
     rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]

@@ -20,7 +20,7 @@ class EnsembleMember(Candidate):
     """A candidate with its place among those of its rung.
 
     Attributes:
-        name: "default", or one of `recipes.CANDIDATES`.
+        name: "default", or one of `ensemble.CANDIDATES`.
         share: (m,) weight within the rung, whatever rung a command has; None: 1, there is no other.
         error: (m,) mean absolute error on motion held out, command units; None where nobody kept it.
     """

@@ -1,6 +1,10 @@
 """How well commands were predicted that a model had not seen: error, calibration, density, comparison.
 
 z² = mean of squared error over predicted variance; 1 is right, above 1 overconfident.
+
+The error of a command in a segment is its root mean square. Its ratio to the other model's has no unit, so
+the commands of a segment are averaged as logarithms. Between segments the logarithms are taken as normal:
+the interval is Student's t of their mean.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.ingest.groups import groups_of, told_samples
+from etude.campaign.ingest.log_groups import groups_of, told_samples
 from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable

@@ -1,4 +1,9 @@
-"""Cholesky factors of covariance matrices, jitter for indefinite ones, and lower halves by panels."""
+"""Cholesky factors of covariance matrices, jitter for indefinite ones, and lower halves by panels.
+
+A panel is so many columns from their diagonal down. It stays in the processor's second cache from one step to
+the next; above the diagonal no more than the panel's own small triangle is computed or read.
+Matrices here are (n, n) in Fortran order; above the diagonal they may hold anything.
+"""
 
 from __future__ import annotations
 

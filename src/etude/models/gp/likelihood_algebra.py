@@ -11,6 +11,11 @@ Outputs Y (n, m) stand below K as m more rows, with zeros in the corner, and are
 as rows of L they become (L^-1 Y)ᵀ, as rows of -L X then -(K^-1 Y)ᵀ, and the corner -Yᵀ K^-1 Y. As X solves
 L X = I, Xᵀ z is as good as the solution of Lᵀ α = z (Higham, Accuracy and Stability of Numerical Algorithms,
 14.2).
+
+SciPy's wrappers take whole arrays: of a block inside one they make a copy, which costs what working by blocks
+gains. So the routines are called where SciPy offers them to compiled code (`scipy.linalg.cython_blas`), by
+address. All arguments are addresses, as Fortran wants them: the letters below, `number`, `whole`, and of a
+block `place` of its first entry. Nothing is checked here: whoever calls answers for shapes and for the order.
 """
 
 from __future__ import annotations

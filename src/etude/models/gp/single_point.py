@@ -1,4 +1,11 @@
-"""Means and covariances at one input, compiled: what a controller's tick asks of a process."""
+"""Means and covariances at one input, compiled: what a controller's tick asks of a process.
+
+A kernel made of squared exponentials and linear parts is a sum of terms lin(x, z) · exp(log s² - Σ_d c_d
+(x_d - z_d)² / 2), either factor perhaps absent. `Kernel.value` answers for matrices and spends most of a
+single row on its bookkeeping; here the members lie in columns, so that every loop runs over members and
+vectorises. All compiled code is in this file because numba's cache watches only the file of the function it
+stores.
+"""
 
 from __future__ import annotations
 

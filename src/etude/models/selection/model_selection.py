@@ -4,6 +4,9 @@ A rung is a mean function (none, linear regression, identified or nominal physic
 leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
 where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
 linear regression is a rung like the others.
+
+Physics are fitted without the segment and the process is conditioned without it. The few hyperparameters of
+the process, and which rung is used, were chosen with all segments.
 """
 
 from __future__ import annotations

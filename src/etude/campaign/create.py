@@ -11,9 +11,8 @@ from typing import Any
 from etude import plugins
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
-from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
+from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
 from etude.campaign.record.journal import JOURNAL, commit, read_events
-from etude.campaign.record.names import names_of, require_plain
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.storage import write_atomic, writer_lock
@@ -25,7 +24,7 @@ GROUP = "etude.robots"
 
 
 @dataclass(frozen=True)
-class Part:
+class RobotPart:
     """What to take of a description, for kinds that can choose; see `protocols.SupportsSelection`."""
 
     joints: tuple[str, ...] = ()
@@ -35,11 +34,11 @@ class Part:
     floor: float | None = None
 
 
-WHOLE = Part()
+WHOLE = RobotPart()
 
 
 def create_campaign(
-    path: Path, robot: str, preset_name: str = "default", seed: int = 0, part: Part = WHOLE
+    path: Path, robot: str, preset_name: str = "default", seed: int = 0, part: RobotPart = WHOLE
 ) -> tuple[Campaign, tuple[str, ...]]:
     """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
 
@@ -87,7 +86,7 @@ def _require_empty(path: Path) -> None:
         )
 
 
-def _chosen(kind: Kind, description: Path, part: Part) -> Described:
+def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
     if not hasattr(kind, "chosen"):
         raise UsageError(
             f"a robot of the kind '{kind.name}' has no joints to choose from",

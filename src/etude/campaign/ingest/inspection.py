@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.ingest.questions import judged_commands
+from etude.campaign.create import find_robot
+from etude.campaign.ingest.questions import Answers, Asked, judged_commands
 from etude.campaign.record.config_file import CONFIG
-from etude.campaign.record.folder import open_campaign
-from etude.campaign.simulate.create import find_robot
+from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import Seen, seen
 from etude.logs.checks.plausibility import judge_commands, judge_motion
 from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
+from etude.logs.cleaning import read as logs
 from etude.logs.cleaning.read import clean_log, matched_log
 from etude.logs.cleaning.repairs import drop_unreadable, order_rows
 from etude.logs.columns.guess import guessed_of
@@ -51,7 +52,7 @@ class Inspected:
 
 
 @dataclass(frozen=True)
-class _Known:
+class _KnownRobot:
     """What is known of the robot: described by its kind, or guessed from the headers; why: no channels."""
 
     channels: Sequence[Channel]
@@ -99,7 +100,7 @@ def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
     return mapping_text(list(read_raw(path, topics).values), known.channels, path.name)
 
 
-def _described(robot: str) -> _Known:
+def _described(robot: str) -> _KnownRobot:
     config = LogConfig()
     if (Path(robot) / CONFIG).is_file():
         campaign = open_campaign(Path(robot))
@@ -108,15 +109,17 @@ def _described(robot: str) -> _Known:
         kind, place = find_robot(robot)
         spec = kind.spec(place)
     expected = kind.expected(spec)
-    return _Known(tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config)
+    return _KnownRobot(
+        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config
+    )
 
 
-def _guessed(path: Path, topics: Sequence[str]) -> _Known:
+def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:
     channels, why = guessed_of(read_raw(path, topics))
-    return _Known(channels, {}, USUAL_RATE, "q", why=why)
+    return _KnownRobot(channels, {}, USUAL_RATE, "q", why=why)
 
 
-def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[str]]:
+def _read(path: Path, known: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
     """The log with its columns in place; of a file whose headers tell nothing, its columns as they are."""
     if known.channels:
         return matched_log(path, known.channels, known.rate, topics, known.config)
@@ -128,7 +131,7 @@ def _read(path: Path, known: _Known, topics: Sequence[str]) -> tuple[Log, set[st
     return with_rest_told(log), set()
 
 
-def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
+def _checked(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     health = [_columns(log, known), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
     health += _tried("columns", lambda: column_findings(log, known.limits))
     judged = _judged(log, known, stated)
@@ -137,7 +140,7 @@ def _checked(log: Log, known: _Known, stated: set[str]) -> Inspected:
     return Inspected(judged.log, (*health, *judged.findings))
 
 
-def _judged(log: Log, known: _Known, stated: set[str]) -> Inspected:
+def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
     """What `tell` asks, in its order."""
     found: list[Finding] = []
     try:
@@ -156,7 +159,7 @@ def _judged(log: Log, known: _Known, stated: set[str]) -> Inspected:
     return Inspected(rows, tuple(found))
 
 
-def _columns(log: Log, known: _Known) -> Finding:
+def _columns(log: Log, known: _KnownRobot) -> Finding:
     """Which columns were matched, and how."""
     if not known.channels:
         fact = f"{known.why}: columns are looked at one by one."
@@ -167,7 +170,7 @@ def _columns(log: Log, known: _Known) -> Finding:
     return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *said]))
 
 
-def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
+def _motion(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
     if not known.channels:
         return (Finding("motion", "cannot tell", "Without --robot nobody knows which columns move."),)
     if motion is None:
@@ -179,7 +182,7 @@ def _motion(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]
     return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth)
 
 
-def _ranges(log: Log, known: _Known, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
+def _ranges(log: Log, known: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
     """The cleaned log, or the same one where it would be refused; and what was done or refused."""
     if not known.channels:
         return log, ()
@@ -200,13 +203,13 @@ def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
     return (Finding("units", "green", said),)
 
 
-def _commands(log: Log, known: _Known, motion: Seen | None) -> tuple[Finding, ...]:
+def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
     if known.kind is None:
         return judge_commands(log, motion=motion)
     return judged_commands(known.kind, known.spec, log, motion)
 
 
-def _own(log: Log, known: _Known) -> Sequence[Finding]:
+def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
     """What the kind of robot looks for."""
     return () if known.kind is None else known.kind.checks(known.spec, log)
 
@@ -224,3 +227,37 @@ def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding
 def _refused(check: str, error: EtudeError) -> Finding:
     where = f" ({error.where})" if error.where else ""
     return Finding(check, "red", f"{error.fact[:1].upper()}{error.fact[1:]}{where}.", error.next_step)
+
+
+def read_log(
+    path: str | Path, robot: Campaign | str | Path, *, degrees: bool = False, topics: Sequence[str] = ()
+) -> Log:
+    """The log in a file: columns matched by name, units checked, rows repaired, a sentence for each repair.
+
+    Args:
+        path: a file or folder of a format that `etude plugins` lists under etude.readers.
+        robot: whose log it is: an open campaign, a built-in name, or the path of a description.
+        degrees: the file's angles are degrees.
+        topics: of a file that holds several; none: those that the campaign names, or that look right.
+
+    Raises:
+        DataError: the log cannot be used; says what, where, and what to do.
+        UsageError: there is no such robot.
+    """
+    if isinstance(robot, Campaign):
+        kind, spec, config = robot.kind, robot.spec, robot.config.log
+    else:
+        config = None
+        kind, place = find_robot(str(robot))
+        spec = kind.spec(place)
+    known = kind.expected(spec)
+    return logs.read_log(
+        path,
+        kind.channels(spec),
+        rate=known.rate,
+        degrees=degrees,
+        limits=known.limits,
+        settle=Asked(kind, spec, Answers()).motion,
+        topics=topics,
+        config=config,
+    )

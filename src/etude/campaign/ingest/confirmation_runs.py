@@ -22,9 +22,8 @@ from etude.campaign.evaluate.expected_tracking_error import (
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.questions import Asked, answers_of
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.proposals import stored_trajectory
 from etude.campaign.record.state import Round, State
-from etude.campaign.record.stored_files import RESTORE, stored_bytes
+from etude.campaign.record.stored_files import RESTORE, stored_bytes, stored_trajectory
 from etude.deploy.trajectory_files import read_table
 from etude.errors import DataError, UsageError
 from etude.logs.readers.log_file import log_bytes
