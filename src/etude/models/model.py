@@ -1,6 +1,7 @@
 """LearnedModel: commands from states, for each command by the structure that was selected for it.
 
-How well a model knows its commands is found of the inputs that the processes are conditioned on, so that models on disk of any age tell it.
+How well a model knows its commands is found of the inputs that the processes are conditioned on, so that
+models on disk of any age tell it.
 """
 
 from __future__ import annotations

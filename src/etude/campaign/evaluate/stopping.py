@@ -1,4 +1,5 @@
-"""When another trajectory is not worth its robot time: four rules, their evidence, and when not to trust them.
+"""When another trajectory is not worth its robot time: four rules, their evidence, and when not to trust
+them.
 
 Prequential score, calibration factor, forecast error and value of the next trajectory are the evidence.
 Training error and marginal likelihood are not: the one always falls, hyperparameters change the other.

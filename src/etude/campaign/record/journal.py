@@ -1,10 +1,10 @@
 """The journal: one JSON object a line, append-only. It is the campaign's only memory of what happened.
 
-Its lines are a chain of hashes, checked whenever it is read. Each line ends with two hashes: `previous` is the
-SHA-256 of the line before it, and `seal` is the SHA-256 of this line's own text up to there. Journals of version
-0.1 have neither. They are read as they are; the first line that is added to one carries the hash of everything
-before it, and from then on an edit of the old part is found too, though not its line. A line that lost its
-hashes is told from one of 0.1 by what else it says: see `NEWER`.
+Its lines are a chain of hashes, checked whenever it is read. Each line ends with two hashes: `previous` is
+the SHA-256 of the line before it, and `seal` is the SHA-256 of this line's own text up to there. Journals of
+version 0.1 have neither. They are read as they are; the first line that is added to one carries the hash of
+everything before it, and from then on an edit of the old part is found too, though not its line. A line that
+lost its hashes is told from one of 0.1 by what else it says: see `NEWER`.
 
 What the chain cannot see: lines cut off at the end leave a whole, shorter chain. Only the files that those
 lines spoke of, where they still lie, show that there was more. Nor is it a signature: who computes every hash
