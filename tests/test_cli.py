@@ -18,7 +18,7 @@ from etude import cli
 from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.commands import parse
+from etude.cli import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
 

@@ -23,7 +23,7 @@ from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
-from etude.interrupt import INTERRUPTED
+from etude.cli.entrance import INTERRUPTED
 from etude_arm import motions
 from etude_arm.plant import compiled
 
@@ -87,7 +87,7 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
     import etude.campaign.simulate.simulation
-    import etude.commands.parse
+    import etude.cli.parse
     import etude.design.solve  # noqa: F401
 
     robot = campaign.kind.robot(campaign.spec, campaign.config)

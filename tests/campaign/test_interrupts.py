@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from etude import cli, interrupt
+from etude import cli
+from etude.cli import entrance
 
 HERE = Path(__file__).parent
 PRESSES = 9
@@ -32,7 +33,7 @@ def test_ctrl_c_in_compiled_code(tmp_path: Path) -> None:
 SWALLOWED = """
 import ctypes, os, signal, sys, time
 from etude import cli
-from etude.commands import status
+from etude.cli import status
 def swallow():
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.01)
@@ -61,7 +62,7 @@ def test_ctrl_c_in_a_callback_that_swallows_it(as_json: bool) -> None:
 PENDING = """
 import ctypes, signal
 from numba import cfunc, types
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 
 def c(name, *kinds):
     address = ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
@@ -90,7 +91,7 @@ def test_c_code_that_lets_it_in_with_an_error_pending() -> None:
 
 SILENT = """
 import os, signal
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 from etude.logs.readers.frames import without_panics_on_screen
 end_on_interrupt("Over.")
 with without_panics_on_screen():
@@ -107,7 +108,7 @@ WORKERS = """
 import os, signal, sys, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 if __name__ == "__main__":
     end_on_interrupt("Over.")
     pool = ProcessPoolExecutor(1, get_context("spawn"))
@@ -143,7 +144,7 @@ def alive(process: int) -> bool:
 def test_a_job_in_the_background_stays_deaf() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        interrupt.end_on_interrupt("Over.")
+        entrance.end_on_interrupt("Over.")
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
@@ -155,8 +156,8 @@ def test_outside_the_main_thread_nothing_changes() -> None:
 
     def both() -> None:
         try:
-            interrupt.end_on_interrupt("Over.")
-            interrupt.ignore_from_now()
+            entrance.end_on_interrupt("Over.")
+            entrance.ignore_from_now()
         except BaseException as error:
             failed.append(error)
 

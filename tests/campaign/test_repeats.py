@@ -18,7 +18,7 @@ from etude.campaign.learn.training import _scores
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.commands.status import _lines as lines
+from etude.cli.status import _lines as lines
 from etude.logs.readers.log_file import read_log_file
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import from_json

@@ -20,7 +20,7 @@ from etude.campaign.propose.proposal import (
     visited_by,
 )
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.commands.ask import Ask
+from etude.cli.ask import Ask
 from etude.protocols import Trajectory
 from etude.report.build import build_report
 from etude.trajectories.fourier import FourierTrajectory

@@ -17,7 +17,7 @@ from etude.campaign.propose.constraints import kept_now, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import stored_trajectory
-from etude.commands.ask import Ask
+from etude.cli.ask import Ask
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.trajectories.fourier import FourierTrajectory

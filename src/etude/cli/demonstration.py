@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ from etude.campaign.create import create_campaign, find_robot
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.rounds import SimulatedRound, measured, summary
 from etude.campaign.simulate.simulation import simulate
+from etude.cli.outcome import Say
 from etude.errors import UsageError
 from etude.report.build import build_report
 
-Say = Callable[[str], None]
 LEARNED = "feedback + Étude, {seconds:.0f} s of motion"
 
 

@@ -1,4 +1,4 @@
-"""What `etude doctor` looks at: one function a concern, each a list of `Check`."""
+"""etude doctor: one function a concern, each a list of `Check`"""
 
 from __future__ import annotations
 
@@ -10,12 +10,32 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
 from etude import __version__
-from etude.distribution import NEXT_STEP, conflict
+from etude.cli.entrance import OWN_ENVIRONMENT, conflict
+from etude.cli.outcome import Common, Outcome, Say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor(Common):
+    """Say what this machine has for Étude: versions, threads, compilers, extras, a browser, folders.
+
+    Exit code 1 if something is missing without which Étude does not work.
+    """
+
+    def run(self, _: Say) -> Outcome:
+
+        found = examined()
+        first = max(len(one.name) for one in found)
+        lines = [f"{one.sign:<6} {one.name:<{first}}  {one.sentence}" for one in found]
+        needed = [one for one in found if one.light == "red"]
+        lines += ["", "Something that is needed is missing." if needed else "All that is needed is there."]
+        data = {"checks": [asdict(one) for one in found], "ok": not needed}
+        return Outcome("\n".join(lines), data, 1 if needed else 0)
+
 
 SIGNS = {"green": "ok", "yellow": "none", "red": "WRONG"}
 TOOLS: Mapping[str, str] = {
@@ -71,7 +91,7 @@ def versions() -> list[Check]:
 def _name() -> list[Check]:
     """A red one where another distribution's files lie in the package."""
     told = conflict()
-    return [Check("name", "red", f"{told}. {NEXT_STEP}")] if told else []
+    return [Check("name", "red", f"{told}. {OWN_ENVIRONMENT}")] if told else []
 
 
 def threads() -> list[Check]:

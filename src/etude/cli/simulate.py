@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, code_of, table
+from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, table
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, table
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 
 NO_MATTER = 0.05
 """Part of the variance below which the choice of a motion is not worth a thought."""

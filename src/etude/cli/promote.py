@@ -1,4 +1,4 @@
-"""etude promote"""
+"""etude promote, etude rollback"""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, table
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 
 if TYPE_CHECKING:
     from etude.campaign.deployment.promote import Promotion
@@ -31,7 +30,7 @@ class Promote(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.promote import promote
         from etude.campaign.record.known_faults import affected
-        from etude.commands.status import faults
+        from etude.cli.status import faults
 
         campaign = opened(self.folder, say)
         found = promote(campaign, force=self.force, reason=self.reason, say=say)
@@ -73,3 +72,19 @@ def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
     if not found.promoted:
         return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
     return [*lines, f"{model} is in use now{', forced' if found.forced else ''}."]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollback(Common):
+    """Go back to the model that was in use before the last promotion; nothing is deleted."""
+
+    folder: Folder
+    reason: str = ""
+    """Kept in the journal."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.deployment.promote import rollback
+
+        left, back = rollback(opened(self.folder, say), reason=self.reason)
+        text = f"The model of log {left} is no longer in use; that of log {back} is."
+        return Outcome(text, {"left": left, "in_use": back})

@@ -1,4 +1,4 @@
-"""etude untell"""
+"""etude untell, etude abandon"""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,4 +23,20 @@ class Untell(Common):
 
         changed = untell(opened(self.folder, say), self.number, say=say)
         text = f"Log {self.number} is taken back." if changed else "It was taken back before."
+        return Outcome(text, {"number": self.number, "changed": changed})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Abandon(Common):
+    """Give a trajectory up: its log will never come, or must not be used. Telling it takes that back."""
+
+    folder: Folder
+    number: Annotated[int, tyro.conf.Positional]
+    """Of the trajectory."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.ingest.untell import abandon
+
+        changed = abandon(opened(self.folder, say), self.number, say=say)
+        text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."
         return Outcome(text, {"number": self.number, "changed": changed})

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, code_of
+from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
 
 if TYPE_CHECKING:
     from etude.campaign.deployment.monitor import Watched, WatchedLog

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from etude.commands.common import Common, Folder
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Folder, Outcome, Say
 
 if TYPE_CHECKING:
     from etude.campaign.record.folder import Campaign

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from etude.commands.common import Common
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Outcome, Say
 
 if TYPE_CHECKING:
     from etude.plugins import Plugin

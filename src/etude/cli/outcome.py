@@ -1,4 +1,4 @@
-"""What a command gives back: text for people, data for machines, an exit code for scripts."""
+"""What every command has, and what it gives back: text for people, data for machines, an exit code."""
 
 from __future__ import annotations
 
@@ -6,9 +6,39 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
-from etude.commands.terminal import width
+import tyro
+
+from etude.cli.terminal import width
+
+if TYPE_CHECKING:
+    from etude.campaign.record.folder import Campaign
+
+
+Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="The campaign folder.", metavar="FOLDER")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """Options of every command."""
+
+    json: bool = False
+    """Print one line of JSON on stdout instead of text."""
+    trust: bool = False
+    """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
+
+
+def opened(folder: Path, say: Callable[[str], None]) -> Campaign:
+    """The campaign in a folder; says what a reader of its campaign.toml should know."""
+    from etude.campaign.record.folder import open_campaign
+
+    campaign = open_campaign(folder)
+    for note in campaign.notes:
+        say(note)
+    return campaign
+
 
 Say = Callable[[str], None]
 CHANGED, UNUSABLE = 6, 3

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from etude.commands.common import Common
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Outcome, Say
 
 Kind = Annotated[Literal["arm", "quadrotor"], tyro.conf.Positional, tyro.conf.arg(metavar="arm|quadrotor")]
 
@@ -30,7 +29,7 @@ class Demo(Common):
     """Of every random number."""
 
     def run(self, say: Say) -> Outcome:
-        from etude.commands.demonstration import run
+        from etude.cli.demonstration import run
 
         text, data = run(self.folder, self.kind, self.robot, self.rounds, self.seed, say)
         return Outcome(text, data)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say, table
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
 from etude.errors import UsageError
 
 if TYPE_CHECKING:

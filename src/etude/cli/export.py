@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from etude.commands.common import Common, Folder, opened
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened
 
 
 @dataclass(frozen=True, kw_only=True)

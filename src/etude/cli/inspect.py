@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from etude.commands.common import Common
-from etude.commands.outcome import Outcome, Say
+from etude.cli.outcome import Common, Outcome, Say
 from etude.errors import DataError, UsageError
 
 if TYPE_CHECKING:
