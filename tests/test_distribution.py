@@ -133,7 +133,7 @@ def test_a_failed_import_names_the_other_distribution(
     def overwritten(given: list[str]) -> int:
         raise ImportError("cannot import name 'ask' from 'etude'")
 
-    monkeypatch.setattr(cli, "_run", overwritten)
+    monkeypatch.setattr(entrance, "_run", overwritten)
     installed(tmp_path, "etude-sdk", "etude/__init__.py,,\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     assert cli.main(["status", "lab"]) == 1

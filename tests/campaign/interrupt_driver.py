@@ -23,6 +23,7 @@ from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
+from etude.cli import entrance
 from etude.cli.entrance import INTERRUPTED
 from etude_arm import motions
 from etude_arm.plant import compiled
@@ -128,7 +129,7 @@ def main(folder: Path, presses: int, seed: int) -> None:
     assert set(codes) <= {0, INTERRUPTED}, f"{codes}: {words}"
     assert "Traceback" not in words, words
     assert "ignored" not in words, words
-    assert words.count(cli.KEPT) == codes.count(INTERRUPTED), words
+    assert words.count(entrance.KEPT) == codes.count(INTERRUPTED), words
     assert session(lab, said) == session(whole, said) == 0
     assert facts(lab) == facts(whole)
     sys.stdout.write(f"interrupted {codes.count(INTERRUPTED)} of {presses}\n")

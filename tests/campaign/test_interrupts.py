@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from etude import cli
 from etude.cli import entrance
 
 HERE = Path(__file__).parent
@@ -51,10 +50,10 @@ def test_ctrl_c_in_a_callback_that_swallows_it(as_json: bool) -> None:
     command = [sys.executable, "-c", SWALLOWED, "status", "lab", *(["--json"] if as_json else [])]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 130
-    assert done.stderr == f"etude: {cli.KEPT}\n"
+    assert done.stderr == f"etude: {entrance.KEPT}\n"
     if as_json:
         error = json.loads(done.stdout)["error"]
-        assert (error["kind"], error["fact"], error["exit_code"]) == ("Interrupted", cli.KEPT, 130)
+        assert (error["kind"], error["fact"], error["exit_code"]) == ("Interrupted", entrance.KEPT, 130)
     else:
         assert done.stdout == ""
 

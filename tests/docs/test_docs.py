@@ -24,7 +24,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 BRIEFLY = """
 from dataclasses import replace
-from etude.campaign.simulate import create
+from etude.campaign import create
 from etude_arm import motions
 whole = create.preset_config
 def brief(kind, name):
