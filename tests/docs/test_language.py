@@ -84,13 +84,7 @@ def anchors(page: Path) -> set[str]:
     return found
 
 
-LINKING = [
-    *PAGES,
-    GENERATED,
-    *ROOT.glob("*.md"),
-    *(ROOT / "docs" / "decisions").glob("*.md"),
-    *(ROOT / "examples").rglob("README.md"),
-]
+LINKING = sorted({*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "examples").rglob("README.md")})
 
 
 @pytest.mark.parametrize("page", LINKING, ids=lambda p: p.relative_to(ROOT).as_posix())
