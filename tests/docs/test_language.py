@@ -1,4 +1,4 @@
-"""The pages read as a manual does: short sentences, standard terms, a bounded length, links to headings that exist."""
+"""The pages read as a manual does: short sentences, standard terms, bounded length, links to headings."""
 
 from __future__ import annotations
 
