@@ -30,8 +30,7 @@ from etude.campaign.record.stored_files import is_committed, require_description
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
 from etude.logs.columns.units import start_at_zero
-from etude.logs.readers.fingerprint import bytes_of_log, sha256_of_log
-from etude.logs.readers.log_file import log_bytes
+from etude.logs.readers.log_file import bytes_of_log, log_bytes, sha256_of_log
 from etude.storage import write_atomic
 from etude.trajectories.chain import segment_starts
 from etude.types import Log
