@@ -34,6 +34,7 @@ from etude.campaign.record.stored_files import (
 )
 from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
 from etude.errors import DataError, EtudeError, UsageError
+from etude.logs.alignment.alignment import holds_enough
 from etude.logs.cleaning.filters import median_rate
 from etude.logs.columns.units import start_at_zero
 from etude.logs.readers.log_file import bytes_of_log, log_bytes, sha256_of_log
@@ -221,6 +222,12 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
+        log = log.repaired(
+            f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
+            f"up with etude abandon {campaign.path} {answered}."
+        )
+        number = answered = None
     number = answered if answered is not None else free_number(state, number)
     change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
     findings = (

@@ -228,7 +228,8 @@ def align(
     the channel `path` is taken at its word: its clock then has to start with the trajectory.
 
     A run that was stopped holds the proposal's start and some seconds more; what was recorded at rest after
-    that is cut. It may hold less than half of the proposal, and has to follow it closely.
+    that is cut. It may hold less than half of the proposal, and has to follow it closely; whether it then
+    `holds_enough` to answer it is another question. A log that ends before its proposal says so.
 
     Args:
         channels: the robot's; its plan is `<path>_des`, and what is its derivative.
@@ -237,10 +238,10 @@ def align(
         rest: rows before and after the trajectory are kept.
 
     Raises:
-        DataError: the motion is another one, or less than half of it is in the log.
+        DataError: the motion is another one, or less than half of it is in the log and not its start.
     """
     if path not in log:
-        return start_at_zero(log)
+        return ended(start_at_zero(log), trajectory.duration)
     plan = SampledPlan.of(trajectory, median_rate(log.t), scale)
     if log[path].shape[1] != plan.values.shape[1]:
         raise DataError(
@@ -259,7 +260,12 @@ def align(
     half = 0.5 / plan.rate
     if not rest:
         aligned = aligned.take((aligned.t >= -half) & (aligned.t <= plan.duration + half))
-    return _with_plan(aligned, trajectory, channels, path)
+    return _with_plan(ended(aligned, plan.duration), trajectory, channels, path)
+
+
+def holds_enough(log: Log, duration: float) -> bool:
+    """Whether an aligned log holds as much of its proposal, s, as answers it."""
+    return covered_seconds(log.t, duration) >= LEAST_COVERAGE * duration
 
 
 @dataclass(frozen=True)
@@ -391,10 +397,14 @@ def waits_at_start(t: Array, measured: Array, plan: SampledPlan) -> bool:
     return not len(before) or bool(np.quantile(away.max(axis=1), 0.99) <= AT_START)
 
 
-def noted(log: Log, stop: float, duration: float) -> Log:
-    """The rows up to the stop, and the sentence that says so."""
-    return log.take(log.t <= stop).repaired(
-        f"The run was stopped at {stop:.1f} s of {duration:.4g} s: it teaches up to there."
+def ended(log: Log, duration: float) -> Log:
+    """The log, with a sentence where it ends before its proposal does; t = 0 is where that starts."""
+    last = float(log.t[-1])
+    if duration - last < LEAST_STANDSTILL:
+        return log
+    return log.repaired(
+        f"The log ends at {last:.1f} s of the proposal's {duration:.4g} s, {duration - last:.1f} s before it "
+        "does: it teaches up to there."
     )
 
 
@@ -413,7 +423,8 @@ def _stopped(log: Log, measured: Array, plan: SampledPlan, path: str) -> _Aligne
     follows = mismatch <= CLOSE and not strange and waits_at_start(t - start, motion, plan)
     if not follows or stop - start < LEAST_S or not goes_on_without(stop - start, log.t[-1] - start, plan):
         return None
-    return _Aligned(noted(_moved(log, start), stop - start, plan.duration), mismatch)
+    moved = _moved(log, start)
+    return _Aligned(moved.take(moved.t <= stop - start), mismatch)
 
 
 def _moved(log: Log, start: float) -> Log:
@@ -482,7 +493,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
 
 def _check_coverage(log: Log, duration: float) -> None:
     covered = covered_seconds(log.t, duration)
-    if covered < LEAST_COVERAGE * duration:
+    if not holds_enough(log, duration):
         raise DataError(
             f"the log holds {covered:.3g} of the proposal's {duration:.3g} s, or another motion. "
             f"{ending(log)}".rstrip(" ."),
