@@ -173,7 +173,7 @@ def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, A
     deviations = np.concatenate([[prior.gain], prior.extra])
     coarse, spread, _ = moments.at(np.arange(len(deviations))).estimate(deviations, prior.command)
     gain = float(np.hypot(coarse[0], spread[0]))
-    level = float(np.abs(np.cumsum(coarse[FRICTIONS])).max())
+    level = abs(float(np.sum(coarse[FRICTIONS])))
     deviations[CHANGES] = np.minimum(deviations[CHANGES], LEVEL_CHANGE * level)
     every = np.concatenate([deviations, np.full(prior.directions.shape[1], gain)])
     return moments.estimate(every, prior.command)
