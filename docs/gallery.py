@@ -25,7 +25,7 @@ def commands(images: Path) -> list[list[str]]:
         [*etude, "init", "lab", "--robot", "arm4_rough"],
         [*etude, "simulate", "lab", "--rounds", "3"],
         [*etude, "report", "lab"],
-        [sys.executable, "-m", "etude.report.picture", "lab", str(images / "learning_rough.svg")],
+        [sys.executable, "-m", "etude.report.pictures", "lab", str(images / "learning_rough.svg")],
         [*etude, "init", "sky", "--robot", "quadrotor_rough"],
         [*etude, "simulate", "sky", "--rounds", "2"],
         [sys.executable, "-c", draw, "sky", str(images / "learning_quadrotor.svg")],

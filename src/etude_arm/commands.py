@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from etude.limits.commands import CommandLimit, by_model
-from etude.limits.open_commands import OpenCommands, kept_at, rest_at
+from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at, rest_at
 from etude.protocols import Model
 from etude.types import Array, Motion
 from etude_arm.of_file import of_file

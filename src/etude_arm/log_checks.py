@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from etude.logs.checks.brake import brake_finding
-from etude.logs.checks.mounting import mounting_finding
-from etude.logs.checks.seen import seen
+from etude.logs.checks.exchanged_commands import APART_S, LEAST_ROWS
+from etude.logs.checks.filtered_motion import MOVING, Seen, seen
 from etude.logs.cleaning.filters import median_rate
 from etude.types import Array, Finding, Log
 from etude_arm.spec import COMMAND, PATH, ArmSpec
 
-CHECK = "robot rate"
+ROBOT_RATE = "robot rate"
 ALIKE = 1.4
 """Of rates: below, it is a clock's inaccuracy or a bus's."""
 
@@ -25,6 +25,95 @@ def findings(spec: ArmSpec, log: Log) -> Sequence[Finding]:
     """Of each check, what it says of the log."""
     limit = np.array([axis.command for axis in spec.axes])
     return (_rate(spec, log), brake_finding(log, log.channels[COMMAND], limit), *_mounting(spec, log))
+
+
+MOUNTING = "mounting"
+TURNED = 20.0  # degrees off the file's gravity: no zero of a joint that is a little off
+EARTH = 9.81  # m/s^2
+OFF = 1.4  # factor by which the size may be off: beyond, masses or units are wrong
+LEFT = 0.1  # of what friction does not explain of the commands: gravity has to explain the rest
+JOINTS, CLEARER = 2, 3.0  # that this holds of, each, and how much more the file's direction leaves there
+MARGIN = 30.0  # log likelihood over the file's direction
+ROUNDS = 10  # of weighing joints by what is left of them
+OPPOSITE = 150.0  # degrees: signs that are all inverted look alike
+
+
+def mounting_finding(seen: Seen, inertial: Array, pulls: Array, gravity: Array) -> Finding | None:
+    """Another direction of gravity, if the commands leave no doubt; else None, since they rarely tell.
+
+    Args:
+        inertial: (n, k) what the model file says of the commands without any gravity.
+        pulls: (n, k, 3) what it says of 1 m/s^2 along each axis of the world.
+        gravity: (3,) m/s^2 of the file.
+    """
+    own = np.flatnonzero(seen.moves & (seen.moving.sum(axis=0) >= LEAST_ROWS)).tolist()
+    if seen.command is None or not own or not gravity.any():
+        return None
+    parts = [_without_friction(seen, j, seen.command[:, j] - inertial[:, j], pulls[:, j]) for j in own]
+    found, weights = _fitted(parts)
+    size = float(np.linalg.norm(found))
+    if not EARTH / OFF < size < EARTH * OFF:
+        return None
+    angle = float(np.degrees(np.arccos(np.clip(found @ gravity / size / np.linalg.norm(gravity), -1.0, 1.0))))
+    best, file = (_left(parts, g) for g in (found, _scaled(parts, weights, gravity)))
+    count = seen.seconds[own] / APART_S
+    margin = float(0.5 * (count * np.log(file / np.maximum(best, np.finfo(float).tiny))).sum())
+    whole = _left(parts, np.zeros(3))
+    clear = (best < LEFT * whole) & (file > CLEARER * best)
+    if angle < TURNED or margin < MARGIN or best.sum() > LEFT * whole.sum() or clear.sum() < JOINTS:
+        return None
+    return _told(found, gravity, angle)
+
+
+def _without_friction(seen: Seen, j: int, command: Array, pull: Array) -> tuple[Array, Array]:
+    """Command (m,) and pull (m, 3) of a joint's moving samples less what a constant and friction explain."""
+    rows = seen.moving[:, j]
+    speed = seen.qd[rows, j]
+    friction = [np.ones_like(speed), speed, np.tanh(speed / (MOVING * np.abs(speed).max()))]
+    Q = np.linalg.qr(np.column_stack(friction))[0]
+    y, G = command[rows], pull[rows]
+    return y - Q @ (Q.T @ y), G - Q @ (Q.T @ G)
+
+
+def _fitted(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Gravity (3,) that fits all joints, each weighed (k,) by what is left of it: maximum likelihood."""
+    tiny = np.finfo(float).tiny
+    weights = np.array([1.0 / max(float((y * y).mean()), tiny) for y, _ in parts])
+    for _ in range(ROUNDS):
+        rows = np.concatenate(
+            [np.sqrt(w) * np.column_stack([G, y]) for w, (y, G) in zip(weights, parts, strict=True)]
+        )
+        found = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
+        least = [1e-6 * float((y * y).mean()) + tiny for y, _ in parts]
+        weights = 1.0 / np.maximum(_left(parts, found), least)
+    return found, weights
+
+
+def _scaled(parts: list[tuple[Array, Array]], weights: Array, gravity: Array) -> Array:
+    """The file's gravity in the size that fits best, not turned round."""
+    square = product = 0.0
+    for w, (y, G) in zip(weights.tolist(), parts, strict=True):
+        pull = G @ gravity
+        square, product = square + w * float(pull @ pull), product + w * float(pull @ y)
+    return max(0.0, product / max(square, np.finfo(float).tiny)) * gravity
+
+
+def _left(parts: list[tuple[Array, Array]], gravity: Array) -> Array:
+    """(k,) mean square of each joint's command that this gravity leaves."""
+    return np.array([float(((y - G @ gravity) ** 2).mean()) for y, G in parts])
+
+
+def _told(found: Array, gravity: Array, angle: float) -> Finding:
+    fits, file = (", ".join(f"{x:.3g}" for x in np.round(g, 1) + 0.0) for g in (found, gravity))
+    sign = " If it is not, the signs of all commands may be inverted." if angle > OPPOSITE else ""
+    return Finding(
+        MOUNTING,
+        "yellow",
+        f"The commands fit gravity of ({fits}) m/s^2 in the model file's world, {angle:.0f} degrees off its "
+        f"({file}): the base is mounted otherwise than the file says.",
+        "Turn the base in the model file as it is mounted (URDF: a fixed joint from a link named world)."
+        f"{sign}",
+    )
 
 
 def _mounting(spec: ArmSpec, log: Log) -> tuple[Finding, ...]:
@@ -52,6 +141,6 @@ def _rate(spec: ArmSpec, log: Log) -> Finding:
     rate = median_rate(log.t)
     said = f"The log has {rate:.4g} rows a second, the robot file says {spec.rate:.4g}."
     if 1.0 / ALIKE < rate / spec.rate < ALIKE:
-        return Finding(CHECK, "green", said)
+        return Finding(ROBOT_RATE, "green", said)
     step = "If rows were thinned or the robot file is wrong, all is well; else the clock of the log is off."
-    return Finding(CHECK, "yellow", said, step)
+    return Finding(ROBOT_RATE, "yellow", said, step)

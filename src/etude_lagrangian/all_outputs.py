@@ -16,11 +16,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from etude.compilation import compiled
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 WIDTH = 32
 LEAST = 1e-9

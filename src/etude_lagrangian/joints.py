@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.types import Column
+from etude.types import Array, Column
 
-Array = NDArray[np.float64]
 LENGTHS = ("m", "mm")
 """Units of a slide's position."""
 

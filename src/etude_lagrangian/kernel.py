@@ -18,9 +18,9 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.models.forms import Form, Lookup, Words
-from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
+from etude.models.gp.kernel_algebra import Kernel, Pull, Role
 from etude.models.gp.kernels import own_friction
-from etude.types import Code, Column
+from etude.types import Array, Code, Column
 from etude_lagrangian.compilation import first_use
 from etude_lagrangian.joints import Joints, joints_of
 from etude_lagrangian.parameters import Parameters

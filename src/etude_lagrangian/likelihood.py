@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.gp.kernel_algebra import Array
 from etude.models.gp.one_pass import solved
 from etude.models.gp.priors import (
     AMPLITUDE_DEVIATION,
@@ -19,7 +18,8 @@ from etude.models.gp.priors import (
 )
 from etude.models.gp.training import INITIAL_NOISE, negative_posterior, optimise
 from etude.threads import threads_for
-from etude_lagrangian.prior import Index, JointPrior
+from etude.types import Array, Index
+from etude_lagrangian.prior import JointPrior
 
 WIDTHS = {"length": LENGTH_DEVIATION, "amplitude": AMPLITUDE_DEVIATION, "slope": SLOPE_DEVIATION}
 

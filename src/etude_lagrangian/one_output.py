@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from etude.compilation import compiled
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 WIDTH = 64
 EVERY, LOWER, SELF = 0, 1, 2

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.gp.kernel_algebra import Role
+from etude.types import Array
 
-Array = NDArray[np.float64]
 A_U, B_U, A_T, B_T, LINKS = 0, 1, 2, 3, 4
 """Rows of the array (J + 5, J): factors of potential and kinetic energy, v by link and joint, [u0², ...]."""
 

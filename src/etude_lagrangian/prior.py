@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Role, Sum
+from etude.models.gp.kernel_algebra import Kernel, Role, Sum
+from etude.types import Array, Index
 from etude_lagrangian.joints import Joints
 from etude_lagrangian.kernel import Lagrangian
 from etude_lagrangian.parameters import Parameters
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

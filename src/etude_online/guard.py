@@ -10,16 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.types import Row
+from etude.types import Array, Mask, Row
 from etude_online.guard_effort import COMMAND, FEWEST, Feedback, decision_ticks
 from etude_online.guard_gate import Gate
 from etude_online.guard_hedge import TRIP as FAR_TRIP
 from etude_online.guard_hedge import Hedge
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SLEW = 5.0
 """1/s: how fast a weight may change, so that no command steps."""

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.protocols import Kind
-from etude.types import Channel, Log
+from etude.types import Array, Channel, Log
 from etude_online.guard_why import why
-
-Array = NDArray[np.float64]
 
 COMMAND, FED_FORWARD, FED_BACK, PLANNED = "command", "command_ff", "command_fb", "_des"
 DECISION_S, FEWEST = 0.1, 5

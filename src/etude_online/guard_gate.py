@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.types import Channel, Row
+from etude.types import Array, Channel, Mask, Row
 from etude_online.guard_effort import COMMAND
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 BEYOND = 1.05
 """Of a command's range, to which it is measured at most."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from etude.types import Array, Mask
 
 AUTHORITY = 2.0
 """C: the updated model moves a command by so many times the frozen model's own error at most."""

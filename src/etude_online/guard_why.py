@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.types import Array
 
 ENOUGH = 0.9
 """Part of the command's variation, about its mean in each log, from which something explains it."""

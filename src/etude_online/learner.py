@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 LARGEST = 1e50
 """Beyond it an output, or an input, is no number to learn from: its square is none."""

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.single_point import PointMean
+from etude.types import Array
 from etude_online.learner import Method, OnlineConfig, OnlineOutput
 
 if TYPE_CHECKING:  # only the method in use is loaded
@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # only the method in use is loaded
     from etude_sparse.incremental_spectrum import IncrementalSpectrum
     from etude_sparse.sogp import OnlineProcess
 
-Array = NDArray[np.float64]
 Begin = Callable[[ExactPosterior, OnlineConfig, np.random.Generator], Method]
 DICTIONARY_SIZE, BASIS_SIZE = 300, 100
 """Members and basis points unless the configuration says otherwise: each below 0.5 ms an update."""

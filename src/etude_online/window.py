@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
-from etude.types import Channel, Row
-
-Array = NDArray[np.float64]
+from etude.types import Array, Channel, Row
 
 ORDER = 3
 """Of the polynomial: the least with which velocity and command both are free of the motion's curvature."""

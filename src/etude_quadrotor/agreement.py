@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.logs.checks.words import accepted
+from etude.logs.checks.finding_texts import accepted
 from etude.types import Array, Finding, Index, Log
 from etude_quadrotor.channels import AXES
 from etude_quadrotor.recorded import rotation

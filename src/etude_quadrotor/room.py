@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from etude.limits.certificate import COMMANDS, SPEED
 from etude.limits.feasible import FeasibleSet
 from etude.limits.library import AxisLimit, NormLimit, TiltLimit
 from etude.limits.samplers import boundary, uniform
-from etude.limits.unseen import COMMANDS, SPEED
 from etude.protocols import Limit, Trajectory
 from etude.types import Array, Margins
 from etude_quadrotor.channels import AXES

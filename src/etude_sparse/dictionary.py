@@ -6,19 +6,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
+from etude.types import Array, Index
 from etude_sparse.dictionary_config import DictionaryConfig
 
 if TYPE_CHECKING:
     from etude_sparse.dictionary_stream import DictionaryStream
 
 __all__ = ["Dictionary", "DictionaryConfig", "DictionaryGP"]
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.compilation import compiled
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from etude.types import Array, Index
 
 VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2
 DONE, REFRESH_DUE, PIVOT_LOST = 0, 1, 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dpotrs
 from etude.errors import DataError, NumericalError, UsageError
@@ -11,11 +10,9 @@ from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
 from etude.models.gp.point_kernel import PointCovariances
 from etude.threads import threads_for
+from etude.types import Array, Index
 from etude_sparse import dictionary_steps as steps
 from etude_sparse.dictionary_config import DictionaryConfig
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 BLOCK = 256
 """Candidates whose prior covariances are computed at once, by matrix products for any kernel."""

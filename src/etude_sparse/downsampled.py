@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dtrsv
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise
 from etude.threads import threads_for
+from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_sparse.spectral_features import SpectralFeatures
 from etude_sparse.spectral_posterior import SparseSpectrumPosterior
-
-Array = NDArray[np.float64]
 
 REFACTOR_EVERY = 10_000
 """Updates after which R is made anew from A."""

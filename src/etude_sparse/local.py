@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
+from etude.types import Array
 from etude_sparse.dictionary_config import DictionaryConfig
 from etude_sparse.local_parts import fitting_reach, joined, kernel_lengths, partition
 from etude_sparse.local_posterior import LEAST_VARIANCE, Blend, LocalPosterior, blended, combined
 
 if TYPE_CHECKING:
     from etude_sparse.dictionary_stream import DictionaryStream
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from etude.types import Array, Index
 
 OVERFLOW = 0.1
 """Share of the samples that may find their part full."""

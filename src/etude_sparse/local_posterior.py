@@ -8,14 +8,11 @@ from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactPosterior, posterior_given
 from etude.models.gp.kernel_algebra import Kernel
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from etude.types import Array, Index
 
 LEAST_VARIANCE = 1e-12
 """Least variance of an expert as a part of the prior variance: it is divided by."""

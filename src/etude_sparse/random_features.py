@@ -10,16 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.point_kernel import kernel_terms
+from etude.types import Array, Index
 from etude_sparse.spectral_features import cosine_sine
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 PER_INPUT = 10
 """Frequencies of a term for each input that it depends on, until the most allowed are reached."""

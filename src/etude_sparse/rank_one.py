@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.compilation import compiled
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 @compiled

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr_delete
 
 from etude.blas import dtrmm, dtrtrs
@@ -17,8 +16,8 @@ from etude.models.gp.exact import checked_data
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.point_kernel import PointCovariances
 from etude.threads import threads_for
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Deletion = Literal["A", "B"]
 
 LEAST_NOISE = 1e-10

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import checked_data, checked_outputs, columns_of
@@ -15,9 +14,8 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.minimize import Objective
 from etude.models.gp.priors import Prior, data_scales, weak_prior
 from etude.models.gp.training import INITIAL_NOISE, Method, check_method, joint_likelihood, optimise
+from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
-
-Array = NDArray[np.float64]
 
 
 def initial_sparse_spectrum(

@@ -16,10 +16,8 @@ from etude.models.gp.bayesian_linear import LinearFactors
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernels import SquaredExponential
 from etude.threads import threads_for
-from etude.types import Code
+from etude.types import Array, Code
 from etude_sparse.spectral_features import SpectralFeatures
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -321,3 +321,30 @@ def test_replay_is_live(campaign: Campaign, tmp_path: Path) -> None:
         told(c, log_of(campaign, 1, tmp_path))
     a, b = ([(e.event, e.number, e.files, e.facts) for e in c.events()] for c in (campaign, other))
     assert a == b
+
+
+REST_S = 1.0
+"""s that the pair's logs begin before their motion."""
+
+
+@pytest.mark.parametrize(("part", "answered"), [(0.45, False), (0.55, True)])
+def test_a_log_that_ends_early_teaches_and_answers_from_half_on(
+    part: float, answered: bool, tmp_path: Path
+) -> None:
+    campaign = make_campaign(tmp_path)
+    number = ask(campaign).number
+    motion = stored_trajectory(campaign, number)
+    lines = write_log(tmp_path / "whole.csv", motion, number).read_text().splitlines()
+    kept = 2 + round((REST_S + part * motion.duration) * 50.0)
+    (tmp_path / "cut.csv").write_text("\n".join(lines[:kept]) + "\n")
+    told = tell(campaign, tmp_path / "cut.csv", learner=stub_learner)
+    (said,) = [s for s in told.repairs if "ends at" in s]
+    assert float(said.split()[11]) == pytest.approx((1.0 - part) * motion.duration, abs=0.15)
+    assert told.foreign == (not answered)
+    assert campaign.round(number).open == (not answered)
+    assert told.learned == (told.number,)
+    assert any("stays open" in s for s in told.repairs) == (not answered)
+    if not answered:
+        assert told.number != number
+        whole = tell(campaign, tmp_path / "whole.csv", learner=stub_learner)
+        assert (whole.number, whole.foreign) == (number, False)

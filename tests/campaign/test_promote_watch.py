@@ -29,7 +29,7 @@ from etude.errors import DataError, UsageError
 from etude.progress import watched
 from etude.report.markup import number
 from etude.report.record import read_record
-from etude.report.sections.confirmation import confirmation
+from etude.report.sections.rounds import confirmation
 from etude.trajectories.moves import PointToPoint
 from etude.types import Motion
 

@@ -17,9 +17,8 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.proposals import stored_trajectory
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify
+from etude.limits.certificate import WAY, certify
 from etude.limits.library import AxisLimit
-from etude.limits.unseen import WAY
 from etude.plugins import load
 from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
@@ -139,7 +138,7 @@ def test_the_last_row_of_a_table_is_a_pose(lab: Campaign, tmp_path: Path) -> Non
 
 def test_where_the_straight_way_is_barred_it_goes_by_home_or_not_at_all() -> None:
     """What is barred: the middle of x while y is low; home is above it."""
-    from etude.design.ways import there_and_back
+    from etude.campaign.propose.approach import there_and_back
     from etude_arm.motions import ways
     from etude_arm.spec import ArmSpec, Axis
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from etude.campaign.propose.approach import there_and_back
 from etude.campaign.record.folder import open_campaign
 from etude.cli import main
-from etude.design.ways import there_and_back
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, scaled

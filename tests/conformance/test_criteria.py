@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.design.batch import PlainBatch
 from etude.design.config import GROUP
 from etude.design.criteria import Criterion, Output, Score, criterion_named, evaluate, needs_of, value_of
+from etude.design.score import PlainBatch
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import structured

@@ -26,7 +26,7 @@ from etude.campaign.deployment.promote import promote
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import Proposal, ask
-from etude.campaign.propose.proposal_constraints import Kept, kept_then
+from etude.campaign.propose.proposal_constraints import Constraints, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
 from etude.campaign.simulate.create import create_campaign
@@ -206,7 +206,7 @@ def _same(certificate: Certificate, path: Path) -> None:
     assert {name: disk[name] for name in shown} == shown
 
 
-def _proved(fresh: Campaign, kept: Kept, motion: Trajectory, shown: Certificate, *, way: bool) -> None:
+def _proved(fresh: Campaign, kept: Constraints, motion: Trajectory, shown: Certificate, *, way: bool) -> None:
     try:
         found = certify(motion, kept.limits(fresh), way=way, control=kept.control)
         assert found.ok or not kept.limits(fresh)

@@ -10,9 +10,9 @@ import pytest
 from etude.deploy.commanded import Commanded, within_tilt
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
-from etude.limits.at_rest import at_rest
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
+from etude.limits.lead_ins import at_rest
 from etude.limits.samplers import boundary
 from etude_quadrotor.family import FlightConfig, flight_family
 from etude_quadrotor.kind import KIND

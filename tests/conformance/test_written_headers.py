@@ -21,7 +21,7 @@ from etude.campaign.simulate.create import create_campaign
 from etude.deploy.trajectory_files import csv_bytes, read_table
 from etude.errors import UsageError
 from etude.logs.cleaning.read import matched_log
-from etude.logs.readers.table_text import FORMULA, header_row, restored, text_cell
+from etude.logs.readers.cells import FORMULA, header_row, restored, text_cell
 from etude.trajectories.moves import PointToPoint
 from etude.types import Channel, Log
 

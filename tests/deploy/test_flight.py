@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from c_models import ARM, QUADROTOR, arm_model, arm_spec, quadrotor_model
+from c_models import ARM, QUADROTOR, arm_model, arm_spec, averaged, quadrotor_model
 
 from compilers import run, tool
 from etude.deploy.c99.plan import planned
@@ -380,3 +380,31 @@ def test_who_has_no_numbered_motors_is_refused(model: Any) -> None:
         PX4(arm_model("exact", "ard_se", points=12), ARM, arm_spec(), {})
     with pytest.raises(UsageError, match="asked at 100, 250, 500 Hz, not 400"):
         CRAZYFLIE(model, QUADROTOR, spec(), {"rate": 400})
+
+
+@pytest.mark.parametrize(
+    ("given", "offered"),
+    [
+        ({}, ["--single", "model.points"]),
+        ({"single": True}, ["model.points"]),
+        ({"real": "double"}, ["--real float", "--single", "model.points"]),
+        ({"real": "double", "single": True}, ["--real float", "model.points"]),
+    ],
+)
+def test_what_takes_less_is_offered_to_whom_it_was_not_given(
+    model: Any, given: Any, offered: list[str]
+) -> None:
+    both = averaged(model, quadrotor_model("", points=12, spec=spec()))
+    slow = replace(CRAZYFLIE, chip=replace(CRAZYFLIE.chip, hertz=1e5))
+    with pytest.raises(UsageError, match="of its time at 100 Hz") as refused:
+        slow(both, QUADROTOR, spec(), {"name": "own", **given})
+    ways = ("--rate", "--real float", "--single", "--no-fade", "model.points")
+    assert [way for way in ways if way in refused.value.next_step] == offered
+
+
+def test_a_slower_rate_is_offered_where_one_fits(model: Any) -> None:
+    slow = replace(CRAZYFLIE, chip=replace(CRAZYFLIE.chip, hertz=2e7))
+    with pytest.raises(UsageError, match="of its time at 500 Hz") as refused:
+        slow(model, QUADROTOR, spec(), {"name": "own", "rate": 500.0})
+    rate = float(refused.value.next_step.split("--rate ")[1].split(",")[0])
+    assert slow(model, QUADROTOR, spec(), {"name": "own", "rate": rate}).facts["rate"] == rate

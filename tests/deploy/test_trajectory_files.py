@@ -26,8 +26,7 @@ from etude.deploy.trajectory_files import (
 )
 from etude.design.candidates import Source
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify
-from etude.limits.unseen import COLLISIONS
+from etude.limits.certificate import COLLISIONS, certify
 from etude.models.config import ModelConfig
 from etude.protocols import Kind, Limit, Trajectory
 from etude.trajectories.json_text import from_json

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from etude.design.chain import near_to_near
-from etude.design.coverage import BINS, Visited
-from etude.design.roaming import SLOW, Region, Roam, Roamed
+from etude.design.pose_candidates import BINS, SLOW, Region, Roam, Roamed, Visited
 from etude.limits.library import AxisLimit
 from etude.protocols import Family, Trajectory
 from etude.trajectories.family import FourierConfig, FourierFamily

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etude.design.batch import batch_of
 from etude.design.criteria import LOG_FLOOR, Output, Reduction, ivr, log_ivr, mean_variance, value_of
+from etude.design.score import batch_of
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import SquaredExponential
 

@@ -22,10 +22,9 @@ from design_examples import (
 
 from etude import plugins
 from etude.design.config import GROUP, DesignConfig
-from etude.design.criteria import Output, criterion_named, evaluate, needs_of, value_of
-from etude.design.information import d_opt, info_gain
+from etude.design.criteria import Output, criterion_named, d_opt, evaluate, info_gain, needs_of, value_of
+from etude.design.latents import Latent, latents_of, of_parameters
 from etude.design.solve import Design, design
-from etude.design.view import Latent, latents_of, of_parameters
 from etude.errors import UsageError
 from etude.limits.certificate import certify
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states

@@ -10,11 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
-from etude.design.batch import batch_of
 from etude.design.config import GROUP
-from etude.design.criteria import Output, criterion_named, evaluate, needs_of, value_of
-from etude.design.information import Entropy, info_gain, mi_region, sum_log
-from etude.design.score import RESOLUTION
+from etude.design.criteria import (
+    Entropy,
+    Output,
+    criterion_named,
+    evaluate,
+    info_gain,
+    mi_region,
+    needs_of,
+    sum_log,
+    value_of,
+)
+from etude.design.score import RESOLUTION, batch_of
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential

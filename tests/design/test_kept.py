@@ -18,7 +18,7 @@ from design_examples import (
 )
 
 from etude.design.config import DesignConfig
-from etude.design.kept import Kept
+from etude.design.nonconvex_limits import NonconvexLimits
 from etude.design.solve import Design, design
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import certify
@@ -82,9 +82,9 @@ def test_a_disc_that_is_far_changes_nothing() -> None:
 def test_the_penalty_is_zero_where_it_is_kept_and_its_gradient_right() -> None:
     family, rng = arm_family(), np.random.default_rng(1)
     at = arm_point(rng, family)
-    kept = Kept.of((*arm_limits(), DISC), family, at)
+    kept = NonconvexLimits.of((*arm_limits(), DISC), family, at)
     assert kept.limits == (DISC,)
-    wide = Kept.of([Disc(DISC.middle, 0.6)], family, at)
+    wide = NonconvexLimits.of([Disc(DISC.middle, 0.6)], family, at)
     value, gradient = wide.penalty(family, at)
     assert value > 0.0
     assert_same(gradient, differences(lambda p: wide.penalty(family, p)[0], at), 1e-5)
@@ -94,10 +94,10 @@ def test_the_penalty_is_zero_where_it_is_kept_and_its_gradient_right() -> None:
 def test_what_is_drawn_home_ends_close_to_the_last_point_that_holds() -> None:
     family, rng = arm_family(), np.random.default_rng(1)
     home, at = arm_point(rng, family, 0.0), arm_point(rng, family, 4.0)
-    kept = Kept.of([DISC], family, at)
+    kept = NonconvexLimits.of([DISC], family, at)
     found = kept.drawn_home(family, home, at)
     assert kept.proved(family, found)
     assert not kept.proved(family, home + 1.01 * (found - home))
     assert kept.drawn_home(family, home, found) is found
     with pytest.raises(UnsafeTrajectoryError, match="home does not keep the limits disc"):
-        Kept.of([Disc(tuple(arm_home()), 0.6)], family, at).drawn_home(family, home, at)
+        NonconvexLimits.of([Disc(tuple(arm_home()), 0.6)], family, at).drawn_home(family, home, at)

@@ -20,8 +20,8 @@ from design_examples import (
 from etude import plugins
 from etude.design.config import GROUP
 from etude.design.criteria import Output, criterion_named
+from etude.design.latents import latents_of, planned
 from etude.design.objective import Objective, gains_of, instants, pull_gains
-from etude.design.view import latents_of, planned
 from etude.types import Motion, Planned
 
 NAMES = tuple(plugins.BUILT_IN[GROUP])

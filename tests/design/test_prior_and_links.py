@@ -9,7 +9,7 @@ import pytest
 from design_examples import arm_family, arm_home, arm_inputs, arm_limits, arm_point, arm_spec
 
 from etude.design.chain import cut_short, linked
-from etude.design.prior import NOISE, SIGNAL, prior_latents
+from etude.design.latents import NOISE, SIGNAL, prior_latents
 from etude.limits.certificate import certify
 from etude.models.config import ModelConfig
 from etude.types import Motion

@@ -12,7 +12,7 @@ from design_examples import (
     moves,
 )
 
-from etude.design.reference import reference_states
+from etude.design.objective import reference_states
 from etude.errors import UsageError
 from etude.trajectories.moves import PointToPoint
 

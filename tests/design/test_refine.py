@@ -23,9 +23,9 @@ from etude import plugins
 from etude.design.candidates import Drawn, Source
 from etude.design.config import GROUP
 from etude.design.criteria import Output, criterion_named
+from etude.design.latents import latents_of, planned
 from etude.design.objective import Objective, instants
-from etude.design.refine import Search, refine
-from etude.design.view import latents_of, planned
+from etude.design.solve import Search, refine
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import boundary, uniform

@@ -21,9 +21,9 @@ from design_examples import (
 
 from etude import plugins
 from etude.design.config import GROUP, DesignConfig
+from etude.design.latents import latents_of
 from etude.design.score import Score
 from etude.design.solve import Design, design
-from etude.design.view import latents_of
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import certify_bytes
 from etude.models.gp.exact import ExactGP

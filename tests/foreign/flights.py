@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
 from etude.campaign.ingest.tell import tell
+from etude.campaign.propose.approach import there_and_back
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.simulate.create import create_campaign
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
-from etude.design.ways import there_and_back
-from etude.limits.at_rest import at_rest
 from etude.limits.certificate import Certificate, certify
 from etude.limits.feasible import FeasibleSet
+from etude.limits.lead_ins import at_rest
 from etude.limits.samplers import boundary, scaled, uniform
 from etude.limits.tracking import Ranges, TrackingConfig, margins_of
 from etude.protocols import Trajectory

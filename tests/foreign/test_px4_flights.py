@@ -15,7 +15,7 @@ from px4_cascade import Body, fly, padded
 
 from etude.campaign.record.folder import open_campaign
 from etude.deploy.exporters.offboard import NED
-from etude.logs.alignment.tracked import tracked
+from etude.logs.alignment.tracking_errors import tracked
 from etude.types import Channel, Log
 
 FEW, MANY, BATCH = 6, 500, 25

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from test_commands import LIMIT, SWING, pendulum
 
-from etude.limits.believed import LEAST, ROOM, after_run, credible
-from etude.limits.commands import LOOK, SELDOM, CommandLimit
+from etude.limits.commands import LEAST, LOOK, ROOM, SELDOM, CommandLimit, after_run, credible
 from etude.types import Array, Motion
 
 

@@ -8,10 +8,9 @@ import pytest
 from limit_examples import ARM_CONFIGS, arm, feasible_arm, flights, middle, room
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.certificate import Certificate, certify, certify_bytes, require_certified, spare, use
+from etude.limits.certificate import ALL, Certificate, certify, certify_bytes, require_certified, spare, use
 from etude.limits.library import AxisLimit, NormLimit
 from etude.limits.samplers import scaled
-from etude.limits.unseen import ALL
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Proof

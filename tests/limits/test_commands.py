@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.limits.certificate import certify, spare
+from etude.limits.certificate import COMMANDS, certify, spare
 from etude.limits.commands import (
     AMPLE,
     CLOSE,
@@ -18,10 +18,10 @@ from etude.limits.commands import (
     FEW,
     SPACING,
     CommandLimit,
+    OpenCommands,
     by_model,
+    kept_at,
 )
-from etude.limits.open_commands import OpenCommands, kept_at
-from etude.limits.unseen import COMMANDS
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Motion

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
+from etude.limits.certificate import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_looked_at
 from etude.limits.tracking import (
     CONFIDENCE,
     HIDDEN,
@@ -17,7 +18,6 @@ from etude.limits.tracking import (
     start_table,
     within_room,
 )
-from etude.limits.unseen import ALL, COLLISIONS, COMMANDS, TRACKING, WAY, in_words, not_looked_at
 from etude.trajectories.chain import Chain
 from etude.trajectories.moves import PointToPoint
 from etude.types import Proof

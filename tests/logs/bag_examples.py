@@ -13,7 +13,7 @@ from log_examples import JOINTS, make_log
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from etude.logs.readers.ros_definitions import DEFINITIONS
+from etude.logs.readers.ros_messages import DEFINITIONS
 
 LOG = make_log(rate=25.0)
 ORDER = (2, 0, 1)

@@ -14,9 +14,9 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE
 
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.read import read_log
-from etude.logs.readers.fingerprint import bytes_of_log, sha256_of_log
+from etude.logs.readers.log_file import bytes_of_log, sha256_of_log
 from etude.logs.readers.registry import read_raw
-from etude.logs.readers.ros_definitions import CONTROLLER_STATE, LATER
+from etude.logs.readers.ros_messages import CONTROLLER_STATE, LATER
 from etude.types import Log
 
 pytest.importorskip("rosbags", reason="bags need the extra 'ros'")

@@ -14,10 +14,9 @@ from scipy.io import loadmat, savemat
 
 from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
-from etude.logs.readers.mat4 import is_mat4, variables4
-from etude.logs.readers.mat5 import variables
+from etude.logs.readers.mat import is_mat4, variables, variables4
 from etude.logs.readers.registry import read_raw
-from etude.logs.readers.unpacking import Room
+from etude.logs.readers.unpacking import MemoryBudget
 from etude.types import Log
 
 LOG = make_log()
@@ -56,11 +55,11 @@ def test_numbers_of_version_4(dtype: str) -> None:
     head = np.array([kind, 2, 3, 0, 2], dtype=">i4" if machine else "<i4").tobytes()
     data = head + b"q\0" + values.tobytes(order="F")
     assert is_mat4(data)
-    np.testing.assert_array_equal(variables4(io.BytesIO(data * 2), Room(Path()))["q"], values)
+    np.testing.assert_array_equal(variables4(io.BytesIO(data * 2), MemoryBudget(Path()))["q"], values)
     with pytest.raises(ValueError, match="longer than what is left"):
-        variables4(io.BytesIO(data[:-1]), Room(Path()))
+        variables4(io.BytesIO(data[:-1]), MemoryBudget(Path()))
     with pytest.raises(ValueError, match=r"byte .* begins no variable"):
-        variables4(io.BytesIO(data + b"\1" * 30), Room(Path()))
+        variables4(io.BytesIO(data + b"\1" * 30), MemoryBudget(Path()))
 
 
 def test_version_5_is_not_taken_for_version_4(tmp_path: Path) -> None:
@@ -120,7 +119,7 @@ def test_variables_are_those_of_scipy(tmp_path: Path) -> None:
     own |= {"one": 7.0, "text": "elbow", "cells": np.array([1, "a"], dtype=object), "empty": np.zeros((0, 3))}
     savemat(tmp_path / "run.mat", {**own, "outer": {"inner": {"q": np.arange(4.0)}, "name": "ur10"}})
     with (tmp_path / "run.mat").open("rb") as file:
-        found = variables(file, Room(tmp_path))
+        found = variables(file, MemoryBudget(tmp_path))
     theirs = loadmat(tmp_path / "run.mat")
     for name in ("int8", "uint16", "int32", "float32", "one"):
         np.testing.assert_array_equal(found[name], theirs[name])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from alignment_cases import Case
 
-from etude.logs.alignment.overlap import CLEAR_OF_FEW, FEW, Overlap, allowed
-from etude.logs.alignment.starts import Plan
+from etude.logs.alignment.alignment import CLEAR_OF_FEW, FEW, Overlap, SampledPlan, allowed
 
 RATE, DURATION = 50.0, 30.0
 T = np.arange(0.0, DURATION, 1.0 / RATE)
@@ -17,9 +16,9 @@ RESEMBLING = (20572, 20774, 30474, 32944)
 """Other motions of three coordinates that come within what is allowed in position."""
 
 
-def plan(coordinates: int) -> Plan:
+def plan(coordinates: int) -> SampledPlan:
     values = np.sin(SLOW * T)[:, None] * np.ones(coordinates)
-    return Plan(values, RATE, DURATION, np.ones(coordinates))
+    return SampledPlan(values, RATE, DURATION, np.ones(coordinates))
 
 
 def ripple(coordinates: int, size: float) -> Overlap:

@@ -13,8 +13,8 @@ from log_examples import CHANNELS, JOINTS, LIMITS, MOTION, RATE, columns_of, mak
 from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
 from etude.logs.columns.units import Limits
-from etude.logs.readers.cut import with_rest_told
 from etude.logs.readers.log_file import log_bytes, write_log
+from etude.logs.readers.registry import with_rest_told
 from etude.types import Log
 
 LOG = make_log()

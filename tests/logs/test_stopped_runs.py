@@ -35,16 +35,28 @@ def test_it_teaches_up_to_the_stop(stop: float, shift: float, rest: float) -> No
     found = aligned(at(log, log.t + shift))
     assert found.t[0] == pytest.approx(-2.0, abs=0.01)
     assert found.t[-1] == pytest.approx(stop, abs=0.15)
-    if rest > 0.5 or stop < 10.0:
-        (sentence,) = [s for s in found.repairs if "was stopped" in s]
-        assert float(sentence.split()[5]) == pytest.approx(found.t[-1], abs=0.06)
+    (sentence,) = [s for s in found.repairs if "teaches up to there" in s]
+    end, missing = (float(word) for word in (sentence.split()[4], sentence.split()[11]))
+    assert end == pytest.approx(found.t[-1], abs=0.06)
+    assert missing == pytest.approx(20.0 - found.t[-1], abs=0.06)
     np.testing.assert_allclose(found["q_des"], MOTION.motion(found.t).orders[0], atol=1e-12)
 
 
 def test_a_whole_run_is_not_stopped() -> None:
-    for log in (LOG, stopped(LOG, 99.0), LOG.take(LOG.t <= 19.0)):
-        assert not any("stopped" in sentence for sentence in aligned(log).repairs)
+    for log in (LOG, stopped(LOG, 99.0), LOG.take(LOG.t <= 19.8)):
+        assert not any("ends at" in sentence for sentence in aligned(log).repairs)
         assert len(aligned(log)) == len(log)
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_a_recording_that_was_cut_says_what_is_missing(path: bool) -> None:
+    """In mid-motion, whether or not the log tells the motion itself."""
+    log = LOG.take((LOG.t >= 0.0) & (LOG.t <= 13.0))
+    log = log if path else Log(log.t, {"command": log.channels["command"]}, {"command": log["command"]})
+    (sentence,) = [s for s in aligned(log).repairs if "ends at" in s]
+    assert sentence == (
+        "The log ends at 13.0 s of the proposal's 20 s, 7.0 s before it does: it teaches up to there."
+    )
 
 
 @pytest.mark.parametrize("other", [Sines((0.35, 0.15, 0.25)), Sines((0.2, 0.45, 0.1), (0.3, 0.8, 0.9))])

@@ -11,8 +11,8 @@ from log_examples import CHANNELS, JOINTS, LIMITS, RATE, make_log
 
 from etude.errors import DataError
 from etude.logs.cleaning.read import read_log
+from etude.logs.readers.csv_tables import BLOCK
 from etude.logs.readers.registry import read_raw
-from etude.logs.readers.text_blocks import BLOCK
 from etude.types import Log
 
 LOG = make_log()

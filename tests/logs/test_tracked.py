@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etude.logs.alignment.tracked import largest_errors, tracked
+from etude.logs.alignment.tracking_errors import largest_errors, tracked
 from etude.trajectories.chain import Chain
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint

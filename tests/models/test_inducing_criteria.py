@@ -7,8 +7,8 @@ import pytest
 from arm_kernel import structured_kernel
 
 from etude import plugins
-from etude.design.batch import PlainBatch
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
+from etude.design.score import PlainBatch
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.inducing import InducingGP
 from etude.models.gp.kernels import Kernel, SquaredExponential

@@ -19,9 +19,14 @@ class Known:
     """A model that predicts nothing, with a deviation of 0.5, and gravity as sin q."""
 
     freedom = 20.0
+    unknown = 0.0
 
     def posterior(self, log: Log) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros_like(log["command"]), np.full_like(log["command"], 0.25)
+
+    def parted(self, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mean, variance = self.posterior(log)
+        return mean, variance, variance - self.unknown
 
     def mean(self, log: Log) -> np.ndarray:
         return np.zeros_like(log["command"])
@@ -84,3 +89,16 @@ def test_what_does_not_move_is_not_asked() -> None:
     still = Samples(log.log, log.group, log.usable, np.zeros_like(log.moving))
     found = judged(MODEL, still)
     assert (found.alarm, found.z2, found.evidence.max()) == (None, 0.0, 0.0)
+
+
+def test_errors_where_the_model_knows_little_are_no_change() -> None:
+    """Twice the deviation that it has there is none; where all is noise it is one, and far more is always."""
+
+    class Unsure(Known):
+        unknown = 0.2
+
+    unsure = cast("LearnedModel", Unsure())
+    assert judged(MODEL, samples(1.8 * NOISE)).alarm is not None
+    assert judged(unsure, samples(1.8 * NOISE)).alarm is None
+    assert judged(unsure, samples(1.8 * NOISE)).z2 == judged(MODEL, samples(1.8 * NOISE)).z2
+    assert judged(unsure, samples(4.0 * NOISE)).alarm is not None

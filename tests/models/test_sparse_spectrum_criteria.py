@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude import plugins
-from etude.design.batch import PlainBatch
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
+from etude.design.score import PlainBatch
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
 CRITERIA = list(plugins.BUILT_IN["etude.criteria"])

@@ -14,7 +14,7 @@ from synthetic_campaign import decode_png, write_campaign
 
 from etude.errors import UsageError
 from etude.report.markup import duration, element, number, table, with_unit
-from etude.report.picture import main, write_picture
+from etude.report.pictures import main, write_picture
 from etude.report.png import STOPS, colours, png_address
 from etude.report.scales import Axis, Scale, fitted_scale, linear_ticks, log_ticks, tick_text
 from etude.report.svg import Area, Band, Image, Level, Line, Points, panel, thinned

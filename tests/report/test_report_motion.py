@@ -16,11 +16,9 @@ from synthetic_campaign import write_campaign
 
 from chromium import chromium, complaints, open_page, overhang
 from etude.report.build import build_report
-from etude.report.polygons import cut
 from etude.report.record import read_record
 from etude.report.scene import camera_of, project
-from etude.report.sections.around import beyond, room_around
-from etude.report.sections.motion import SIZE, frames, motion, stage
+from etude.report.sections.motion import SIZE, beyond, cut, frames, motion, room_around, stage
 from etude.types import Figure, Thing
 from etude_arm.kind import KIND
 

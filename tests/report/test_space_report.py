@@ -22,24 +22,22 @@ from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.report import curves
 from etude.report.build import CONTENTS, build_report
-from etude.report.forecasts import Forecast, forecast, newest_forecast
 from etude.report.markup import duration, number, with_unit
-from etude.report.picture import write_picture
+from etude.report.pictures import write_picture
 from etude.report.png import VIRIDIS
 from etude.report.record import read_record
 from etude.report.scene import Path as Flown
-from etude.report.scene import Room, project, room_of, scene
+from etude.report.scene import SceneBox, project, room_of, scene
 from etude.report.sections import paths
-from etude.report.sections.paths import Gone, shades
-from etude.report.sections.prediction import Z95
-from etude.report.sections.views import DRAWING, equal_limits
+from etude.report.sections.paths import DRAWING, Gone, equal_limits, shades
+from etude.report.sections.prediction import Z95, Forecast, forecast, newest_forecast
 from etude.storage import sha256_of
 from etude.types import Channel, Log, Samples
 
 QUICK = {"duration": 8.0, "candidates": 8, "steps": 4, "starts": 1, "points": 60, "refine": 1}
 ROUNDS = 2
-ROOM = Room((-9.0, -9.0, 0.0), (9.0, 9.0, 5.0))
-PILLAR = Room((-3.0, -3.0, 0.0), (3.0, 3.0, 4.0), radius=2.5)
+ROOM = SceneBox((-9.0, -9.0, 0.0), (9.0, 9.0, 5.0))
+PILLAR = SceneBox((-3.0, -3.0, 0.0), (3.0, 3.0, 4.0), radius=2.5)
 
 
 def made(path: Path) -> Path:
@@ -209,7 +207,7 @@ def test_the_projection_is_orthographic() -> None:
 
 
 @pytest.mark.parametrize("room", [ROOM, PILLAR], ids=["box", "pillar"])
-def test_a_room_lies_inside_its_drawing_to_scale(room: Room) -> None:
+def test_a_room_lies_inside_its_drawing_to_scale(room: SceneBox) -> None:
     corners = np.stack(np.meshgrid(*zip(room.lower, room.upper, strict=True), indexing="ij"), -1).reshape(
         -1, 3
     )

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from etude.trajectories.extremes import riesz_range
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.ramp import PEAK_BEND, PEAK_PRODUCT
+from etude.trajectories.fourier import PEAK_BEND, PEAK_PRODUCT, FourierTrajectory
 
 
 def example(rng: np.random.Generator, ramped: bool) -> FourierTrajectory:

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from etude.errors import UsageError
 from etude.trajectories.extremes import OVERSAMPLING, exact_range, grid, riesz_range
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.series import series
+from etude.trajectories.fourier import FourierTrajectory, series
 
 
 def test_closed_forms() -> None:

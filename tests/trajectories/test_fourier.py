@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etude.errors import UsageError
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.fourier import FourierTrajectory, rest_nullspace, series
 from etude.trajectories.json_text import from_json
-from etude.trajectories.series import rest_nullspace, series
 
 
 def example(seed: int = 0, harmonics: int = 4, dof: int = 2, ramp: float = 0.0) -> FourierTrajectory:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.trajectories.ramp import PEAK_BEND, PEAK_PRODUCT, PEAK_RATE, phase
+from etude.trajectories.fourier import PEAK_BEND, PEAK_PRODUCT, PEAK_RATE, phase
 
 
 def test_theta_advances_half_a_ramp_in_each_ramp() -> None:

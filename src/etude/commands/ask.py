@@ -159,7 +159,7 @@ def _renewed(found: Proposal) -> list[str]:
 
 def _unseen(found: Proposal) -> list[str]:
     """What nobody looked at; the way is proved where it was asked for."""
-    from etude.limits.unseen import WAY
+    from etude.limits.certificate import WAY
 
     return [one for one in found.certificate.not_looked_at if found.way is None or one != WAY]
 
@@ -192,8 +192,7 @@ def _assumed(certificate: Certificate) -> bool:
 
 def _row(row: Proof) -> list[str]:
     """What is asked, what tracking may add, and the limit of both together."""
-    from etude.limits.certificate import use
-    from etude.limits.unseen import tracked_in_words
+    from etude.limits.certificate import tracked_in_words, use
 
     asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
     limit = f"{row.lower - row.margin:.3g}..{row.upper + row.margin:.3g}"

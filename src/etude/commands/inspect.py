@@ -67,7 +67,7 @@ class Inspect(Common):
 
 
 def _draw(found: Inspected, path: Path, source: Path) -> None:
-    from etude.report.recording import recording_picture
+    from etude.report.pictures import recording_picture
     from etude.storage import write_atomic
 
     if found.log is None:

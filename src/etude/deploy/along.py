@@ -11,7 +11,7 @@ import numpy as np
 from etude import plugins
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.exporters.knots import SPACE, names_of
-from etude.deploy.played import certify_played
+from etude.deploy.played import played
 from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, table_rate
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
@@ -119,8 +119,7 @@ def _played(
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """The files of a format in a folder of its name, proved as their receiver plays them; and sentences."""
     exporter = plugins.load(EXPORTERS, name)
-    files = exporter(what, kind, spec)
-    proof = certify_played(exporter, files, motion.limits, motion.trajectory, motion.control)
+    files, proof = played(exporter, what, kind, spec, motion.limits, motion.control)
     own = {**files, CERTIFICATE: proof.to_json().encode()}
     return {f"{name}/{file}": data for file, data in own.items()}, proof.notes
 

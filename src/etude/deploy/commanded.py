@@ -15,6 +15,8 @@ from etude.types import Array, Mask
 
 FORCES = ("N m", "N")
 """Units of commands that a field named effort may hold."""
+ACCELERATION = 2
+"""The order of a motion."""
 ROUNDING, HALVINGS = 1e-5, 40
 """Part of a tilt limit left to single precision; of finding how much of what was learned it allows."""
 
@@ -69,13 +71,26 @@ def within_tilt(what: Commanded, limits: Sequence[Limit]) -> Commanded:
     commanded has to hold them, as the motion does.
     """
     tilts = [limit for limit in limits if isinstance(limit, TiltLimit)]
-    if what.acceleration is None or not tilts:
+    if not tilts:
         return what
-    told, motion, limit = what.acceleration, what.trajectory, min(tilts, key=lambda own: own.angle)
+    limit = min(tilts, key=lambda own: own.angle)
+    return _between(what, lambda own, told: shortened(own, told, limit))
+
+
+def shared(what: Commanded, part: float) -> Commanded:
+    """The same, with that part of what the model adds to accelerations."""
+    return _between(what, lambda own, told: own + part * (told - own))
+
+
+def _between(what: Commanded, chosen: Callable[[Array, Array], Array]) -> Commanded:
+    """With accelerations (T, k) chosen of the motion's own and of those with what the model adds."""
+    told, motion = what.acceleration, what.trajectory
+    if told is None:
+        return what
 
     def held(t: Array) -> Array:
-        own = motion.motion(np.minimum(t, motion.duration), limit.order + 1).orders[limit.order]
-        return shortened(own, told(t), limit)
+        own = motion.motion(np.minimum(t, motion.duration), ACCELERATION + 1).orders[ACCELERATION]
+        return chosen(own, told(t))
 
     return replace(what, acceleration=held)
 

@@ -10,13 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from etude.deploy.commanded import HALVINGS, ROUNDING, Commanded, shared, within_tilt
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify, spare
 from etude.limits.library import TiltLimit
-from etude.protocols import Exporter, Limit, Trajectory
+from etude.protocols import Exporter, Kind, Limit, Trajectory
 from etude.trajectories.splined import Splined
 from etude.types import Array, Proof
 
+LEAST_PART = 0.5
+"""Of what was learned, that is commanded where all of it could lead out of the limits."""
 MEET = 1e-5
 """s by which points may be beside the ends of a piece: times are rounded."""
 SLACK = 1e-6
@@ -49,6 +52,37 @@ class Looked:
             return [row]
 
 
+def played(
+    exporter: Exporter,
+    what: Trajectory | Commanded,
+    kind: Kind,
+    spec: Any,
+    limits: Sequence[Limit],
+    control: str = "",
+) -> tuple[Mapping[str, bytes], Certificate]:
+    """The files of a motion, and the certificate of what their receiver plays of them.
+
+    Of what a model adds to accelerations as much stands in them as limits of the tilt and of the room allow,
+    see `_part`.
+
+    Raises:
+        UsageError: as of the exporter. UnsafeTrajectoryError: as of `certify_played`.
+    """
+    what = within_tilt(what, limits) if isinstance(what, Commanded) else what
+    motion = what.trajectory if isinstance(what, Commanded) else what
+    files = exporter(what, kind, spec)
+    part = _part(_off(exporter, files), limits)
+    if part == 1.0 or not isinstance(what, Commanded):
+        return files, certify_played(exporter, files, limits, motion, control)
+    files = exporter(shared(what, part), kind, spec)
+    found = certify_played(exporter, files, limits, motion, control)
+    said = (
+        f"Of the learned part of the accelerations {100.0 * part:.0f} % is commanded: where it is wrong, all "
+        "of it would take the robot out of its limits."
+    )
+    return files, replace(found, notes=(*found.notes, said))
+
+
 def certify_played(
     exporter: Exporter,
     files: Mapping[str, bytes],
@@ -60,7 +94,8 @@ def certify_played(
 
     Args:
         exporter: its attribute `back` reads the files as their receiver does; `notes`, if it has one, says
-            what they hold beside the motion, `accelerations` what they command in its place.
+            what they hold beside the motion, `accelerations` what they command in its place, `strays` how far
+            off the plan its feedback leaves a robot where what was learned of these is wrong.
         files: what it wrote.
         limits: of the robot.
         motion: that was exported; the tracking margins of its form hold. A curve with points where its pieces
@@ -70,13 +105,14 @@ def certify_played(
     Raises:
         UnsafeTrajectoryError: the curve leaves a limit by more than SLACK of its width.
     """
-    played = exporter.back(files)  # type: ignore[attr-defined]
-    if isinstance(played, Splined):
-        played = _cut(replace(played, like=motion.form), motion)
+    curve = exporter.back(files)  # type: ignore[attr-defined]
+    if isinstance(curve, Splined):
+        curve = _cut(replace(curve, like=motion.form), motion)
     said = getattr(exporter, "notes", lambda _: ())(files)
-    found = certify(played, [Looked(limit) for limit in limits], control=control)
+    found = certify(curve, [Looked(limit) for limit in limits], control=control)
     sent = getattr(exporter, "accelerations", lambda _: None)(files)
-    rows = (*found.rows, *_holds(played, limits, control), *_tilts(sent, limits))
+    strays = _strays(_off(exporter, files), limits)
+    rows = (*found.rows, *_holds(curve, limits, control), *_tilts(sent, limits), *strays)
     found = replace(found, rows=rows, notes=said)
     for row in found.failed:
         if row.quantity == REST:
@@ -107,6 +143,39 @@ def _tilts(sent: Array | None, limits: Sequence[Limit]) -> list[Proof]:
         angle, name = limit.angle, f"{limit.quantity}, commanded"
         rows.append(Proof(limit.axis, name, -angle, angle, -most, most, "what the rows say"))
     return rows
+
+
+def _off(exporter: Exporter, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
+    """Places (K, k) of a plan, and how far a robot may be off them where what was learned is wrong."""
+    found: tuple[Array, Array] | None = getattr(exporter, "strays", lambda _: None)(files)
+    return found
+
+
+def _strays(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> list[Proof]:
+    """What limits of places say of these; margins are there for them too."""
+    own = [limit for limit in limits if getattr(limit, "order", None) == 0 and hasattr(limit, "strayed")]
+    return [] if off is None else [row for limit in own for row in limit.strayed(*off)]
+
+
+def _part(off: tuple[Array, Array] | None, limits: Sequence[Limit]) -> float:
+    """How much of what was learned stays within the limits where it is wrong, 1 if all of it does.
+
+    What is left out is an error too, where it was right: with less than half of it, that is the larger one.
+    Then it is 1, and the certificate refuses the whole.
+    """
+    if off is None:
+        return 1.0
+
+    def inside(part: float) -> bool:
+        return all(spare(row) >= 0.0 for row in _strays((off[0], part * off[1]), limits))
+
+    low, high = LEAST_PART, 1.0
+    if inside(high) or not inside(low):
+        return 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if inside(middle) else (low, middle)
+    return low * (1.0 - ROUNDING)
 
 
 REST = "largest speed or acceleration"

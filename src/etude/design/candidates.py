@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from etude.design.kept import FEW_HALVINGS, Kept
+from etude.design.nonconvex_limits import FEW_HALVINGS, NonconvexLimits
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import amplitude, boundary, scaled, uniform
 from etude.protocols import Family, Limit, Trajectory
@@ -41,7 +41,7 @@ class Drawn:
         """(P,) standing still where all limits are kept."""
         return self.feasible.centre
 
-    def allowed(self, kept: Kept, p: Array, worth: Callable[[Array], float]) -> Drawn:
+    def allowed(self, kept: NonconvexLimits, p: Array, worth: Callable[[Array], float]) -> Drawn:
         """What a search has made of it (P,), drawn home until its limits hold, and grown where that is worth
         something.
         """
@@ -80,7 +80,7 @@ class Source:
         return [self._grown(drawn) for drawn in found] if grown else found
 
     def _grown(self, drawn: Drawn) -> Drawn:
-        kept = Kept.of(self.limits, drawn.family, drawn.p)
+        kept = NonconvexLimits.of(self.limits, drawn.family, drawn.p)
         home = drawn.feasible.centre
         p = kept.grown(drawn.family, home, drawn.p)
         return replace(drawn, p=kept.settled(drawn.family, home, p))
@@ -100,7 +100,7 @@ class Source:
             places = [i for i, one in enumerate(families) if one is family]
             feasible = self._whole if family is self.family else self._set(family)
             points, home = sample(rng, feasible, len(places)), feasible.centre
-            kept = Kept.of(self.limits, family, home)
+            kept = NonconvexLimits.of(self.limits, family, home)
             for place, p in zip(places, points, strict=True):
                 p = kept.drawn_home(family, home, p, FEW_HALVINGS, quickly=True)
                 found[place] = Drawn(family, feasible, p)

@@ -10,12 +10,12 @@ import numpy as np
 
 from etude.design.candidates import Source
 from etude.design.config import DesignConfig
-from etude.design.reference import MOTIONS
-from etude.design.roaming import Roam, Roamed
+from etude.design.latents import Latent
+from etude.design.objective import MOTIONS
+from etude.design.pose_candidates import Roam, Roamed
 from etude.design.solve import Design, design, variance_removed
-from etude.design.view import Latent
-from etude.limits.at_rest import at_rest
 from etude.limits.certificate import certify
+from etude.limits.lead_ins import at_rest
 from etude.progress import counted
 from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.trajectories.chain import chained

@@ -13,15 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude import plugins
-from etude.design.batch import Batch
+from etude.blas import dpotrs, dtrtrs
 from etude.design.config import GROUP
-from etude.design.information import d_opt, info_gain, mi_region, sum_log
-from etude.design.score import Criterion, Output, Score, evaluate, needing, value_of
+from etude.design.score import Batch, Criterion, Output, Score, evaluate, needing, value_of
 from etude.errors import UsageError
-from etude.models.gp.cholesky import solved_in_place
+from etude.models.gp.cholesky import factorise, inverse_lower, solved_in_place
+from etude.types import Array
 
 __all__ = [
     "LOG_FLOOR",
@@ -41,8 +40,6 @@ __all__ = [
     "sum_log",
     "value_of",
 ]
-
-Array = NDArray[np.float64]
 
 LOG_FLOOR = 1e-4
 """Part of the signal variance that `log_ivr` adds, so that states known already stop paying."""
@@ -132,3 +129,95 @@ class Reduction:
             gain=2.0 * np.einsum("tr,tr->t", weighted, self.cross - through_own),
             reduction=(d * weighted, d * self.solved),
         )
+
+
+def sum_log(output: Output, batch: Batch, gain: Array) -> Score:
+    """Information in each sample taken alone, 1/2 sum_t log(1 + gain_t^2 C_tt/sn^2) (OpAx, Sukhija 2023).
+
+    An upper bound of `info_gain` at the price of `mean_variance`: it does not see that samples repeat each
+    other.
+    """
+    variance = batch.variance()
+    signal = output.noise + gain**2 * variance
+    return Score(
+        value=0.5 * float(np.log(signal / output.noise).sum()),
+        gain=gain * variance / signal,
+        variance=0.5 * gain**2 / signal,
+    )
+
+
+def info_gain(output: Output, batch: Batch, gain: Array) -> Score:
+    """Information that all samples together give about the function, 1/2 log det(S/sn^2) (D-optimality)."""
+    return _joint(output, batch, gain, 1.0)
+
+
+@needing("identified")
+def d_opt(output: Output, batch: Batch, gain: Array) -> Score:
+    """Growth of the log determinant of the parameters' information (Swevers et al. 1997), per output.
+
+    log det(Y^T Sigma^-1 Y + Lambda0) - log det Lambda0 for the regressor Y of the planned samples. With the
+    weights of a linear regression as parameters and what is known of them as Lambda0, the determinant lemma
+    makes that log det(S/sn^2): twice `info_gain`. What makes it d_opt is the process: `design` gives it the
+    identified model (`view.of_parameters`) in place of the model's own.
+    """
+    return _joint(output, batch, gain, 2.0)
+
+
+def _joint(output: Output, batch: Batch, gain: Array, factor: float) -> Score:
+    joint = Entropy.of(batch.covariance(), gain, output.noise)
+    own, in_gain = joint.back()
+    return Score(value=factor * joint.value, gain=factor * in_gain, own=factor * own)
+
+
+@needing("reference")
+def mi_region(output: Output, batch: Batch, gain: Array) -> Score:
+    """Information that the samples give about noisy measurements at the reference states, I(y_T; y_R).
+
+    1/2 log det S - 1/2 log det(S - C_TR (C_RR + e I)^-1 C_RT) with e = sn^2 (Krause, Singh and Guestrin
+    2008). About y_R and not the latent f_R (e = 0): an e far below the noise lets the criterion chase
+    details of f_R that no later measurement could show, and is badly conditioned for neighbouring states.
+    """
+    factor = output.reference_factor
+    own, cross = batch.covariance(), batch.covariance(output.reference_batch)
+    half, _ = dtrtrs(factor, cross.T, lower=1)
+    before = Entropy.of(own, gain, output.noise)
+    after = Entropy.of(own - half.T @ half, gain, output.noise)
+    (in_own, in_gain), (in_rest, in_rest_gain) = before.back(), after.back()
+    projected = dpotrs(factor, cross.T, lower=1)[0].T
+    return Score(
+        value=before.value - after.value,
+        gain=in_gain - in_rest_gain,
+        own=in_own - in_rest,
+        cross=2.0 * in_rest @ projected,
+    )
+
+
+@dataclass(frozen=True)
+class Entropy:
+    """1/2 log det(M/sn^2), M = d C d + sn^2 I, for covariance C (T, T) and gains d (T,).
+
+    The chain rule is in the factor: diag(L)^2 - sn^2 is d_t^2 times the variance at sample t once samples
+    1..t-1 are known.
+    """
+
+    covariance: Array
+    gain: Array
+    noise: float
+    factor: Array
+
+    @classmethod
+    def of(cls, covariance: Array, gain: Array, noise: float) -> Entropy:
+        """NumericalError if rounding makes M indefinite beyond what `factorise` repairs with a warning."""
+        scaled = np.asfortranarray(gain[:, None] * covariance * gain)
+        return cls(covariance, gain, noise, factorise(scaled, noise)[0])
+
+    @property
+    def value(self) -> float:
+        return float(np.log(self.factor.diagonal() / np.sqrt(self.noise)).sum())
+
+    def back(self) -> tuple[Array, Array]:
+        """Derivatives of the value in C, (T, T) symmetric, and in the gains, (T,): G = M^-1/2 taken back."""
+        lower = inverse_lower(self.factor.copy(order="F"))
+        inverse = lower + np.tril(lower, -1).T
+        own = 0.5 * self.gain[:, None] * inverse * self.gain
+        return own, np.asarray((inverse * self.covariance) @ self.gain)

@@ -1,4 +1,4 @@
-"""Design of the next trajectory: random candidates inside the limits, the best few refined."""
+"""Design of the next trajectory: random candidates inside the limits, the best few refined by L-BFGS."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from etude.design.aim import objective
 from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
-from etude.design.kept import Kept, Penalised
-from etude.design.objective import Objective
-from etude.design.reference import MOTIONS
-from etude.design.refine import refine
-from etude.design.roaming import Roam, Roamed
-from etude.design.view import Latent
+from etude.design.latents import Latent
+from etude.design.nonconvex_limits import NonconvexLimits, Penalised
+from etude.design.objective import MOTIONS, Objective
+from etude.design.pose_candidates import Roam, Roamed
 from etude.errors import UsageError
+from etude.lbfgs import minimise
+from etude.limits.feasible import FeasibleSet
 from etude.progress import counted, part
 from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory
 from etude.threads import threads_for
@@ -152,7 +154,7 @@ def variance_removed(before: Array, after: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """The end of a search: the best trajectory, its value, that of the best and of the median candidate."""
 
     best: Drawn
@@ -162,16 +164,131 @@ class Found:
     evaluations: int
 
 
+CORNER = 30
+"""p of the smooth corner at the edge of the limits; the final step takes back the few per cent it costs."""
+LEAST_VALUE = 1e-12
+"""Values are divided by that of the start, since L-BFGS takes differences far below 1 for converged."""
+
+
+class Merit(Protocol):
+    """What is maximised: an `Objective`, or one less a penalty."""
+
+    def value(self, p: Array) -> float: ...
+    def value_and_gradient(self, p: Array) -> tuple[float, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Where a refinement ended: parameters (P,) inside the limits, their value, evaluations."""
+
+    p: Array
+    value: float
+    evaluations: int
+
+
+def refine(objective: Merit, feasible: FeasibleSet, start: Array, steps: int) -> Refined:
+    """The best point met in `steps` iterations from `start` (P,), on the exact edge where that is better."""
+    search = Search(objective, feasible)
+    first = search.variables(start)
+    best = Best(-np.inf, first)
+
+    def cost(y: Array) -> tuple[float, Array]:
+        value, gradient = search.value_and_gradient(y)
+        best.offer(value, y)
+        scale = 1.0 / max(abs(best.first), LEAST_VALUE)
+        return -scale * value, -scale * gradient
+
+    minimise(cost, first, steps=steps, kept=20, searched=10)
+    p, value = _to_the_edge(objective, feasible, search.inside(best.y), best.value)
+    return Refined(p, value, best.count + len(feasible.blocks))
+
+
+def _to_the_edge(objective: Merit, feasible: FeasibleSet, p: Array, value: float) -> tuple[Array, float]:
+    """Each block in turn enlarged to the exact edge of its limits, where that raises the value."""
+    full = feasible.enlarge(p)
+    for block in feasible.blocks:
+        trial = p.copy()
+        trial[block.members] = full[block.members]
+        trial_value = objective.value(trial)
+        if trial_value > value:
+            p, value = trial, trial_value
+    return p, value
+
+
+@dataclass
+class Best:
+    """The best point seen, because a line search may end elsewhere; first: the value where it began."""
+
+    value: float
+    y: Array
+    count: int = 0
+    first: float = 0.0
+
+    def offer(self, value: float, y: Array) -> None:
+        if not self.count:
+            self.first = value
+        self.count += 1
+        if value > self.value:
+            self.value, self.y = value, y.copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The objective on variables that cannot leave the limits.
+
+    p = centre + T y, T the ellipsoid of the limits' rows, so that numbers are of order one. A block that uses
+    its limits by g is drawn towards the centre by (1 + g^p)^(-1/p), which is nearly 1 inside and 1/g outside,
+    and always enough: g is the smooth gauge, never below the true one. So every evaluation is of a trajectory
+    inside, and the search has no constraints and no corners.
+    """
+
+    objective: Merit
+    feasible: FeasibleSet
+
+    @cached_property
+    def shape(self) -> Array:
+        """T (P, P)."""
+        return self.feasible.ellipsoid()
+
+    def variables(self, p: Array) -> Array:
+        """y (P,) of parameters, before any drawing."""
+        return np.asarray(np.linalg.solve(self.shape, p - self.feasible.centre))
+
+    def inside(self, y: Array) -> Array:
+        """Parameters (P,) inside the limits."""
+        offset = self.shape @ y
+        use, _ = self.feasible.smooth_gauge(self.feasible.centre + offset)
+        return np.asarray(self.feasible.centre + offset * _shrink(use)[self.feasible.block_of])
+
+    def value_and_gradient(self, y: Array) -> tuple[float, Array]:
+        """Value at the parameters of y, and its gradient in y."""
+        block_of, offset = self.feasible.block_of, self.shape @ y
+        use, use_gradient = self.feasible.smooth_gauge(self.feasible.centre + offset)
+        shrink = _shrink(use)
+        value, gradient = self.objective.value_and_gradient(self.feasible.centre + offset * shrink[block_of])
+        along = np.bincount(block_of, offset * gradient, len(use))
+        in_use = -along * shrink**2 * (use * shrink) ** (CORNER - 1)
+        in_offset = gradient * shrink[block_of] + use_gradient * in_use[block_of]
+        return value, np.asarray(self.shape.T @ in_offset)
+
+
+def _shrink(use: Array) -> Array:
+    """(1 + use^p)^(-1/p) without overflow."""
+    larger = np.maximum(use, 1.0)
+    rest = (1.0 / larger) ** CORNER + (use / larger) ** CORNER
+    return np.asarray(rest ** (-1.0 / CORNER) / larger)
+
+
 def search(
     aim: Objective, candidates: Sequence[Drawn], config: DesignConfig, limits: Sequence[Limit] = ()
-) -> Found:
+) -> SearchResult:
     """The best of the candidates and of what the best few are refined to.
 
     The candidates are at home already, as `Source` draws them. What limits that are not convex forbid of the
     ends is drawn home too, and the ends are grown; between, a penalty counts. All that is by quick words:
     only the best is proved.
     """
-    kept = Kept.of(limits, candidates[0].family, candidates[0].p)
+    kept = NonconvexLimits.of(limits, candidates[0].family, candidates[0].p)
     weight = kept.weight((drawn.family, drawn.p) for drawn in candidates)
     aims = [replace(aim, family=drawn.family) for drawn in candidates]
     with part(DRAWN):
@@ -193,10 +310,10 @@ def search(
         if settled is not best.p:
             best = replace(best, p=settled)
             value = replace(aim, family=best.family).value(settled)
-    return Found(best, value, values[order[0]], float(np.median(values)), evaluations)
+    return SearchResult(best, value, values[order[0]], float(np.median(values)), evaluations)
 
 
-def _status(config: DesignConfig, found: Found) -> str:
+def _status(config: DesignConfig, found: SearchResult) -> str:
     if found.value > found.baseline:
         text = f"{config.criterion} {found.value:.4g}, refined from {found.baseline:.4g}"
     else:

@@ -11,11 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etude.types import Cone, Index
-
-Array = NDArray[np.float64]
+from etude.types import Array, Cone, Index
 
 SHARPNESS = 48
 """Exponent of the p-norms of `smooth_gauge`."""

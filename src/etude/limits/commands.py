@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
 
-from etude.errors import UsageError
-from etude.limits.remembered import remembered
-from etude.limits.unseen import COMMANDS
-from etude.protocols import Family, Model, Trajectory
+from etude.errors import UnsafeTrajectoryError, UsageError
+from etude.limits.certificate import COMMANDS, memoized
+from etude.protocols import Family, Limit, Model, Trajectory
 from etude.types import Array, Cone, Motion, Proof
 
 SPACING, COARSE = 0.005, 0.04
@@ -174,7 +173,7 @@ class CommandLimit:
 
         UsageError of a curve that gives no accelerations, and of set-points that are held.
         """
-        return remembered(self._proofs, piece.to_json(), lambda: self._rows(piece))
+        return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, J + rates) the mean, and the slopes from sample to sample."""
@@ -314,3 +313,149 @@ def _bend(mean: Array) -> Array:
     bend[1:-1] = CAUTION * np.abs(np.diff(mean, 2, axis=0))
     bend[0], bend[-1] = bend[1], bend[-2]
     return np.maximum(bend, np.maximum(np.roll(bend, 1, axis=0), np.roll(bend, -1, axis=0)))
+
+
+ROOM = 2.0 / 3.0
+"""Part of the room beside the mean that deviations may use along a motion that was run: the next one is
+another, whose deviations may be half as large again."""
+NEAR = 0.9
+"""Part of half a limit beyond which a mean proves nothing: there the robot may have been at its limit."""
+LEAST = 0.25
+"""Part of the deviations that always counts: with the usual factor of 4 about one of them."""
+
+
+def after_run(limits: Sequence[Limit], ran: Trajectory) -> list[Limit]:
+    """The limits, those of commands with the part of each deviation that the motion `ran` leaves credible."""
+    return [_after(limit, ran) if isinstance(limit, CommandLimit) else limit for limit in limits]
+
+
+def _after(limit: CommandLimit, ran: Trajectory) -> CommandLimit:
+    if limit.deviation is None:
+        return limit
+    share = credible(limit, ran)
+    short = [j for j in range(len(share)) if share[j] < 1.0]
+    if not short:
+        return limit
+    parts = ", ".join(f"{limit.names[j]} {100.0 * share[j]:.0f} %" for j in short)
+    sentence = (
+        f"The {limit.quantity} in full: of the learned model's deviations there count {parts}. With all of "
+        "them it would refuse the motion that the robot has run last: it knows too little yet."
+    )
+    return replace(limit, share=share, said=(*limit.said, sentence), _proofs={})
+
+
+def credible(limit: CommandLimit, ran: Trajectory) -> Array:
+    """(J,) largest parts, at most 1 and at least `LEAST`, of the deviations with which the motion is kept."""
+    motion = limit.along(ran, LOOK)
+    mean, spread = limit.mean(motion), limit.spread(motion, ran.duration, SELDOM)
+    half = 0.5 * (limit.upper - limit.lower)
+    off = np.abs(mean - 0.5 * (limit.upper + limit.lower))
+    told = (off <= NEAR * half) & (spread > 0.0)
+    with np.errstate(divide="ignore"):
+        parts = np.where(told, ROOM * (half - off) / spread, np.inf)
+    return np.asarray(np.clip(parts.min(axis=0), LEAST, 1.0))
+
+
+LONGEST = 120.0
+"""s, of motions for which rest at home is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCommands:
+    """Commands that nobody can look at, and why: a limit without rows, which says so on the certificate.
+
+    Attributes:
+        said: sentences for the list of what is not looked at.
+        limit: the one that even rest does not keep.
+        refused: why no motion may be asked for, and what to do; "" where a person knows that a limit is not
+            real, or a log has shown it.
+    """
+
+    said: tuple[str, ...]
+    limit: CommandLimit | None = None
+    refused: tuple[str, str] = ("", "")
+    looks_at: tuple[str, ...] = (COMMANDS,)
+    name: str = "commands"
+
+    @property
+    def not_looked_at(self) -> tuple[str, ...]:
+        """The reason."""
+        return self.said
+
+    def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
+        """What the certificate says first: by how much the mean of this motion is beyond its limits."""
+        if self.limit is None:
+            return ()
+        low, high = _extremes(self.limit, trajectory)
+        beyond = np.flatnonzero((high > self.limit.upper) | (low < self.limit.lower))
+        if not len(beyond):
+            return ()
+        parts = [
+            f"{self.limit.names[j]} {max(high[j], -low[j]):.3g} {self.limit.units[j]} of "
+            f"{min(self.limit.upper[j], -self.limit.lower[j]):.3g}"
+            for j in beyond
+        ]
+        return (
+            f"Beyond the stated {self.limit.quantity} limits, by {self.limit.source}: {', '.join(parts)}. "
+            "Whether the drives can give that nobody looked at.",
+        )
+
+    def cones(self, family: Family) -> Sequence[Cone]:  # noqa: ARG002
+        """None."""
+        return ()
+
+    def penalty(self, motion: Motion) -> tuple[float, Array] | None:  # noqa: ARG002
+        """None."""
+        return None
+
+    def prove(self, piece: Trajectory) -> Sequence[Proof]:  # noqa: ARG002
+        """No row."""
+        return ()
+
+    def of_motion(self, motion: Motion) -> Array:
+        """(T, 0)."""
+        return np.zeros((len(motion.t), 0))
+
+
+def kept_at(limit: CommandLimit, home: Array) -> CommandLimit | OpenCommands:
+    """The limit; or, where standing still at `home` (k,) is beyond it already, why it cannot be looked at.
+
+    Then no motion keeps it, and what is wrong is the model's numbers or its deviation, not the motion.
+    """
+    still = rest_at(home, limit.orders)
+    mean, spread = limit.mean(still)[0], limit.spread(still, LONGEST)[0]
+    over = np.maximum(mean + spread - limit.upper, limit.lower - mean + spread)
+    if not np.any(over > 0.0):
+        return limit
+    j = int(np.argmax(over / (limit.upper - limit.lower)))
+    most = f"{mean[j]:.3g} {limit.units[j]}" + (
+        f" with a deviation of {spread[j]:.2g}" if spread.any() else ""
+    )
+    return OpenCommands(
+        (
+            f"Whether the drives can give the forces: {limit.source} says {most} of {limit.names[j]} at "
+            f"rest at home, beyond {limit.lower[j]:.3g}..{limit.upper[j]:.3g}; one of them is wrong.",
+        ),
+        limit,
+    )
+
+
+def require_possible(limits: Sequence[Limit]) -> None:
+    """UnsafeTrajectoryError where one of them says that no motion may be asked for."""
+    for limit in limits:
+        fact, next_step = getattr(limit, "refused", ("", ""))
+        if fact:
+            raise UnsafeTrajectoryError(fact, next_step=next_step)
+
+
+def rest_at(pose: Array, orders: int) -> Motion:
+    """One sample at rest at a pose (k,)."""
+    still = Motion(np.zeros(1), np.zeros((orders, 1, len(pose))))
+    still.orders[0, 0] = pose
+    return still
+
+
+def _extremes(limit: CommandLimit, trajectory: Trajectory) -> tuple[Array, Array]:
+    """(J,) least and largest means at samples along all pieces."""
+    means = [limit.mean(limit.along(piece, LOOK)) for _, _, piece in trajectory.pieces()]
+    return np.min([m.min(axis=0) for m in means], axis=0), np.max([m.max(axis=0) for m in means], axis=0)

@@ -14,9 +14,7 @@ from etude.errors import UnsafeTrajectoryError
 from etude.limits.blocks import Block
 from etude.protocols import Family, Limit
 from etude.trajectories.extremes import ROOM
-from etude.types import Cone, Index
-
-Array = NDArray[np.float64]
+from etude.types import Array, Cone, Index
 
 REFINED = 3
 """Steps of least squares by normal equations, each of which takes the rounding of the last one back."""

@@ -12,18 +12,135 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.ranges import CERTIFIED, bound_of, largest_tilt, method_of, norm_range, slabs, tracked
 from etude.protocols import Family, Trajectory
-from etude.trajectories.extremes import ROOM
-from etude.types import Cone, Margins, Motion, Proof
+from etude.trajectories.extremes import OVERSAMPLING, ROOM, riesz_range
+from etude.types import Array, Cone, Margins, Motion, Proof
 
-Array = NDArray[np.float64]
-
+STRAYS = "where what was learned is wrong, tracking apart"
+STRAYS_HOW = "what the rows say, through the receiver's feedback"
+"""Quantity and method of rows about places beside those of a plan; after a quantity's own name."""
 SMALLEST = 1e-9
 """Width of an interval, relative to its ends, below which there is no room in it."""
+
+
+CERTIFIED = math.cos(math.pi / OVERSAMPLING)
+"""kappa of the proof of final bytes."""
+TILT_STEPS = 50
+"""Halvings of the interval that holds the proved tilt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Samples that bound a vector at all times.
+
+    Attributes:
+        values: (M, n). size: (n,) sum of amplitudes, for rounding.
+        kappa: max_t |.| <= max |values| / kappa, of each component or, on the finer grid, of quadratic forms.
+        sampled: whether the values are the motion's own, and not only what it stays between (on a phase ramp,
+            on straight moves): then the least size of a vector is bounded like the largest.
+    """
+
+    values: Array
+    size: Array
+    kappa: float
+    sampled: bool
+
+    def range(self) -> tuple[Array, Array]:
+        """Interval (n,), (n,) that holds each component."""
+        return riesz_range(self.values, self.kappa, self.size)
+
+
+def bound_of(piece: Trajectory, order: int, degree: int, axes: list[int], shift: Array) -> Bound:
+    """Bound of some coordinates' derivative of that order, plus a constant shift (n,)."""
+    values, amplitudes, kappa = piece.bound(order, degree)
+    sampled = bool(getattr(piece, "sampled", False))
+    return Bound(values[:, axes] + shift, amplitudes[axes] + np.abs(shift), kappa, sampled)
+
+
+def norm_range(bound: Bound) -> tuple[float, float]:
+    """Proved interval of a vector's size, from its square, a polynomial of twice the degree.
+
+    From values that are not samples of the motion nothing is proved of the least size: it may lie between.
+    """
+    square, size = (bound.values**2).sum(axis=1), float((bound.size**2).sum())
+    low, high = riesz_range(square[:, None], bound.kappa, size)
+    least = max(float(low[0]), 0.0) if bound.sampled else 0.0
+    return math.sqrt(least), math.sqrt(max(float(high[0]), 0.0))
+
+
+def largest_tilt(force: Bound, lift: float) -> float:
+    """Least angle b for which f = a_x^2 + a_y^2 - tan(b)^2 (a_z + g)^2 <= 0 is proved at all times.
+
+    Args:
+        force: bound of a + g z (M, 3), of degree 2.
+        lift: proved least a_z + g.
+
+    Returns:
+        rad; pi where the lift is not positive: f cannot tell a cone's two halves.
+    """
+    across, along = (force.values[:, :2] ** 2).sum(axis=1), force.values[:, 2] ** 2
+    sizes = float((force.size[:2] ** 2).sum()), float(force.size[2] ** 2)
+
+    def proved(angle: float) -> bool:
+        square = math.tan(angle) ** 2
+        f = (across - square * along)[:, None]
+        return bool(riesz_range(f, force.kappa, sizes[0] + square * sizes[1])[1][0] <= 0.0)
+
+    low, high = 0.0, 0.5 * math.pi - 1e-6
+    if not lift > 0.0:
+        return math.pi
+    if not proved(high):
+        return 0.5 * math.pi
+    for _ in range(TILT_STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if proved(middle) else (middle, high)
+    return high
+
+
+def tracked(
+    margin: Array | float, margins: Margins, form: str, order: int, axes: list[int]
+) -> tuple[Array, Array]:
+    """(n,) what is kept for the tracking error, and (n,) with which confidence.
+
+    The larger of a fixed margin and that of motions of that form. A fixed one is its owner's word, which is
+    assumed until logs speak of it.
+    """
+    fixed = np.broadcast_to(np.asarray(margin, dtype=float), (len(axes),))
+    unmeasured = np.where(fixed > 0.0, 0.0, 1.0)
+    table, confidence = margins.get(form, (np.zeros((0, 0)), 1.0))
+    if order >= len(table):
+        return fixed, unmeasured
+    own, sure = table[order][axes], np.broadcast_to(confidence, table.shape)[order][axes]
+    return np.fmax(fixed, own), np.where(np.isnan(own), unmeasured, sure)
+
+
+def slabs(name: str, rows: Array, offset: Array, half: float) -> Cone:
+    """|rows p + offset| <= half at M instants; rows (M, P), offset (M,).
+
+    Raises:
+        UnsafeTrajectoryError: half is not above 0.
+    """
+    if not half > 0.0:
+        raise UnsafeTrajectoryError(
+            f"no motion keeps the limit of {name}: {half:.3g} is left to either side of its middle",
+            where=name,
+            next_step="Widen the limit, or keep less beside it.",
+        )
+    return Cone(name, (rows / half)[None], (offset / half)[None])
+
+
+def method_of(kappa: float, degree: int) -> str:
+    """How samples with that kappa prove something, for the certificate."""
+    if kappa == 1.0:
+        return "values that the motion stays between"
+    samples = round(math.pi / math.acos(kappa))
+    if degree == 1:
+        return f"Riesz bound from {samples} samples per harmonic"
+    return f"Riesz bound of twice the degree from {samples} samples per degree"
+
+
 TILT_ROOM = (1.0 - 4.0 * (1.0 - CERTIFIED)) / CERTIFIED
 """The proof of tilt bounds a polynomial as large as (1.7 g)^2; four times the room of others covers that."""
 
@@ -128,6 +245,19 @@ class AxisLimit(Convex):
         beyond = np.flatnonzero((at < low) | (at > high))
         return f"the {self.quantity} limit of {self.names[beyond[0]]}" if len(beyond) else ""
 
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
+        """One row for each axis of a motion's places (T, k) and how far off they may be, (T, k): within the
+        limit itself, of which a margin is a part. Where the plan is, as on the ground, it may be.
+        """
+        at, by = places[:, self.places], off[:, self.places]
+        ends = np.minimum(self.lower, at.min(axis=0)), np.maximum(self.upper, at.max(axis=0))
+        table = np.stack([*ends, (at - by).min(axis=0), (at + by).max(axis=0)], axis=1).tolist()
+        quantity = f"{self.quantity}, {STRAYS}"
+        return [
+            Proof(name, quantity, a, b, c, d, STRAYS_HOW, "sampled")
+            for name, (a, b, c, d) in zip(self.names, table, strict=True)
+        ]
+
     def of_motion(self, motion: Motion) -> Array:
         """(T, n) the coordinates' derivative, shifted."""
         return np.asarray(motion.orders[self.order][:, self.places] + self.shift)
@@ -211,6 +341,13 @@ class NormLimit(Convex):
             low, high = bound_of(piece, self.order, 1, list(self.axes), self._shift).range()
             found = (least, most, max(down, float(np.max(low)), float(np.max(-high))), up)
         return [Proof(self.axis, self.quantity, *found, how, margin=margin, confidence=confidence)]
+
+    def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
+        """One row, see `AxisLimit.strayed`."""
+        axes = list(self.axes)
+        most = float((np.linalg.norm(places[:, axes], axis=1) + np.linalg.norm(off[:, axes], axis=1)).max())
+        ends = -self.upper, self.upper, -most, most
+        return [Proof(self.axis, f"{self.quantity}, {STRAYS}", *ends, STRAYS_HOW, "sampled")]
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, 1) the size."""

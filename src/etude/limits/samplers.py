@@ -6,12 +6,10 @@ All draw (count, P) parameters inside the set; blocks are drawn independently of
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.limits.feasible import FeasibleSet
 from etude.trajectories.extremes import ROOM
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 STEPS = 200
 """Steps of hit-and-run from the centre."""

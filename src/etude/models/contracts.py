@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Candidate, Posterior
-from etude.types import Code
+from etude.types import Array, Code
 
 if TYPE_CHECKING:
     from etude.models.gp.kernels import Kernel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

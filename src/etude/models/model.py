@@ -171,9 +171,13 @@ class LearnedModel:
         States as for `predict`, of a Log as they are: what friction remembers counts where the log carries
         it.
         """
-        log = log if isinstance(log, Log) else as_run(log, self.columns, self.inputs).log
-        average, variance, _ = self._predicted(Means(log), iter)
+        average, variance, _ = self.parted(log)
         return average, variance
+
+    def parted(self, log: Any) -> tuple[Array, Array, Array]:
+        """As `posterior`, and the part (n, J) of the variance that is noise, at rest too."""
+        log = log if isinstance(log, Log) else as_run(log, self.columns, self.inputs).log
+        return self._predicted(Means(log), iter)
 
     def unknown(self, log: Any) -> Array:
         """(n, J) what is unknown of each command: the variance of `posterior` without noise, at rest too."""

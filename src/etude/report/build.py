@@ -12,16 +12,13 @@ from etude.campaign.record.journal import JOURNAL
 from etude.report.live import INDEX, Pages, digest_of
 from etude.report.markup import Html, element, join, paragraph
 from etude.report.record import Record, read_record
-from etude.report.sections.calibration import calibration
-from etude.report.sections.confirmation import confirmation
 from etude.report.sections.headline import headline
-from etude.report.sections.ladder import ladder
 from etude.report.sections.learning import learning
+from etude.report.sections.model_scores import calibration, ladder
 from etude.report.sections.motion import motion
 from etude.report.sections.paths import paths
 from etude.report.sections.prediction import prediction
-from etude.report.sections.provenance import provenance, repairs
-from etude.report.sections.rounds import rounds
+from etude.report.sections.rounds import confirmation, provenance, repairs, rounds
 from etude.report.sections.tracking import tracking
 from etude.report.sections.trajectories import trajectories
 from etude.report.sections.uncertainty import uncertainty

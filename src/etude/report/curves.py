@@ -6,13 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.record.rounds import summary
 from etude.report.markup import with_unit
 from etude.report.record import Facts, Record
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 ERROR = "tracking_error_"
 RUNGS = {

@@ -1,21 +1,29 @@
-"""Pictures of single objects, for notebooks: the report's own panels, on their own."""
+"""Pictures of single objects for notebooks, a README or a slide: the report's own panels, on their own.
+
+Draw a campaign's learning curves with `python -m etude.report.pictures CAMPAIGN_FOLDER OUT.svg`.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 
 from etude.campaign.record.folder import Campaign
+from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.report.curves import score, tests
 from etude.report.markup import Html
 from etude.report.record import Record, read_record
-from etude.report.scales import Axis
+from etude.report.scales import Axis, Scale
 from etude.report.sections.learning import joint_style, learning_panel
 from etude.report.svg import Line, Mark, panel, thinned
-from etude.types import Log
+from etude.storage import write_atomic
+from etude.types import Array, Channel, Finding, Log
 
 SIZE = (560, 320)
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
@@ -91,3 +99,105 @@ def _held_out(record: Record) -> Html:
     title = "Each log, predicted before it was learned" if known else "No log has been predicted yet"
     axes = Axis("log", limits=(0.5, count + 0.5), whole=True), Axis("nMSE (1)", log=bool(known))
     return panel(title, *axes, marks, size=SIZE)
+
+
+POINTS = 600
+THINNEST = 1.5
+"""px: a span is seen, however short."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of time, marked over the whole height of a panel."""
+
+    start: float
+    end: float
+    label: str = ""
+    style: str = "area"
+
+    def extent(self) -> tuple[Array, Array]:
+        return np.array([self.start, self.end]), np.empty(0)
+
+    def draw(self, x: Scale, y: Scale) -> str:
+        left, right = (float(x(v)) for v in (self.start, self.end))
+        top, height = min(y.start, y.end), abs(y.end - y.start)
+        size = f'width="{max(right - left, THINNEST):.1f}" height="{height:.1f}"'
+        return f'<rect class="{self.style}" x="{left:.1f}" y="{top:.1f}" {size}/>'
+
+    def swatch(self, x: float, y: float) -> str:
+        return f'<rect class="{self.style}" x="{x:.1f}" y="{y - 6:.1f}" width="22" height="12"/>'
+
+
+def recording_picture(log: Log, findings: Sequence[Finding]) -> Html:
+    """A standalone SVG: positions and commands, or of other robots every state and command."""
+    spans = [span for f in findings if f.light in ("yellow", "red") for span in _spans(f)]
+    return alone([_drawn(log, channel, spans) for channel in _shown(log)])
+
+
+def _spans(finding: Finding) -> list[Span]:
+    return [
+        Span(start, end, "" if k else f"marked: {finding.check}")
+        for k, (start, end) in enumerate(finding.spans)
+    ]
+
+
+def _shown(log: Log) -> list[Channel]:
+    known = [c for n, c in log.channels.items() if n in log]
+    commands = [c for c in known if c.role == "command"]
+    paths = [log.channels[c.acts_on] for c in commands if c.acts_on in log]
+    others = [c for c in known if c.role == "state" and not c.derivative_of]
+    return [*(paths or others), *commands] or known[:6]
+
+
+def _drawn(log: Log, channel: Channel, spans: Sequence[Span]) -> Html:
+    marks: list[Mark] = [
+        *spans,
+        *(
+            Line(*thinned(log.t, log[channel.name][:, j], POINTS), part, joint_style(j))
+            for j, part in enumerate(channel.parts)
+        ),
+    ]
+    limits = (float(log.t[0]), float(log.t[-1]))
+    unit = ", ".join(dict.fromkeys(channel.units))
+    return panel(
+        channel.name, Axis("time (s)", limits=limits), Axis(f"{channel.name} ({unit})"), marks, size=SIZE
+    )
+
+
+def write_picture(folder: Path, path: Path) -> Path:
+    """Write the learning curves of a simulated campaign, side by side, to `path` (SVG), and return it.
+
+    Raises:
+        UsageError: the folder is not a campaign's, or it has no evaluation to draw.
+    """
+    write_atomic(Path(path), learning_picture(read_record(Path(folder))).encode("utf-8"))
+    return Path(path)
+
+
+def learning_picture(record: Record) -> Html:
+    """A standalone SVG with one panel per test motion (two at most), light or dark as the reader's system is.
+
+    Raises:
+        UsageError: the campaign has no evaluation.
+    """
+    drawn = [learning_panel(test) for test in tests(record) if test.learned][:2]
+    if not drawn:
+        raise UsageError(
+            "this campaign has no evaluation to draw",
+            where=str(record.folder),
+            next_step="Only `etude simulate` and `etude demo` evaluate a controller.",
+        )
+    return alone(drawn)
+
+
+def main(arguments: list[str]) -> None:
+    """Entry of `python -m etude.report.pictures`."""
+    if len(arguments) != 2:
+        raise UsageError(
+            "two arguments are needed", next_step="Give the campaign's folder and the SVG's path."
+        )
+    write_picture(Path(arguments[0]), Path(arguments[1]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,4 +1,4 @@
-"""Heat maps as tiny PNG pictures inside the page: 48 x 48 values are 3 kB, as rectangles they are 150 kB."""
+"""Heat maps as tiny PNG pictures (48 x 48 values: 3 kB, as rectangles 150 kB), with a legend."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.report.markup import Html, number, text, with_unit
+from etude.types import Array
 
 STOPS = np.array(
     [
@@ -66,3 +67,13 @@ def png_address(pixels: NDArray[np.uint8]) -> str:
 
 def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def colour_bar(low: float, high: float, unit: str, stops: Array = STOPS) -> Html:
+    """SVG of the strip under a panel's title, the values on both sides of it."""
+    ramp = png_address(colours(np.linspace(0.0, 1.0, 64)[None, :], stops))
+    return Html(
+        f'<text class="tick" x="60" y="36" text-anchor="end">{number(low, 2)}</text>'
+        f'<image x="66" y="26" width="110" height="11" preserveAspectRatio="none" href="{ramp}"/>'
+        f'<text class="tick" x="182" y="36">{text(with_unit(high, unit, 2))}</text>'
+    )

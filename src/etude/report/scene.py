@@ -12,15 +12,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Limit
 from etude.report.markup import Html, text
 from etude.report.png import VIRIDIS, colours
 from etude.report.scales import linear_ticks, tick_text
 from etude.report.svg import polyline
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(24.0)
 """Of the eye as seen from the room's middle: x runs to the right, y into the page."""
@@ -47,7 +45,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Room:
+class SceneBox:
     """The box in which paths are drawn, m, and the radius of a cylinder about z in it, if there is one."""
 
     lower: tuple[float, float, float]
@@ -55,7 +53,7 @@ class Room:
     radius: float | None = None
 
 
-def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> Room:
+def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> SceneBox:
     """The room that position limits state, widened to hold the paths."""
     points = np.concatenate([path.position for path in paths]) if paths else np.zeros((1, 3))
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
@@ -71,7 +69,7 @@ def room_of(limits: Sequence[Limit], paths: Sequence[Path]) -> Room:
             radius = float(stated_high)
     spare = 0.05 * np.maximum(high - low, 1e-3) if not limits else 0.0
     (x0, y0, z0), (x1, y1, z1) = (low - spare).tolist(), (high + spare).tolist()
-    return Room((x0, y0, z0), (x1, y1, z1), radius)
+    return SceneBox((x0, y0, z0), (x1, y1, z1), radius)
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ def project(points: Array) -> Array:
     return np.asarray(points @ np.stack([right, up], axis=1))
 
 
-def scene(title: str, room: Room, paths: Sequence[Path], *, note: str = "") -> Html:
+def scene(title: str, room: SceneBox, paths: Sequence[Path], *, note: str = "") -> Html:
     """One drawing: the robot's room with ticks in m, paths, their shadows and where they start."""
     camera, height = camera_of(room)
     drawn = "".join(_path(camera, path, room.lower[2]) for path in paths)
@@ -106,12 +104,12 @@ def scene(title: str, room: Room, paths: Sequence[Path], *, note: str = "") -> H
     )
 
 
-def _corners(room: Room) -> Array:
+def _corners(room: SceneBox) -> Array:
     grid = np.meshgrid(*zip(room.lower, room.upper, strict=True), indexing="ij")
     return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
-def camera_of(room: Room, size: tuple[int, int] = SIZE) -> tuple[Camera, float]:
+def camera_of(room: SceneBox, size: tuple[int, int] = SIZE) -> tuple[Camera, float]:
     """The camera that fills the drawing's width, or its height where the room is tall; and the height."""
     image = project(_corners(room))
     low, span = image.min(axis=0), np.ptp(image, axis=0)
@@ -123,7 +121,7 @@ def camera_of(room: Room, size: tuple[int, int] = SIZE) -> tuple[Camera, float]:
     return Camera(float(scale), (float(place[0]), float(place[1]))), float(height)
 
 
-def drawn_room(camera: Camera, room: Room) -> str:
+def drawn_room(camera: Camera, room: SceneBox) -> str:
     """Floor, two walls, ticks in m and what they are of."""
     (x0, y0, z0), (x1, y1, z1) = room.lower, room.upper
     ticks = [

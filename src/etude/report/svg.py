@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html, number, text
 from etude.report.scales import Axis, Scale, fitted_scale, tick_text
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 CHARACTER = 7.8
 """Width in px to keep for a character of the panels' 13 px type, to place labels without a browser."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.design.criteria import Criterion, Output, evaluate, value_of
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import Kernel, SquaredExponential, structured
 from etude.testing.differences import central, close
+from etude.types import Array
 
-Array = NDArray[np.float64]
 WIDTH, INSTANTS = 8, 7
 CHANNELS = (("q", ""), ("qd", ""), ("qdd", ""), ("qd", "tanh"))
 COLUMNS = [(c, part, "1", op) for c, op in CHANNELS for part in ("a", "b")]

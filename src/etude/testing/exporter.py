@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from etude.deploy.played import HELD_STILL, ORDERS_HELD, certify_played
-from etude.limits.at_rest import at_rest
+from etude.limits.lead_ins import at_rest
 from etude.protocols import Exporter, Kind
 from etude.testing.differences import close
 from etude.testing.world import World, world

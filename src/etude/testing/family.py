@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Family, Trajectory
 from etude.testing.differences import central, close, same
 from etude.trajectories.json_text import from_json
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class FamilySuite:

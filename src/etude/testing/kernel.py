@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
 from etude.testing.differences import central, close, same
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class KernelSuite:

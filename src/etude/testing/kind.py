@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.limits.certificate import certify
 from etude.protocols import Family, Kind, Limit
@@ -18,8 +17,7 @@ from etude.testing.limits import LimitSuite
 from etude.testing.physics import PhysicsSuite
 from etude.testing.robot import RobotSuite
 from etude.testing.world import World, world
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.protocols import Family, Limit
 from etude.testing.differences import central, close
-from etude.types import Cone, Proof
-
-Array = NDArray[np.float64]
+from etude.types import Array, Cone, Proof
 
 PERIODS = 20_001
 """Instants at which a proof is held against what the limit measures."""

@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.config import ModelConfig
 from etude.models.gp.kernels import SquaredExponential
 from etude.protocols import FitData, Member, Process
 from etude.testing.differences import central, close, same
-from etude.types import Column
+from etude.types import Array, Column
 
-Array = NDArray[np.float64]
 COLUMNS: tuple[Column, ...] = tuple(("q", f"joint{i}", "rad", "") for i in range(3))
 
 

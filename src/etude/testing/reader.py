@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.protocols import Reader
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class ReaderSuite:

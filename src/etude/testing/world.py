@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.record.config import preset_config
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
 from etude.protocols import Family, Inputs, Kind, Limit, Trajectory
 from etude.storage import write_atomic
-from etude.types import Motion
+from etude.types import Array, Motion
 
-Array = NDArray[np.float64]
 _KNOWN: dict[tuple[int, str, str], World] = {}
 
 

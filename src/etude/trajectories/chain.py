@@ -9,14 +9,11 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.shown import Picture, picture_of
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.types import Array, Motion
 
 JOINED = 1e-9
 """Largest step between two parts, in position (rad, m), velocity and acceleration."""

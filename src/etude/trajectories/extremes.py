@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 OVERSAMPLING = 64
 """Samples per degree of a proof: the bound exceeds the true extreme by at most 0.12 %."""

@@ -9,15 +9,11 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.trajectories.extremes import OVERSAMPLING
-from etude.trajectories.fourier import FourierTrajectory
-from etude.trajectories.series import basis, instants, rest_nullspace
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.trajectories.fourier import FourierTrajectory, basis, instants, rest_nullspace
+from etude.types import Array, Motion
 
 SHORTEST, LONGEST = 10.0, 60.0
 """s, of a segment whose length is chosen for the robot."""

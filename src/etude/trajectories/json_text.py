@@ -1,4 +1,4 @@
-"""The JSON form of trajectories: a strict reading in."""
+"""The JSON form of trajectories, read strictly."""
 
 from __future__ import annotations
 

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.shown import Picture, picture_of
-from etude.trajectories.exact_json import to_text
 from etude.trajectories.extremes import ROOM
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.trajectories.fourier import to_text
+from etude.types import Array, Motion
 
 PEAK_VELOCITY = 15.0 / 8.0
 """max of s'(x) for s = x^3 (10 - 15 x + 6 x^2)."""

@@ -9,14 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.shown import Picture, picture_of
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.types import Array, Motion
 
 FORM = "splined"
 HALVINGS = 3

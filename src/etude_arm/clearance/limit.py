@@ -10,11 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from etude.limits.library import AxisLimit
-from etude.limits.ranges import tracked
-from etude.limits.remembered import remembered
+from etude.limits.certificate import COLLISIONS, memoized
+from etude.limits.library import AxisLimit, tracked
 from etude.limits.tracking import ASSUMED
-from etude.limits.unseen import COLLISIONS
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Array, Cone, Index, Margins, Motion, Proof
@@ -103,9 +101,7 @@ class Clearance:
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """One row for each pair of rigid parts, and for each part and what stands around."""
-        return remembered(
-            self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece))
-        )
+        return memoized(self._proofs, piece.to_json(), lambda: self._rows(way_of(piece), *self._error(piece)))
 
     def warned(self, trajectory: Trajectory) -> tuple[str, ...]:
         """That next to no motion is left, where shapes that are close at home leave no more; else nothing."""
@@ -127,7 +123,7 @@ class Clearance:
 
     def keeps(self, piece: Trajectory) -> bool:
         """Whether samples keep all that with a little to spare: for searches, whose result is then proved."""
-        return remembered(self._words, piece.to_json(), lambda: self._sampled(piece))
+        return memoized(self._words, piece.to_json(), lambda: self._sampled(piece))
 
     def _sampled(self, piece: Trajectory) -> bool:
         way, error = way_of(piece), self._error(piece)[0]

@@ -16,9 +16,8 @@ import numpy as np
 from etude.errors import UsageError
 from etude.protocols import Trajectory
 from etude.trajectories.extremes import riesz_range
-from etude.trajectories.fourier import FourierTrajectory
+from etude.trajectories.fourier import FourierTrajectory, phase
 from etude.trajectories.moves import PointToPoint
-from etude.trajectories.ramp import phase
 from etude.types import Array, Index
 
 FIRST = 128

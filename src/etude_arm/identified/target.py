@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.errors import UsageError
-from etude.logs.readers.table_text import text_cell
+from etude.logs.readers.cells import text_cell
 from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Delivered, Samples

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude.compilation import compiled
+from etude.types import Array
 from etude_arm.plant.parameters import ArmParameters
 from etude_arm.plant.trace import LoopInputs, Trace
-
-Array = NDArray[np.float64]
 
 
 class Arrays(NamedTuple):

@@ -7,12 +7,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.types import Array
 from etude_arm.plant.parameters import ArmParameters, Motor
 from etude_arm.plant.trace import LoopInputs, Trace
 
-Array = NDArray[np.float64]
 MODELS = Path(__file__).parents[1] / "data"
 COULOMB, STATIC = 3, 4  # where a dcmotor keeps its friction levels in actuator_biasprm
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from etude.types import Array
 from etude_arm.plant.compiled import advance, at_rest, constants
 from etude_arm.plant.parameters import ArmParameters
-from etude_arm.plant.trace import Array, LoopInputs, Trace
+from etude_arm.plant.trace import LoopInputs, Trace
 
 
 class RunningArm:

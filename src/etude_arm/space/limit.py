@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from etude.errors import UsageError
-from etude.limits.remembered import remembered
-from etude.limits.unseen import SPEED
+from etude.limits.certificate import SPEED, memoized
 from etude.operators import cross
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Motion, Proof
@@ -126,7 +125,7 @@ class SpaceLimit:
 
     def prove(self, piece: Trajectory) -> Sequence[Proof]:
         """A row for each quantity; UsageError of curves whose acceleration nothing bounds."""
-        return remembered(self._proofs, piece.to_json(), lambda: self._rows(piece))
+        return memoized(self._proofs, piece.to_json(), lambda: self._rows(piece))
 
     def of_motion(self, motion: Motion) -> Array:
         """(T, r) speeds, places and distances from the cylinder's axis."""

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import checked_data
+from etude.types import Array
 from etude_sparse.lwpr import steps
 from etude_sparse.lwpr.posterior import LWPRPosterior
-
-Array = NDArray[np.float64]
 
 ROOM = 64
 """Fields that there is room for at first; doubled when full."""

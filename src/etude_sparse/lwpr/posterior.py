@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 BACKGROUND = 1e-5
 """Weight of the background: far from all fields the mean returns to 0, the variance to the signal's."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.exact import checked_data
+from etude.types import Array
 from etude_sparse.lwpr.posterior import LWPRPosterior
 
 if TYPE_CHECKING:
     from etude_sparse.lwpr.fields import ReceptiveFields
-
-Array = NDArray[np.float64]
 
 ACTIVE = 1e-3
 """Fields that a sample activates less learn nothing from it."""

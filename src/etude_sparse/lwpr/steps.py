@@ -10,12 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.compilation import compiled
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from etude.types import Array, Index
 
 TINY = 1e-10
 """Start of every sum that is divided by."""

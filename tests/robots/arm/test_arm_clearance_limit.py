@@ -12,10 +12,9 @@ import pytest
 from clearance_examples import NAMES, PLANAR, clearance, planar, planar_spec
 
 from etude.design.candidates import Source
-from etude.design.kept import Kept
+from etude.design.nonconvex_limits import NonconvexLimits
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import _within, certify, require_certified, spare, use
-from etude.limits.unseen import in_words
+from etude.limits.certificate import _within, certify, in_words, require_certified, spare, use
 from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
@@ -160,7 +159,7 @@ def test_growing_heeds_worth(tmp_path) -> None:
     drawn = Source(family(spec, FourierConfig(3, 20.0)), own, search_of(spec)[0], "scaled").typical(
         np.random.default_rng(1), 1
     )[0]
-    kept = Kept.of(own, drawn.family, drawn.p)
+    kept = NonconvexLimits.of(own, drawn.family, drawn.p)
     half = drawn.feasible.centre + 0.5 * (drawn.p - drawn.feasible.centre)
     home = drawn.feasible.centre
     assert np.array_equal(

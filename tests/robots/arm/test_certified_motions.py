@@ -20,7 +20,7 @@ from etude.campaign.record.config import preset_config
 from etude.campaign.simulate.create import find_robot
 from etude.design.chain import linked
 from etude.design.config import DesignConfig
-from etude.design.prior import prior_latents
+from etude.design.latents import prior_latents
 from etude.design.solve import design
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet

@@ -11,8 +11,7 @@ import pytest
 from clearance_examples import planar_spec, random_chain
 
 from etude.errors import UsageError
-from etude.limits.certificate import certify
-from etude.limits.unseen import SPEED
+from etude.limits.certificate import SPEED, certify
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.trajectories.splined import Splined

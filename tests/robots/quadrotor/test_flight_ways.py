@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from etude.campaign.propose.approach import There, there_and_back
 from etude.deploy.exporters.offboard import OFFBOARD
 from etude.deploy.exporters.poly4d import POLY4D
 from etude.deploy.played import certify_played
-from etude.design.ways import There, there_and_back
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.certificate import certify
+from etude.limits.certificate import WAY, certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
-from etude.limits.unseen import WAY
 from etude.protocols import Limit, Trajectory
 from etude.trajectories.chain import Chain
 from etude.trajectories.splined import Splined

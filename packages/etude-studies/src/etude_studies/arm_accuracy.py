@@ -13,21 +13,18 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.config import ModelConfig
 from etude.models.data.fit import LARGEST_FLOOR
 from etude.models.score import score
 from etude.models.selection.linear import LinearPhysics
 from etude.protocols import Inputs
-from etude.types import Samples
+from etude.types import Array, Samples
 from etude_studies.model_cost import held_bytes, predict_seconds
 from etude_studies.model_members import MEMBERS, Member
 from etude_studies.model_table import FIGURES
 from etude_studies.rows import Row, mean_rows
 from etude_studies.world import World, one_period
-
-Array = NDArray[np.float64]
 
 ROBOT = "arm4"
 TRAINING = 3

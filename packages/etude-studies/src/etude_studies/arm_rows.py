@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.rounds import measured
@@ -16,7 +15,6 @@ from etude.logs.readers.log_file import read_log_file
 from etude.models.score import score
 from etude_studies.rows import Row, mean_rows
 
-Array = NDArray[np.float64]
 TESTS = ("fourier", "moves")
 ROUNDS_SHOWN = (1, 2, 3, 4, 6)
 CALIBRATED_FROM = 3

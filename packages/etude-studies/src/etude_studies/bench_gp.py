@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf, dpotri
 
@@ -30,14 +29,13 @@ from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import initial_gp
 from etude.progress import counted
 from etude.threads import threads_for
+from etude.types import Array
 from etude_studies import bench_peers
 from etude_studies.peers.catalogue import EXACT, SPECTRUM
 from etude_studies.rows import Row, rows_json, table
 
 if TYPE_CHECKING:
     from etude.design.criteria import Criterion
-
-Array = NDArray[np.float64]
 
 INPUTS, POINTS, BATCH, REFERENCES = 12, 500, 300, 100
 LIKELIHOOD_REPEATS = {500: 60, 1000: 20, 3000: 5}

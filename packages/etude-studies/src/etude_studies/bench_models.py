@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dsymv, dsyr2
 
 from etude.progress import counted
@@ -23,8 +22,6 @@ from etude_studies.online_rows import online_rows
 from etude_studies.real_accuracy import real_rows
 from etude_studies.rows import Row, rows_json
 from etude_studies.streams import INPUTS, NOISE, motions, outputs, process
-
-Array = NDArray[np.float64]
 
 SIZE = 500
 DRIFT_NOISE = 1e-4

@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from etude.models.gp.exact import ExactGP
+from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_sparse.sparse_spectrum_training import initial_sparse_spectrum
 from etude_studies.peers.catalogue import Peer
@@ -23,7 +23,6 @@ from etude_studies.peers.running import PeerUnavailable, Running, Timed, started
 from etude_studies.peers.worker import timed
 from etude_studies.rows import Row
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Timed]
 
 REPEATS: Mapping[int, int] = {500: 30, 1000: 12, 3000: 5}

@@ -18,9 +18,9 @@ import numpy as np
 
 from etude.campaign.ingest.questions import Answers, Asked, judged_commands
 from etude.errors import EtudeError
-from etude.logs.checks.judge import judge_motion
-from etude.logs.checks.seen import seen
-from etude.logs.checks.words import Mendable
+from etude.logs.checks.filtered_motion import seen
+from etude.logs.checks.finding_texts import Mendable
+from etude.logs.checks.plausibility import judge_motion
 from etude.logs.cleaning.read import clean_log
 from etude.storage import write_atomic
 from etude.types import Finding, Log

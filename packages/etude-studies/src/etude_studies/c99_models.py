@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude import plugins
 from etude.models.gp.exact import posterior_given
@@ -16,9 +15,9 @@ from etude.models.gp.kernels import ard_se, structured
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
 from etude.protocols import Candidate, Kind
+from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 
-Array = NDArray[np.float64]
 AXIS = """
 [[axis]]
 name = "joint{number}"

@@ -24,7 +24,7 @@ import numpy as np
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.limits.tracking import HELD, Ranges, margins_of, within_room
-from etude.logs.alignment.tracked import largest_errors
+from etude.logs.alignment.tracking_errors import largest_errors
 from etude.protocols import Controller, Limit, Trajectory
 from etude.trajectories.moves import random_moves
 from etude.types import Array, Log, Margins

@@ -11,8 +11,8 @@ import numpy as np
 
 from etude.design.candidates import Source
 from etude.design.chain import design_chain, linked
-from etude.design.prior import prior_latents
-from etude.design.reference import MOTIONS
+from etude.design.latents import prior_latents
+from etude.design.objective import MOTIONS
 from etude.models.config import Rung
 from etude.models.model import LearnedModel
 from etude.protocols import Controller, Trajectory

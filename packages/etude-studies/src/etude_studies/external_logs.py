@@ -8,15 +8,12 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import DataError
 from etude.logs.cleaning.read import clean_log
-from etude.types import Log, Samples
+from etude.types import Array, Log, Samples
 from etude_arm.spec import ArmSpec, Axis
 from etude_studies.world import World
-
-Array = NDArray[np.float64]
 
 JOINTS = 7
 PANDA_COMMAND = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)

@@ -11,8 +11,7 @@ import numpy as np
 from etude.design.aim import objective
 from etude.design.config import DesignConfig
 from etude.design.objective import Objective
-from etude.design.refine import refine
-from etude.design.solve import design
+from etude.design.solve import design, refine
 from etude.limits.samplers import uniform
 from etude.models.model import LearnedModel
 from etude.protocols import Trajectory

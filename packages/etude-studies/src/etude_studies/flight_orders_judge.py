@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.record.stored import label
-from etude.design.reference import reference_states
+from etude.design.objective import reference_states
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.model import LearnedModel
 from etude.models.score import score_trajectories

@@ -13,21 +13,19 @@ from dataclasses import replace
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.inducing import Form
 from etude.models.gp.inducing_training import fit_inducing, initial_inducing
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.training import fit, initial_gp
+from etude.types import Array
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 from etude_sparse.downsampled import DownsampledGP
 from etude_sparse.local import LocalGP
 from etude_sparse.lwpr.regression import LWPR
 from etude_sparse.sogp import SOGP
 from etude_sparse.sparse_spectrum_training import fit_sparse_spectrum, initial_sparse_spectrum
-
-Array = NDArray[np.float64]
 
 STEPS = 25
 KEPT = 300

@@ -15,14 +15,13 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.protocols import Robot, Trajectory
 from etude.storage import write_atomic
 from etude.threads import threads_for
-from etude.types import Log
+from etude.types import Array, Log
 from etude_online.guard_effort import Feedback, feedback_of
 from etude_online.learner import OnlineConfig
 from etude_online.model import OnlineModel
@@ -30,8 +29,6 @@ from etude_studies.engines.each import each
 from etude_studies.online_run import OnlineRun, Repeated, Watched
 from etude_studies.rows import Row, mean_rows, rows_json, table
 from etude_studies.world import World, one_period
-
-Array = NDArray[np.float64]
 
 PASSES, PASS_S = 3, 60.0
 TRAINING = 2

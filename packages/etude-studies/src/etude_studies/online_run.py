@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.types import Log, Motion, Row
+from etude.types import Array, Log, Motion, Row
 from etude_online.model import OnlineModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

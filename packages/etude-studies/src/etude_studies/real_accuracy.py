@@ -17,11 +17,9 @@ from etude.models.config import ModelConfig
 from etude.models.model import LearnedModel
 from etude.models.score import figures, while_any_moves
 from etude.models.selection.linear import LinearPhysics
-from etude.types import joined_samples
+from etude.types import Array, joined_samples
 from etude_studies.real_logs import REAL_LOGS, Recording
 from etude_studies.rows import Row
-
-Array = NDArray[np.float64]
 
 
 def real_rows(rng: np.random.Generator, *, logs: Path | None = None) -> list[Row]:

@@ -16,19 +16,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.data.cross_validation import COUNT, EVERY, FIRST, near
 from etude.models.gp.kernel_algebra import Kernel
 from etude.models.gp.kernels import Linear, SquaredExponential, structured
 from etude.models.selection.linear import LinearPhysics
-from etude.types import Column, Log, Samples
+from etude.types import Array, Column, Log, Samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row
 from etude_studies.world import World
 
-Array = NDArray[np.float64]
 SEED = 0
 
 

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import etude
 from etude.models.data.cross_validation import near, split_blocks
-from etude.types import Log, Mask, Samples
+from etude.types import Array, Log, Mask, Samples
 from etude_arm.recipe import filter_cutoff
 from etude_studies.world import World
-
-Array = NDArray[np.float64]
 
 PLACES = (Path(etude.__file__).parent / "examples", Path(__file__).parents[4] / "examples")
 EXAMPLES = next((place for place in PLACES if place.is_dir()), PLACES[0])

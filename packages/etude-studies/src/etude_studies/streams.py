@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 INPUTS = 12
 PERIOD_S, RATE_HZ = 60.0, 100.0

@@ -15,7 +15,7 @@ from etude.campaign.record.folder import Campaign, Say, open_campaign
 from etude.deploy.trajectory_files import csv_bytes, table_rate
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.read import matched_log
-from etude.logs.readers.table_text import header_row
+from etude.logs.readers.cells import header_row
 from etude.models.data.as_log import followed
 from etude.models.model import LearnedModel
 from etude.protocols import Trajectory

@@ -15,7 +15,7 @@ from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import LEFT_OUT, MODEL, check_model
 from etude.errors import DataError, UsageError
-from etude.models.data.cross_validation_residuals import LeftOut, read_left_out
+from etude.models.data.cross_validation_residuals import CONSTANT, LeftOut, read_left_out
 from etude.models.data.rows import in_order
 from etude.models.model import LearnedModel
 from etude.models.selection.compared import (
@@ -34,8 +34,9 @@ WORDS = {
     "identified": "identified physics",
     "nominal": "the model file's physics",
     "linear": "linear regression",
+    CONSTANT: "a constant command",
 }
-"""What stands for physics alone, by rung."""
+"""What stands for physics alone, or for what there was before these, by rung."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ def promote(
 ) -> Promotion:
     """Puts the newest model in use if held-out motion shows that it is better; an event in the journal.
 
-    It has to beat physics alone and the model in use on segments that neither has seen, with intervals that
-    are as wide as its errors: see docs/promote_watch.md.
+    It has to beat physics alone (if it is these, what there was before them) and the model in use on segments
+    that neither has seen, with intervals that are as wide as its errors: see docs/promote_watch.md.
 
     Args:
         campaign: the folder.

@@ -18,7 +18,7 @@ from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
 from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
-from etude.campaign.propose.proposal_constraints import Kept, kept_then
+from etude.campaign.propose.proposal_constraints import Constraints, kept_then
 from etude.campaign.propose.tracking import kept_now
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
@@ -29,8 +29,8 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import require_description
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.limits.open_commands import require_possible
-from etude.logs.readers.table_text import header_row
+from etude.limits.commands import require_possible
+from etude.logs.readers.cells import header_row
 from etude.models.model import LearnedModel
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
@@ -106,7 +106,7 @@ def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, 
 
 
 def _propose(
-    campaign: Campaign, state: State, number: int, kept: Kept, say: Say
+    campaign: Campaign, state: State, number: int, kept: Constraints, say: Say
 ) -> tuple[TrajectoryFiles, str]:
     """Files of the motion, committed, and how it was found."""
     used = model_in_use(campaign, state)
@@ -131,7 +131,7 @@ def _propose(
     return files, status
 
 
-def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Kept) -> tuple[TrajectoryFiles, str]:
+def _drawn(campaign: Campaign, rng: np.random.Generator, kept: Constraints) -> tuple[TrajectoryFiles, str]:
     """The first motion drawn as tests are that is certified; else a random one inside the limits."""
     limits = kept.limits(campaign)
     require_possible(limits)
@@ -153,7 +153,9 @@ def _candidates(campaign: Campaign, rng: np.random.Generator) -> Iterator[tuple[
             yield from ((motion, speed) for speed in SPEEDS)
 
 
-def _rendered(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Kept) -> TrajectoryFiles:
+def _rendered(
+    campaign: Campaign, motion: Trajectory, limits: Sequence[Limit], kept: Constraints
+) -> TrajectoryFiles:
     own = kept.of(motion)
     return render(
         motion, campaign.kind, campaign.spec, campaign.config, limits, own.unheld, control=own.control

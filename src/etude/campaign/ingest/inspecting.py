@@ -14,19 +14,16 @@ from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.simulate.create import find_robot
 from etude.errors import EtudeError
-from etude.logs.checks.judge import judge_commands, judge_motion
-from etude.logs.checks.recording_clock import clock_findings
-from etude.logs.checks.recording_columns import column_findings
-from etude.logs.checks.recording_motion import motion_findings
-from etude.logs.checks.seen import Seen, seen
+from etude.logs.checks.filtered_motion import Seen, seen
+from etude.logs.checks.plausibility import judge_commands, judge_motion
+from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
 from etude.logs.cleaning.read import clean_log, matched_log
 from etude.logs.cleaning.repairs import drop_unreadable, order_rows
 from etude.logs.columns.guess import guessed_of
 from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
 from etude.logs.columns.vocabulary import is_time
-from etude.logs.readers.cut import cut_sentences, end_findings, with_rest_told
-from etude.logs.readers.registry import read_raw
+from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_told
 from etude.protocols import Kind
 from etude.types import Channel, Finding, Log
 

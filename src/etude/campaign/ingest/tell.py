@@ -29,9 +29,9 @@ from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import is_committed, require_description
 from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
 from etude.errors import DataError, UsageError
+from etude.logs.alignment.alignment import holds_enough
 from etude.logs.columns.units import start_at_zero
-from etude.logs.readers.fingerprint import bytes_of_log, sha256_of_log
-from etude.logs.readers.log_file import log_bytes
+from etude.logs.readers.log_file import bytes_of_log, log_bytes, sha256_of_log
 from etude.storage import write_atomic
 from etude.trajectories.chain import segment_starts
 from etude.types import Log
@@ -109,6 +109,12 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     asked = Asked(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
+    if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
+        log = log.repaired(
+            f"Less than half of proposal {answered} is in it, so that stays open: run it again, or give it "
+            f"up with etude abandon {campaign.path} {answered}."
+        )
+        number = answered = None
     number = answered if answered is not None else free_number(state, number)
     change, again = change_found(campaign, state, log), repeated(campaign, state, number, log)
     findings = (

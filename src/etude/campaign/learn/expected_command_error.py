@@ -9,8 +9,8 @@ import numpy as np
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.design.reference import MOTIONS, reference_states
-from etude.design.view import latents_of
+from etude.design.latents import latents_of
+from etude.design.objective import MOTIONS, reference_states
 from etude.models.contracts import HasKernel
 from etude.models.model import LearnedModel
 from etude.protocols import Candidate

@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.propose.proposal import proposed
-from etude.campaign.propose.proposal_constraints import Kept, kept_then
+from etude.campaign.propose.proposal_constraints import Constraints, kept_then
 from etude.campaign.propose.tracking import kept_now
 from etude.campaign.propose.visited import Swept, as_facts, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
@@ -32,7 +32,7 @@ from etude.campaign.record.stored_files import (
 )
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
-from etude.limits.open_commands import require_possible
+from etude.limits.commands import require_possible
 from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
@@ -164,14 +164,19 @@ def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
 
 
 def _way(
-    campaign: Campaign, number: int, motion: Trajectory, found: Proposal, start: str, kept: Kept
+    campaign: Campaign,
+    number: int,
+    motion: Trajectory,
+    found: Proposal,
+    start: str,
+    kept: Constraints,
 ) -> Approached:
     from etude.campaign.propose.approach import approached
 
     return approached(campaign, number, motion, found.folder, start, kept)
 
 
-def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Kept], None]:
+def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajectory, Constraints], None]:
     """Refuses a motion that no way leads to from there, before it is a proposal; the pose is read now."""
     if not start:
         return lambda _, __: None
@@ -179,7 +184,7 @@ def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajecto
 
     pose_inside(campaign, start)
 
-    def check(motion: Trajectory, kept: Kept) -> None:
+    def check(motion: Trajectory, kept: Constraints) -> None:
         try:
             prepared(campaign, motion if speed == FULL else at_speed(motion, speed), start, kept)
         except UnsafeTrajectoryError as problem:
@@ -216,12 +221,12 @@ def _propose(
     campaign: Campaign,
     state: State,
     number: int,
-    kept: Kept,
+    kept: Constraints,
     motions: Sequence[Trajectory],
     tasks: Path | None,
     go_on: bool,
     say: Say,
-    check: Callable[[Trajectory, Kept], None] = lambda _, __: None,
+    check: Callable[[Trajectory, Constraints], None] = lambda _, __: None,
 ) -> tuple[TrajectoryFiles, str]:
     """Files of the next trajectory, committed, and how it was found; not one that `check` refuses."""
     if not go_on:
@@ -251,7 +256,7 @@ def _propose(
 
 
 def _files(
-    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Kept
+    campaign: Campaign, trajectory: Trajectory, limits: Sequence[Limit], kept: Constraints
 ) -> TrajectoryFiles:
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     rows = swept(campaign, trajectory, limits)
@@ -261,7 +266,7 @@ def _files(
     )
 
 
-def _again(campaign: Campaign, trajectory: Trajectory, kept: Kept) -> TrajectoryFiles:
+def _again(campaign: Campaign, trajectory: Trajectory, kept: Constraints) -> TrajectoryFiles:
     """A proposal that is open already; of the description alone if campaign.toml allows less by now."""
     try:
         return _files(campaign, trajectory, kept.limits(campaign), kept)
@@ -298,7 +303,7 @@ def _check_stop(campaign: Campaign, state: State, gain: float | None) -> None:
 def present(
     campaign: Campaign,
     number: int,
-    kept: Kept,
+    kept: Constraints,
     made: tuple[TrajectoryFiles, str] | None,
     speed: int,
     beside: Beside = lambda _: {},

@@ -13,8 +13,8 @@ from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
-from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
-from etude.deploy.played import certify_played
+from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
+from etude.deploy.played import played
 from etude.generation import GENERATION
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
@@ -80,9 +80,7 @@ def export(
     own = asked_under(campaign.round(number).asked)
     kept = kept_under(campaign, number, LEARNED if effort else next(iter(own), FEEDBACK))
     limits = kept.limits_as_played(campaign, trajectory)
-    what = within_tilt(what, limits) if isinstance(what, Commanded) else what
-    files = exporter(what, campaign.kind, campaign.spec)
-    certificate = certify_played(exporter, files, limits, trajectory, kept.control)
+    files, certificate = played(exporter, what, campaign.kind, campaign.spec, limits, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}
     facts = {} if kept.controls == own else kept.as_facts()

@@ -46,7 +46,7 @@ def reference_motions(campaign: Campaign, rng: np.random.Generator) -> list[Traj
 
     They are drawn as the tests of simulated campaigns are, and are others.
     """
-    from etude.design.reference import MOTIONS
+    from etude.design.objective import MOTIONS
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     found: list[Trajectory] = []
@@ -74,7 +74,7 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
     Raises:
         UnsafeTrajectoryError: none is proved.
     """
-    from etude.limits.at_rest import at_rest
+    from etude.limits.lead_ins import at_rest
 
     wanted = getattr(campaign.kind, "from_rest", None)  # protocols.SupportsLeadIn
     return at_rest(motion, limits) if wanted is not None and wanted(campaign.spec) else motion

@@ -11,7 +11,7 @@ import numpy as np
 from etude.campaign.propose.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
 from etude.campaign.propose.visited import roam_of
 from etude.campaign.record.folder import Campaign, Say
-from etude.design.view import Latent
+from etude.design.latents import Latent
 from etude.protocols import Inputs, Limit, Model, Trajectory
 
 FIRST = {"scaled": "random, scaled to the limits", "uniform": "random, uniform on what is allowed"}
@@ -57,7 +57,7 @@ def proposed(
 
 def _known(campaign: Campaign, model: Model | None) -> Known | None:
     """None: nothing to design from, or nothing is to be."""
-    from etude.design.prior import prior_latents
+    from etude.design.latents import prior_latents
 
     if model is not None:
         return Known(model.inputs, model, True)

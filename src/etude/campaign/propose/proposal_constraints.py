@@ -16,7 +16,7 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.proposals import FULL, stored_trajectory
 from etude.campaign.record.stored import require_stored, stored_model
 from etude.errors import DataError, UsageError
-from etude.limits.believed import after_run
+from etude.limits.commands import after_run
 from etude.protocols import Limit, Model, Trajectory
 from etude.types import Array, Margins
 
@@ -27,7 +27,7 @@ give.
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class Constraints:
     """What is kept of the limits for tracking, what is not, and whose word counts for commands.
 
     Attributes:
@@ -46,7 +46,7 @@ class Kept:
     _limits: dict[bool, Sequence[Limit]] = field(default_factory=dict, repr=False)
     _models: dict[int, Model | None] = field(default_factory=dict, repr=False)
 
-    def using(self, model: Model) -> Kept:
+    def using(self, model: Model) -> Constraints:
         """With the model of `number`, which is at hand."""
         return replace(self, _models={self.number: model} if self.number is not None else {}, _limits={})
 
@@ -88,7 +88,7 @@ class Kept:
                 return stored_trajectory(campaign, self.number)
         return None
 
-    def of(self, trajectory: Trajectory) -> Kept:
+    def of(self, trajectory: Trajectory) -> Constraints:
         """With the sentences about this motion, one piece after the other."""
         forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
         own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
@@ -118,13 +118,15 @@ class Kept:
         return {**facts, MARGINS: margins, UNHELD: list(self.unheld)}
 
 
-def kept_then(asked: Mapping[str, Any] | None) -> Kept:
+def kept_then(asked: Mapping[str, Any] | None) -> Constraints:
     """What was kept when a proposal was made; nothing of proposals that are older than margins."""
     facts = asked or {}
     margins = {
         form: (as_table(table), as_table(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()
     }
-    return Kept(margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL), controls=asked_under(facts))
+    return Constraints(
+        margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL), controls=asked_under(facts)
+    )
 
 
 def as_lists(table: Array | float) -> Any:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.propose.proposal_constraints import Kept, as_lists, as_table, kept_then
+from etude.campaign.propose.proposal_constraints import Constraints, as_lists, as_table, kept_then
 from etude.campaign.record.controls import CONTROL, FEEDBACK, LEARNED, asked_under, run_under, speaks_of
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.proposals import FULL
 from etude.campaign.record.state import State
 from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
-from etude.logs.alignment.tracked import tracked
+from etude.logs.alignment.tracking_errors import tracked
 from etude.protocols import Trajectory
 from etude.trajectories.json_text import SINGLE
 from etude.types import Array, Log, Margins
@@ -33,7 +33,7 @@ IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
 QUANTITIES = ("position", "velocity")
 
 
-def kept_now(campaign: Campaign, state: State, *controls: str) -> Kept:
+def kept_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
     """What is kept of the limits of a motion that is asked for now.
 
     Args:
@@ -45,7 +45,7 @@ def kept_now(campaign: Campaign, state: State, *controls: str) -> Kept:
     margins = {form: _largest([own[form] for own, _ in found]) for form in found[0][0]}
     by_form = {form: tuple(dict.fromkeys(s for _, own in found for s in own[form])) for form in margins}
     number = state.trained[-1].number if state.trained else None
-    return Kept(margins, by_form=by_form, number=number, controls=controls)
+    return Constraints(margins, by_form=by_form, number=number, controls=controls)
 
 
 def _under(
@@ -79,7 +79,7 @@ def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     return most, np.where(tables == most, sure, np.inf).min(axis=0, initial=1.0)
 
 
-def kept_under(campaign: Campaign, number: int, control: str) -> Kept:
+def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
     """What is kept of a proposal that is run under that control, asked for it or not.
 
     Where it was asked for another one, and not written for this one yet, what logs of this one have told by

@@ -113,10 +113,13 @@ class Loop:
             say(f"Trajectory {number} is given up: {refused.fact}.")
             abandon(campaign, number)
             return None
+        if told.foreign:  # it broke off, and teaches that far
+            say(f"Trajectory {number} is given up: less than half of it was run, which log {told.number} is.")
+            abandon(campaign, number)
         if told.held:
             for found in told.findings:
-                say(f"Log {number} is not learned yet: {found.sentence}. {found.step}")
-        return number
+                say(f"Log {told.number} is not learned yet: {found.sentence}. {found.step}")
+        return told.number
 
     def _asked(self, say: Say) -> tuple[int, Controller | None]:
         """The next trajectory, and what it is run with beside the feedback: what its margins are of."""

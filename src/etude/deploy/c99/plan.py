@@ -82,6 +82,11 @@ class Plan:
     def codes(self) -> list[Code]:
         return [self.inputs, *self.means.values(), *self.processes.values()]
 
+    @property
+    def averages(self) -> bool:
+        """Whether some command is an average over candidates, of which one alone would take less."""
+        return any(bool(((c.weights > 0.0) & (c.weights < 1.0)).any()) for c in self.candidates)
+
     def operations(self, variance: bool, fade: bool = False) -> int:
         """Of real numbers in one call at worst; where commands fade it may ask twice, exactly the second
         time.

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
@@ -83,7 +81,7 @@ def c_files(
     if tables > LARGEST:
         raise UsageError(
             f"the tables take {tables / 2**20:.0f} MiB, more than {LARGEST // 2**20} that are compiled",
-            next_step="Export --no-fade, or --single, or learn with fewer points (model.points).",
+            next_step=in_words(lighter(plan, form)),
         )
     vectors = golden(plan, single=form.single, fade=form.fade)
     files = {
@@ -93,6 +91,19 @@ def c_files(
         "CMakeLists.txt": _CMAKE.replace("@NAME", plan.name),
     }
     return Files(plan, form, {file: own.encode() for file, own in files.items()}, tables)
+
+
+def lighter(plan: Plan, form: Form) -> tuple[str, ...]:
+    """What takes less than this export, of what was not asked for yet."""
+    found = ["export --no-fade"] if form.fade and not form.variance else []
+    found += ["export --single"] if plan.averages else []
+    return (*found, "learn with fewer points (model.points in campaign.toml)")
+
+
+def in_words(ways: Sequence[str]) -> str:
+    """A sentence of what may be done."""
+    text = ", or ".join(ways)
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def C99(model: Any, kind: Kind, spec: Any, options: Mapping[str, Any]) -> Delivered:
@@ -143,7 +154,7 @@ def held(
         _require_right(found, made.plan)
     elif found is not None and found.deviation > EXACT:
         made = c_files(chosen, kind, spec, form, name, _rounding(found))
-    said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate, alone)]
+    said = [*_names(made.plan), _outside(made), *_sizes(made, found), *_times(made, model, rate)]
     return made, (*said, _checked(found)), _facts(made, found)
 
 
@@ -200,7 +211,7 @@ def _sizes(made: Files, found: Built | None) -> list[str]:
     ]
 
 
-def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[str]:
+def _times(made: Files, model: LearnedModel, rate: float) -> list[str]:
     """The worst case against the rate, and what would take less."""
     if not rate:
         return []
@@ -209,7 +220,7 @@ def _times(made: Files, model: LearnedModel, rate: float, alone: bool) -> list[s
     if seconds <= 1.0 / rate:
         return [f"{line}: {100 * seconds * rate:.0f} % of the time at {rate:g} Hz."]
     lines = [f"WARNING: {line}, more than the {1e6 / rate:.0f} us at {rate:g} Hz."]
-    if not alone and any(np.count_nonzero(c.weights < 1.0) for c in made.plan.candidates):
+    if made.plan.averages:
         lines.append(f"--single takes the best candidate alone: {_offer(model, made)}.")
     if made.form.fade and not made.form.variance:
         least = 1e6 * made.plan.operations(False) / CLOCK

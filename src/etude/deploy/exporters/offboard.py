@@ -19,8 +19,8 @@ import numpy as np
 from etude.deploy.commanded import Commanded
 from etude.deploy.exporters.csv_player import player
 from etude.deploy.exporters.knots import require_space
+from etude.limits.lead_ins import STILL
 from etude.protocols import Kind, Trajectory
-from etude.trajectories.lead_in import STILL
 from etude.trajectories.splined import Splined
 from etude.types import Array
 
@@ -38,6 +38,14 @@ DRAG = ["drag_north", "drag_east", "drag_down"]
 """m/s^2: the part of the accelerations that is not the motion's."""
 GRAVITY = 9.80665
 """m/s^2, PX4's CONSTANTS_ONE_G (src/lib/geo/geo.h)."""
+GAINS = ((0.95, 1.8, 0.4, 0.2), (1.0, 4.0, 2.0, 0.0))
+"""Sideways and up: P of the position, and P, I, D of the velocity. PX4's defaults: MPC_XY_P,
+MPC_XY_VEL_P_ACC, MPC_XY_VEL_I_ACC, MPC_XY_VEL_D_ACC, and those of Z.
+"""
+LAG = 1.0 / 6.5
+"""s by which the attitude, and so the acceleration, follows what is asked: MC_ROLL_P."""
+AFTER_S = 10.0
+"""s after the last row in which the vehicle still comes back."""
 HEADER = ["time", *(prefix + axis for prefix in ("", "v", "a") for axis in ("north", "east", "down")), "yaw"]
 
 
@@ -83,17 +91,43 @@ class Offboard:
         _, points, drag = _read(files)
         return np.asarray(points[2] @ NED.T) if drag.any() else None
 
+    def strays(self, files: Mapping[str, bytes]) -> tuple[Array, Array] | None:
+        """Places (K, 3) m of the set-points, held after the last; and how far the vehicle may be off each,
+        (K, 3) m, more than tracking is, where what holds against the drag is wrong by up to the whole of it.
+
+        None: nothing holds against drag. East, north, up.
+        """
+        _, points, drag = _read(files)
+        if not drag.any():
+            return None
+        after = round(AFTER_S * RATE)
+        places = np.pad(points[0], ((0, after), (0, 0)), mode="edge")
+        size = np.abs(np.pad(drag, ((0, after), (0, 0))))
+        sideways, up = (np.abs(_left_by_a_push(gains)) for gains in GAINS)
+        off = [
+            np.convolve(size[:, i], own)[: len(size)] / RATE for i, own in enumerate((sideways, sideways, up))
+        ]
+        return places @ NED.T, np.abs(np.stack(off, axis=1) @ NED.T)
+
     def notes(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
-        """A sentence if accelerations are commands, with what they ask beyond the motion."""
+        """Sentences if accelerations are commands: what they ask beyond the motion, and what is left if they
+        are wrong.
+        """
         _, points, drag = _read(files)
         if not drag.any():
             return ()
         most = float(np.linalg.norm(drag, axis=1).max())
         told, own = (math.degrees(_tilt(a)) for a in (points[2], points[2] - drag))
+        beside = self.strays(files)
+        assert beside is not None
+        east, north, up = beside[1].max(axis=0)
         return (
             "The acceleration set-points are commands, not the motion: they hold against the learned drag, "
             f"with up to {most:.3g} m/s^2, and tilt up to {told:.3g} degrees, the motion alone {own:.3g}. "
             "Limits are proved of the motion, that of the tilt also of what is commanded.",
+            "Where the learned drag is wrong, by all of it at most, the vehicle may leave the plan by "
+            f"{east:.2g} m along x, {north:.2g} along y and {up:.2g} along z, more than tracking does, under "
+            "PX4's default gains.",
         )
 
 
@@ -106,6 +140,29 @@ def _read(files: Mapping[str, bytes]) -> tuple[Array, Array, Array]:
     known = [place[name] for name in DRAG if name in place]
     t = np.array([float(row[0]) for row in rows])
     return t, np.moveaxis(points, 1, 0).copy(), table[:, known] if known else np.zeros((len(table), 3))
+
+
+def _left_by_a_push(gains: tuple[float, float, float, float]) -> Array:
+    """(K,) m/(m/s), at `RATE`: how far a vehicle is off after an acceleration that came all at once.
+
+    The state is place, velocity, acceleration and integral; the feedback's acceleration comes late by `LAG`.
+    """
+    from scipy.linalg import expm
+
+    place, p, i, d = gains
+    rates = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [-p * place / LAG, -p / LAG, -(1.0 + d) / LAG, 1.0 / LAG],
+            [-i * place, -i, 0.0, 0.0],
+        ]
+    )
+    step, state = expm(rates / RATE), np.array([0.0, 0.0, 1.0 / LAG, 0.0])
+    found = np.zeros(round(2.0 * AFTER_S * RATE))
+    for k in range(len(found)):
+        found[k], state = state[0], step @ state
+    return found
 
 
 def _tilt(acceleration: Array) -> float:

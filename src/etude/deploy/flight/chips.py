@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from etude.deploy.c99.target import in_words
 from etude.errors import UsageError
 
 
@@ -40,9 +42,18 @@ M7 = Chip("Cortex-M7 at 216 MHz", 216e6, 1.0, 3.0, 0.25)
 
 
 def chosen_rate(
-    chip: Chip, operations: int, rates: tuple[int, ...], asked: float | None, *, single: bool
+    chip: Chip,
+    operations: int,
+    rates: tuple[int, ...],
+    asked: float | None,
+    *,
+    single: bool,
+    lighter: Sequence[str] = (),
 ) -> float:
     """Hz at which the model is asked: what was asked for, else the largest of `rates` that the chip can do.
+
+    Args:
+        single: whether numbers are float. lighter: what would take less, in words.
 
     Raises:
         UsageError: it takes more of the chip's time than it may, at that rate or at every one.
@@ -57,12 +68,12 @@ def chosen_rate(
     if wanted in fitting:
         return float(wanted)
     at = min(rates) if asked is None else asked
-    advice = "export --single, or learn with fewer points (model.points in campaign.toml)"
-    slower = f"--rate {max(fitting)}, or " if fitting else ""
+    ways = [f"export --rate {max(fitting)}"] if fitting else []
+    ways += [] if single else ["export --real float"]
     raise UsageError(
         f"one answer takes about {1e3 * seconds:.2g} ms on a {chip.name}, {100 * seconds * at:.0f} % of its "
         f"time at {at:g} Hz; the model may take {100 * chip.share:.0f} %",
-        next_step=f"{'Export with ' if slower else ''}{slower}{advice if slower else advice.capitalize()}.",
+        next_step=in_words([*ways, *lighter]),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
-from etude.deploy.c99.target import BARE, Files, held
+from etude.deploy.c99.target import BARE, Files, held, lighter
 from etude.deploy.flight.chips import M4F, M7, Chip, chosen_rate, cost_in_words
 from etude.errors import UsageError
 from etude.options import taken
@@ -79,7 +79,8 @@ class Autopilot:
         # one answer asks of the motion and of hovering, and finds the drag as often as flight.c says
         operations = 2 * made.plan.operations(form.deviations)
         operations += 0 if drag is None else self.rounds * drag.operations[0]
-        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single)
+        less = lighter(made.plan, form)
+        rate = chosen_rate(self.chip, operations, RATES, asked.rate, single=form.single, lighter=less)
         cost = cost_in_words(self.chip, operations, rate, single=form.single)
         words = _words(made, self.name, rate)
         files = {**made.files, **lean}

@@ -1,4 +1,4 @@
 """Which motion a log shows, and when it starts."""
 
-PUBLIC = ("tracked",)
+PUBLIC = ("tracking_errors",)
 """Modules that may be used from outside."""

@@ -1,4 +1,4 @@
-"""Is this the log of that trajectory? Alignment of a log with the proposal it claims to follow."""
+"""Alignment of a log with the proposal it claims to follow: where it starts, how far it deviates."""
 
 from __future__ import annotations
 
@@ -8,20 +8,204 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.alignment.overlap import CLEAR_MATCH, LARGEST_MISMATCH, LEAST_COVERAGE, Overlap, allowed
-from etude.logs.alignment.starts import LONGEST_LAG, Plan, best_start, covered_seconds
-from etude.logs.alignment.stopped import CLOSE, LEAST_S, goes_on_without, noted, standstill, waits_at_start
 from etude.logs.cleaning.read import ending
-from etude.logs.cleaning.smoothing import median_rate
+from etude.logs.cleaning.smoothing import median_rate, resample, uniform_grid
 from etude.logs.columns.units import start_at_zero
 from etude.protocols import Trajectory
-from etude.types import Array, Channel, Log
+from etude.types import Array, Channel, Index, Log, Mask
 
 ALIKE = 0.9  # correlation of two motions that are the same but for sign, unit or name
 BETTER = 0.5  # mismatch over that of a marked clock, with which another start is believed instead
 PERFECT = 0.05  # mismatch below which nobody asks whether the run was stopped
 LIKELIER = 0.8  # mismatch of a stopped run over that of a whole one, with which the stop is believed
 LONGEST_MARKED_LAG = 2.0  # s: a clock that marks its 0 is believed over a robot that follows late
+
+
+REFINEMENTS, LARGEST_STEP = 20, 0.1  # steps of Gauss and Newton towards the start, and s of each at most
+SETTLED = 1e-3  # of a row: a shorter step is none
+ROWS = 2000  # on which starts are compared
+WILD = 4.0  # squared deviation over the spread, beyond which all rows are equally wrong
+# Cost of a second, over the proposal's duration: of the proposal that the log lacks, and at most of a row
+# outside it that is not at rest in the first or last pose (an approach, a landing).
+MISSING, OUTSIDE = 0.5, 0.5
+TIE = 0.02  # of cost: starts that cannot be told apart, of which the clock's own counts
+LONGEST_LAG = 0.5  # s: no controller that tracks lags more
+
+
+@dataclass(frozen=True)
+class SampledPlan:
+    """The proposal at the log's rate: values (S, k) from t = 0, in rest before and after; scale (k,)."""
+
+    values: Array
+    rate: float
+    duration: float
+    scale: Array
+
+    @staticmethod
+    def of(trajectory: Trajectory, rate: float, scale: Array) -> SampledPlan:
+        count = int(np.ceil(trajectory.duration * rate)) + 1
+        t = np.minimum(np.arange(count) / rate, trajectory.duration)
+        values = trajectory.motion(t, 1).orders[0]
+        return SampledPlan(values, rate, float(trajectory.duration), np.asarray(scale, dtype=np.float64))
+
+    def at(self, t: Array) -> Array:
+        """(T, k) at times t, by interpolation."""
+        times = np.minimum(np.arange(len(self.values)) / self.rate, self.duration)
+        return resample(times, self.values, t)
+
+    def slope(self, t: Array) -> Array:
+        """(T, k) the rate of change at times t, over a row to either side."""
+        return (self.at(t + 1.0 / self.rate) - self.at(t - 1.0 / self.rate)) * (0.5 * self.rate)
+
+    def inside(self, t: Array) -> Mask:
+        half = 0.5 / self.rate
+        return np.asarray((t >= -half) & (t <= self.duration + half))
+
+    @property
+    def spread(self) -> float:
+        """Pooled standard deviation, in parts of the scale."""
+        return max(float(np.linalg.norm((self.values / self.scale).std(axis=0))), 1e-12)
+
+
+LEAST_OVERLAP = 0.4  # of the shorter signal: a shorter overlap fits well by chance
+MOST = 64  # delays that are worth a closer look
+WORTH = 0.5  # of the best correlation
+
+
+@dataclass(frozen=True)
+class Delay:
+    """How far `response` lags behind `reference`.
+
+    Attributes:
+        seconds: the lag; positive when the response comes later.
+        correlation: correlation coefficient of the two at that lag, over their overlap, in [-1, 1].
+    """
+
+    seconds: float
+    correlation: float
+
+
+def likely_delays(
+    reference: Array, response: Array, rate: float, lags: tuple[float, float] = (-1.0, 1.0)
+) -> list[Delay]:
+    """The lags in `lags` (s) at which the columns of two signals (T, k) and (S, k) at `rate` Hz fit, best
+    first: a motion that repeats itself fits at several.
+
+    Both are differenced, so that offsets do not count, and scaled per column, so that units do not. The
+    correlation coefficient over the overlap counts, which is at least LEAST_OVERLAP of the shorter signal; a
+    parabola through three neighbours refines each lag below a sample. Signals may differ in length: row 0 of
+    both is the same instant at lag 0.
+    """
+    a, b = _rates(reference), _rates(response)
+    overlap = max(2, int(LEAST_OVERLAP * min(len(a), len(b))))
+    low = max(int(np.floor(lags[0] * rate)), overlap - len(a))
+    high = min(int(np.ceil(lags[1] * rate)), len(b) - overlap)
+    shifts = np.arange(low, max(high, low) + 1)
+    values = _correlations(a, b, shifts)
+    padded = np.concatenate([[-np.inf], values, [-np.inf]])
+    tops = np.flatnonzero((values >= padded[:-2]) & (values > padded[2:]))
+    tops = tops[np.argsort(-values[tops], kind="stable")][:MOST]
+    best = float(values[tops[0]])
+    least = best - (1.0 - WORTH) * abs(best)  # negative where nothing fits
+    worth = [int(top) for top in tops if values[top] >= least]
+    return [
+        Delay(float((shifts[top] + _parabola_top(values, top)) / rate), float(values[top])) for top in worth
+    ]
+
+
+def measure_delay(
+    reference: Array, response: Array, rate: float, lags: tuple[float, float] = (-1.0, 1.0)
+) -> Delay:
+    """The best of `likely_delays`."""
+    return likely_delays(reference, response, rate, lags)[0]
+
+
+def _correlations(a: Array, b: Array, shifts: Index) -> Array:
+    """Correlation coefficient of a[i] with b[i + shift] over their overlap, for each shift."""
+    n = 1 << (len(a) + len(b)).bit_length()
+    spectrum = np.conj(np.fft.rfft(a, n, axis=0)) * np.fft.rfft(b, n, axis=0)
+    product = np.fft.irfft(spectrum.sum(axis=1), n)[shifts % n]
+    start = np.maximum(0, -shifts)
+    stop = np.minimum(len(a), len(b) - shifts)
+    energy_a, energy_b = (np.concatenate([[0.0], np.cumsum((x * x).sum(axis=1))]) for x in (a, b))
+    norm = (energy_a[stop] - energy_a[start]) * (energy_b[stop + shifts] - energy_b[start + shifts])
+    values = product / np.sqrt(np.maximum(norm, np.finfo(float).tiny))
+    return np.asarray(np.where(np.isfinite(values), values, -1.0))  # of numbers too wild to correlate
+
+
+def _rates(values: Array) -> Array:
+    rates = np.diff(values, axis=0)
+    scale = rates.std(axis=0)
+    return rates / np.where(scale > 0, scale, 1.0)
+
+
+def _parabola_top(values: Array, best: int) -> float:
+    if not 0 < best < len(values) - 1:
+        return 0.0
+    left, top, right = values[best - 1 : best + 2]
+    bend = left - 2 * top + right
+    return 0.0 if bend == 0 else float(0.5 * (left - right) / bend)
+
+
+def best_start(t: Array, measured: Array, plan: SampledPlan, *, begun: bool = False) -> float:
+    """The time in the log's clock at which the proposal starts most likely, s.
+
+    Args:
+        begun: the log holds the proposal's start.
+    """
+    grid = uniform_grid(t, plan.rate)
+    motion = resample(t, measured, grid)
+    span = (-2.0 / plan.rate if begun else -plan.duration, float(grid[-1] - grid[0]))
+    delays = likely_delays(plan.values, motion, plan.rate, span)
+    few = np.unique(np.linspace(0, len(grid) - 1, ROWS).astype(np.int64))
+    starts = _likely([float(t[0] + delay.seconds) for delay in delays], grid[few], motion[few], plan)
+    # noise makes several tops of one: those near the clock's own start count by where they lead
+    led = [_refined(start, grid[few], motion[few], plan) for start in starts if abs(start) <= LONGEST_LAG]
+    near = _likely([start for start in led if abs(start) <= LONGEST_LAG], grid[few], motion[few], plan)
+    if near:
+        return _refined(min(near, key=near.__getitem__), grid, motion, plan)
+    first = min(starts, key=lambda start: (round(starts[start], 6), abs(start - t[0])))
+    return _refined(first, grid, motion, plan)
+
+
+def _likely(starts: Sequence[float], t: Array, motion: Array, plan: SampledPlan) -> dict[float, float]:
+    """Costs by start of those that cannot be told from the best."""
+    costs = {start: _cost(t - start, motion, plan) for start in starts}
+    least = min(costs.values(), default=0.0)
+    return {start: cost for start, cost in costs.items() if cost <= least + TIE}
+
+
+def _refined(start: float, t: Array, motion: Array, plan: SampledPlan) -> float:
+    """The start nearby at which the positions (T, k) deviate least, offsets apart: rates weigh noise."""
+    for _ in range(REFINEMENTS):
+        inside = plan.inside(t - start)
+        if inside.sum() < 3:
+            break
+        wanted, slope = plan.at(t[inside] - start) / plan.scale, plan.slope(t[inside] - start) / plan.scale
+        error = motion[inside] / plan.scale - wanted
+        error = error - error.mean(axis=0)
+        slope = slope - slope.mean(axis=0)
+        step = -float((error * slope).sum()) / max(float((slope * slope).sum()), 1e-300)
+        start += float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+        if abs(step) < SETTLED / plan.rate:
+            break
+    return start
+
+
+def _cost(t: Array, motion: Array, plan: SampledPlan) -> float:
+    """How badly a motion (T, k) at times t of the proposal, evenly spaced, fits it over the whole log."""
+    deviation = (((motion - plan.at(t)) / plan.scale) ** 2).sum(axis=1) / plan.spread**2
+    inside = plan.inside(t)
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    wrong = np.minimum(deviation[inside], WILD).sum() * step
+    restless = np.minimum(deviation[~inside], 1.0).sum() * step
+    missing = plan.duration - covered_seconds(t, plan.duration)
+    return float(wrong + OUTSIDE * restless + MISSING * missing) / plan.duration
+
+
+def covered_seconds(t: Array, duration: float) -> float:
+    """Seconds of the proposal between the first and the last of times t."""
+    return max(0.0, min(float(t[-1]), duration) - max(float(t[0]), 0.0))
 
 
 def align(
@@ -44,7 +228,8 @@ def align(
     the channel `path` is taken at its word: its clock then has to start with the trajectory.
 
     A run that was stopped holds the proposal's start and some seconds more; what was recorded at rest after
-    that is cut. It may hold less than half of the proposal, and has to follow it closely.
+    that is cut. It may hold less than half of the proposal, and has to follow it closely; whether it then
+    `holds_enough` to answer it is another question. A log that ends before its proposal says so.
 
     Args:
         channels: the robot's; its plan is `<path>_des`, and what is its derivative.
@@ -53,11 +238,11 @@ def align(
         rest: rows before and after the trajectory are kept.
 
     Raises:
-        DataError: the motion is another one, or less than half of it is in the log.
+        DataError: the motion is another one, or less than half of it is in the log and not its start.
     """
     if path not in log:
-        return start_at_zero(log)
-    plan = Plan.of(trajectory, median_rate(log.t), scale)
+        return ended(start_at_zero(log), trajectory.duration)
+    plan = SampledPlan.of(trajectory, median_rate(log.t), scale)
     if log[path].shape[1] != plan.values.shape[1]:
         raise DataError(
             f"the log has {log[path].shape[1]} coordinates, the proposal {plan.values.shape[1]}",
@@ -75,7 +260,12 @@ def align(
     half = 0.5 / plan.rate
     if not rest:
         aligned = aligned.take((aligned.t >= -half) & (aligned.t <= plan.duration + half))
-    return _with_plan(aligned, trajectory, channels, path)
+    return _with_plan(ended(aligned, plan.duration), trajectory, channels, path)
+
+
+def holds_enough(log: Log, duration: float) -> bool:
+    """Whether an aligned log holds as much of its proposal, s, as answers it."""
+    return covered_seconds(log.t, duration) >= LEAST_COVERAGE * duration
 
 
 @dataclass(frozen=True)
@@ -86,7 +276,73 @@ class _Aligned:
     mismatch: float
 
 
-def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, DataError | None]:
+# Root mean square deviation over the proposal's own spread. A weak controller against stiction reaches 0.8 on
+# a small motion, other motions of the same kind begin at 0.9; up to 0.5 there is no doubt.
+LARGEST_MISMATCH = 0.85
+CLEAR_MATCH = 0.5
+# Of so few coordinates other motions that repeat themselves fit better by chance, from 0.42 on; in positions
+# and rates alike a third as often. Below a mismatch of 0.4 rates are not asked for: noise and a robot that
+# leaves out what is quick spoil them first.
+FEW, LARGEST_OF_FEW, CLEAR_OF_FEW = 3, 0.7, 0.4
+LEAST_COVERAGE = 0.5  # part of the proposal that the log has to contain
+STRIDE = 0.01  # of the proposal, over which rates are taken: noise is small beside so long a way
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """A motion and what was wanted of it, at the log's times within the proposal.
+
+    Attributes:
+        motion, wanted: (n, k).
+        pooled: their root mean square deviation over the proposal's spread, in parts of the scale.
+        each: (k,) the same of each coordinate.
+        rates: the same of their rates, pooled; NaN of too few rows to tell.
+    """
+
+    motion: Array
+    wanted: Array
+    pooled: float
+    each: Array
+    rates: float
+
+    @staticmethod
+    def of(t: Array, measured: Array, plan: SampledPlan) -> Overlap:
+        """t: (T,) s of the proposal, at the plan's rate. measured: (T, k)."""
+        inside = plan.inside(t)
+        motion, wanted = measured[inside], plan.at(t[inside])
+        if not inside.any():
+            return Overlap(motion, wanted, np.inf, np.full(len(plan.scale), np.inf), np.nan)
+        error = np.sqrt((((motion - wanted) / plan.scale) ** 2).mean(axis=0))
+        spread = np.maximum((wanted / plan.scale).std(axis=0), 1e-12)
+        pooled = float(np.linalg.norm(error) / np.linalg.norm(spread))
+        return Overlap(motion, wanted, pooled, error / spread, _rate_error(motion, wanted, plan))
+
+    @property
+    def mismatch(self) -> float:
+        """Pooled; of few coordinates, in doubt, the larger of positions' and rates': slow harmonics look
+        alike in position.
+        """
+        doubtful = self.motion.shape[1] <= FEW and self.pooled > CLEAR_OF_FEW
+        return float(np.fmax(self.pooled, self.rates)) if doubtful else self.pooled
+
+
+def allowed(coverage: float, coordinates: int) -> float:
+    """The largest mismatch of a log that holds that part of the proposal: a part alone fits by chance."""
+    largest = LARGEST_OF_FEW if coordinates <= FEW else LARGEST_MISMATCH
+    lacking = min(max((1.0 - coverage) / (1.0 - LEAST_COVERAGE), 0.0), 1.0)
+    return largest - (largest - CLEAR_MATCH) * lacking
+
+
+def _rate_error(motion: Array, wanted: Array, plan: SampledPlan) -> float:
+    """Deviation of the rates of change over a stride, in parts of those that were wanted."""
+    rows = max(1, round(STRIDE * plan.duration * plan.rate))
+    if len(motion) <= 2 * rows:
+        return np.nan
+    made, asked = ((values[rows:] - values[:-rows]) / plan.scale for values in (motion, wanted))
+    return float(np.linalg.norm(made - asked) / max(float(np.linalg.norm(asked)), 1e-12))
+
+
+def _whole(log: Log, measured: Array, plan: SampledPlan, path: str) -> tuple[_Aligned, DataError | None]:
     """The log at its likeliest start, and why it is not the proposal's, if it is not."""
     best = best_start(log.t, measured, plan)
     shifted, own = (Overlap.of(log.t - start, measured, plan) for start in (best, 0.0))
@@ -103,7 +359,56 @@ def _whole(log: Log, measured: Array, plan: Plan, path: str) -> tuple[_Aligned, 
     return aligned, None
 
 
-def _stopped(log: Log, measured: Array, plan: Plan, path: str) -> _Aligned | None:
+RESTING = 0.01  # part of the scale within which a coordinate stays at rest
+LEFT = 0.05  # part of the scale by which the plan goes on after a stop
+LEAST_STANDSTILL = 0.5  # s of rest that are no turning point of the motion
+LEAST_S = 5.0  # of the proposal that a stopped run has to hold
+CLOSE = 0.3  # largest mismatch of a part: a short one fits by chance
+INSTANTS = 200
+AT_START = 0.05  # part of the scale within which the robot waits for the start
+
+
+def standstill(t: Array, measured: Array, scale: Array) -> float:
+    """When the motion (T, k) came to its last rest, s; the end of the log if it never does."""
+    last = np.median(measured[-max(3, len(t) // 100) :], axis=0)
+    away = np.flatnonzero((np.abs(measured - last) / scale).max(axis=1) > RESTING)
+    if not len(away):
+        return float(t[0])
+    stop = float(t[away[-1]])
+    return stop if t[-1] - stop >= LEAST_STANDSTILL else float(t[-1])
+
+
+def goes_on_without(stop: float, end: float, plan: SampledPlan) -> bool:
+    """Whether the plan moves on after the run's stop at time `stop` of it, or the recording ends there."""
+    if stop >= plan.duration:
+        return False
+    if end - stop < LEAST_STANDSTILL:
+        return True
+    wanted = plan.at(np.linspace(stop, min(plan.duration, end), INSTANTS))
+    return bool((np.abs(wanted - wanted[0]) / plan.scale).max() > LEFT)
+
+
+def waits_at_start(t: Array, measured: Array, plan: SampledPlan) -> bool:
+    """Whether the rows before the proposal rest at its start, and there are rows where it starts."""
+    before = measured[t < 0.0]
+    if t[0] > 2.0 / plan.rate:
+        return False
+    away = np.abs(before - plan.values[0]) / plan.scale
+    return not len(before) or bool(np.quantile(away.max(axis=1), 0.99) <= AT_START)
+
+
+def ended(log: Log, duration: float) -> Log:
+    """The log, with a sentence where it ends before its proposal does; t = 0 is where that starts."""
+    last = float(log.t[-1])
+    if duration - last < LEAST_STANDSTILL:
+        return log
+    return log.repaired(
+        f"The log ends at {last:.1f} s of the proposal's {duration:.4g} s, {duration - last:.1f} s before it "
+        "does: it teaches up to there."
+    )
+
+
+def _stopped(log: Log, measured: Array, plan: SampledPlan, path: str) -> _Aligned | None:
     """The run up to where it stopped; None if it did not, or does not follow the proposal closely so far."""
     stop = standstill(log.t, measured, plan.scale)
     cut = log.t <= stop
@@ -118,7 +423,8 @@ def _stopped(log: Log, measured: Array, plan: Plan, path: str) -> _Aligned | Non
     follows = mismatch <= CLOSE and not strange and waits_at_start(t - start, motion, plan)
     if not follows or stop - start < LEAST_S or not goes_on_without(stop - start, log.t[-1] - start, plan):
         return None
-    return _Aligned(noted(_moved(log, start), stop - start, plan.duration), mismatch)
+    moved = _moved(log, start)
+    return _Aligned(moved.take(moved.t <= stop - start), mismatch)
 
 
 def _moved(log: Log, start: float) -> Log:
@@ -129,7 +435,7 @@ def _moved(log: Log, start: float) -> Log:
     return replace(log, t=log.t - start).repaired(sentence)
 
 
-def _clock_holds(t: Array, plan: Plan, best: float, shifted: float, own: float) -> bool:
+def _clock_holds(t: Array, plan: SampledPlan, best: float, shifted: float, own: float) -> bool:
     """Whether the log's clock starts with the proposal, so that what is left is the controller's lag.
 
     Args:
@@ -187,7 +493,7 @@ def _cause(overlap: Overlap, parts: Sequence[str]) -> str:
 
 def _check_coverage(log: Log, duration: float) -> None:
     covered = covered_seconds(log.t, duration)
-    if covered < LEAST_COVERAGE * duration:
+    if not holds_enough(log, duration):
         raise DataError(
             f"the log holds {covered:.3g} of the proposal's {duration:.3g} s, or another motion. "
             f"{ending(log)}".rstrip(" ."),

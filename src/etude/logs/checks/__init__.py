@@ -1,4 +1,4 @@
 """Is this log plausible, and how well was it recorded? One module a test."""
 
-PUBLIC = ("judge", "seen", "words")
+PUBLIC = ("filtered_motion", "finding_texts", "plausibility")
 """Modules that may be used from outside."""

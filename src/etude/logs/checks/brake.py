@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.logs.checks.runs import runs
+from etude.logs.checks.filtered_motion import runs
 from etude.types import Array, Channel, Finding, Log, Mask
 
 CHECK = "brake"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.logs.checks.runs import runs
+from etude.logs.checks.filtered_motion import runs
 from etude.types import Array, Finding, Log, Mask
 
 CHECK = "ground"

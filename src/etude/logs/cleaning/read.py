@@ -19,9 +19,8 @@ from etude.logs.columns.mapping import LogConfig, mapped
 from etude.logs.columns.matching import Matching, match_columns
 from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time, start_at_zero
 from etude.logs.columns.vocabulary import is_time
-from etude.logs.readers.cut import cut_sentences, with_rest_told
 from etude.logs.readers.log_file import is_log_file, read_log_file
-from etude.logs.readers.registry import file_head, read_raw
+from etude.logs.readers.registry import cut_sentences, file_head, read_raw, with_rest_told
 from etude.types import Array, Channel, Log
 
 LEAST_ROWS = 50

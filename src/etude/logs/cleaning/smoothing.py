@@ -11,9 +11,8 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from etude.types import Array
 
 BAND_ENERGY = 0.9  # share of the velocity's energy that defines the motion's band
 BAND_FACTOR = 20.0  # cutoff over that band: forces have harmonics, and steps where friction changes sign

@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 
 from etude.errors import DataError, EtudeError
-from etude.logs.readers.bag_files import decompressed, is_bag_folder, opened
+from etude.logs.readers.bag_files import MAGIC, decompressed, is_bag_folder, opened
 from etude.logs.readers.frames import raw_log
-from etude.logs.readers.mcap_mend import MAGIC
 from etude.logs.readers.ros_messages import (
     LIKED,
     Rows,
+    Stores,
     blocks_of,
     holds_joints,
     stamp_of,
     unknown_type,
 )
-from etude.logs.readers.ros_stores import Stores
 from etude.types import Array, Index, Log
 
 LISTED = 12

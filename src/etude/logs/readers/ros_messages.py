@@ -1,18 +1,50 @@
-"""Messages of ROS as rows of columns: joint states by the names beside them, all else field by field."""
+"""ROS messages as rows of columns: joint states by the names beside them, all else field by field."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from etude.errors import DataError
-from etude.logs.readers.ros_definitions import CONTROLLER_STATE, DYNAMIC_STATE
+from etude.logs.readers.extras import READING, needed
 from etude.types import Array
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+DYNAMIC_STATE = "control_msgs/msg/DynamicJointState"
+
+_NAMED = "std_msgs/Header header\nstring[] joint_names\n"
+_GALACTIC, _HUMBLE = (
+    ("desired", "actual", "error"),
+    ("reference", "feedback", "error", "output", "desired", "actual"),
+)
+
+
+def _points(names: tuple[str, ...], kind: str, before: str = "") -> str:
+    return "".join(f"trajectory_msgs/{kind} {before}{name}\n" for name in names)
+
+
+DEFINITIONS: Mapping[str, str] = {
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+    DYNAMIC_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
+    CONTROLLER_STATE: _NAMED + _points(_GALACTIC, "JointTrajectoryPoint"),
+}
+"""Type -> definition."""
+LATER: Mapping[str, str] = {
+    CONTROLLER_STATE: _NAMED
+    + _points(_HUMBLE, "JointTrajectoryPoint")
+    + "string[] multi_dof_joint_names\n"
+    + _points(_HUMBLE, "MultiDOFJointTrajectoryPoint", "multi_dof_"),
+}
+"""The same of a later release, for messages that are not of the first kind."""
+
+
 LIKED = (JOINT_STATE, DYNAMIC_STATE, CONTROLLER_STATE)
 """Types that hold joints, the first most readily read; others hold JointStates as fields."""
 POINT = {
@@ -171,3 +203,64 @@ def unknown_type(topic: str, msgtype: str, where: str) -> DataError:
         next_step="Record as MCAP, or with ROS 2 Iron or later, which store what a message holds; "
         "or convert the topic to CSV.",
     )
+
+
+class Stores:
+    """What is known of message types: what the recording itself says of a topic, else ROS's own."""
+
+    def __init__(self, path: Path) -> None:
+        self._typesys = needed("rosbags.typesys", READING, path)
+        self._known: dict[tuple[str, str], list[Any]] = {}
+
+    def of(self, connection: Any) -> Any:
+        """The type store for a topic's messages."""
+        return self._all(connection)[0]
+
+    def read(self, connection: Any, data: bytes) -> Any:
+        """A message of a topic, by the release of ROS that fits. Whatever rosbags raises: none does."""
+        stores = self._all(connection)
+        for last, store in enumerate(stores, 1):
+            try:
+                message = store.deserialize_cdr(data, connection.msgtype)
+            except Exception:
+                if last == len(stores):
+                    raise
+            else:
+                stores.insert(0, stores.pop(last - 1))  # the next message is of the same
+                break
+        return message
+
+    def _all(self, connection: Any) -> list[Any]:
+        key = (connection.msgtype, connection.msgdef.data)
+        if key not in self._known:
+            self._known[key] = self._made(connection)
+        return self._known[key]
+
+    def _made(self, connection: Any) -> list[Any]:
+        own, format_ = self._typesys, connection.msgdef.format.name
+        if format_ == "NONE":
+            later = [{**DEFINITIONS, **LATER}] if connection.msgtype in LATER else []
+            return [self._of_ros(definitions) for definitions in (DEFINITIONS, *later)]
+        store = own.get_typestore(own.Stores.EMPTY)
+        store.register(_types(own, connection.msgdef.data, format_, connection.msgtype))
+        return [store]
+
+    def _of_ros(self, definitions: Mapping[str, str]) -> Any:
+        """ROS's own types and those that it is given."""
+        store = self._typesys.get_typestore(self._typesys.Stores.LATEST)
+        for name, text in definitions.items():
+            if name not in store.fielddefs:
+                store.register(self._typesys.get_types_from_msg(text, name))
+        return store
+
+
+def _types(typesys: Any, text: str, format_: str, msgtype: str) -> Any:
+    """Types by name of a definition as the recording holds it; several IDLs stand between lines of =."""
+    if format_ == "MSG":
+        return typesys.get_types_from_msg(text, msgtype)
+    found: dict[str, Any] = {}
+    for part in text.split(80 * "=" + "\n"):
+        own = part.partition("\n")[2] if part.startswith("IDL: ") else part
+        if own.strip():
+            found |= typesys.get_types_from_idl(own)
+    return found

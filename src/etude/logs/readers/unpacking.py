@@ -26,7 +26,7 @@ PIECE = 4
 
 
 @dataclass
-class Room:
+class MemoryBudget:
     """What is left for one file.
 
     Attributes:

@@ -44,6 +44,18 @@ def scores(z: Array, freedom: float) -> Array:
     return np.asarray(-np.sign(z) * ndtri(tail))
 
 
+def doubted(variance: Array, noise: Array) -> Array:
+    """(n, J) variances that errors are held against: of what the model does not know `KAPPA2` times its own.
+
+    How far it errs where it knows little is hardly calibrated: no held-out motion went there. A deviation
+    that is twice as large there is no other robot; where the model knows, and noise is left, it is one.
+
+    Args:
+        variance, noise: (n, J) predicted, and the part of it that is noise.
+    """
+    return np.asarray(variance + (KAPPA2 - 1.0) * np.maximum(variance - noise, 0.0))
+
+
 def evidence(z: Array, worth: Array, use: Mask | None = None) -> Array:
     """(n,) evidence of a changed robot after each sample, nats; see `ALARM`.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from etude.models.change.change_detection import ALARM, evidence, first_alarm, scores
+from etude.models.change.change_detection import ALARM, doubted, evidence, first_alarm, scores
 from etude.models.change.diagnosis import Cause, Expected, alone, cause
 from etude.models.change.drift_onset import block_sizes
 from etude.models.data.frozen_sensors import stuck
@@ -28,7 +28,8 @@ class Judged:
         z2: mean square of the errors over their predicted deviations.
         cause: what has changed; "unknown" as long as there is no alarm.
         output: the command that holds nearly all of the errors, if one does.
-        sizes: (B,) root mean squares of the errors over their deviations, in blocks of `manner.BLOCK_S`.
+        sizes: (B,) root mean squares of the errors over their deviations, `doubted`, in blocks of
+            `drift_onset.BLOCK_S`.
     """
 
     evidence: Array
@@ -45,12 +46,12 @@ def judged(model: LearnedModel, samples: Samples) -> Judged:
     Raises:
         KeyError: the log lacks an input of the model.
     """
-    mean, variance = model.posterior(samples.log)
-    error, deviation = samples.command - mean, np.sqrt(variance)
+    mean, variance, noise = model.parted(samples.log)
+    error, deviation = samples.command - mean, np.sqrt(doubted(variance, noise))
     use = samples.usable & samples.moving
     z = error / deviation
     found = _evidence(scores(z, model.freedom), np.minimum(model.worth(), 1.0), use)
-    z2 = float(np.mean(z[use] ** 2)) if use.any() else 0.0
+    z2 = float(np.mean(error[use] ** 2 / variance[use])) if use.any() else 0.0
     at, held = first_alarm(found, ALARM), stuck(samples)
     quiet = Judged(found, at, z2, sizes=block_sizes(samples.t, np.where(use, z, np.nan)))
     if held is not None:

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernels import Kernel
 from etude.threads import threads_for
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import checked_data
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class Features(Protocol):

@@ -7,13 +7,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dpotrf, dpotri, dpotrs, dtrtri
 from etude.errors import NumericalError
 from etude.models.gp.lower_half import copied, diagonal_of
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Found = TypeVar("Found")
 
 FIRST_JITTER, LAST_JITTER = 1e-10, 1e-4

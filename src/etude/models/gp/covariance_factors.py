@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dgemm, dtrmm
 from etude.models.gp.kernel_algebra import Against
 from etude.models.gp.kernels import Kernel
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
 
 

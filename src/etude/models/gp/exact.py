@@ -18,8 +18,7 @@ from etude.models.gp.kernels import Kernel
 from etude.models.gp.one_pass import solved
 from etude.models.gp.rest import mean_signal
 from etude.threads import threads_for
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 BLOCK = 256
 """Inputs predicted at once: their covariances stay in the processor's cache."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dpotrs
 from etude.errors import NumericalError, UsageError
@@ -17,8 +16,8 @@ from etude.models.gp.exact import checked_data
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.prior_gradient import prior_gradient
 from etude.threads import threads_for
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Form = Literal["vfe", "fitc"]
 
 LEAST_NOISE = 1e-10

@@ -15,8 +15,7 @@ from etude.models.gp.minimize import Objective
 from etude.models.gp.priors import Prior, data_scales, weak_prior
 from etude.models.gp.training import Method, check_method, initial_gp, joint_likelihood, optimise
 from etude.threads import threads_for
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 EXPLAINED = 1e-8
 """A sample whose prior variance is explained by the chosen ones up to this part adds nothing to them."""

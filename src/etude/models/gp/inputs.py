@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array
+from etude.types import Array
 
 
 def active(X: Array, dims: tuple[int, ...]) -> Array:

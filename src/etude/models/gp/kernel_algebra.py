@@ -15,12 +15,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.terms import joined_lower, multiplied, product, total, weighted_lower
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Pull = Callable[[Array], Array]
 Against = Callable[[Array], tuple[Array, Pull]]
 Of = Callable[[Array], Array]

@@ -10,9 +10,9 @@ import numpy as np
 from etude.errors import UsageError
 from etude.models.gp import lower_half
 from etude.models.gp.inputs import active, check_dims, places
-from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Product, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Against, Kernel, Of, Product, Pull, Role, Sum
 from etude.models.gp.squared_exponential import SquaredExponential
-from etude.types import Column
+from etude.types import Array, Column
 
 OWN_SHARE = 0.25
 """First length of what depends on the joint's own position alone, as a part of the half range."""

@@ -11,11 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Objective = Callable[[Array], tuple[float, Array]]
 
 MARGIN = 0.1  # a new step stays this fraction of the bracket away from its ends

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.blas import dpotrf, dpotri, dpotrs, dsyrk
 from etude.models.gp.cholesky import with_jitter
@@ -39,8 +38,7 @@ from etude.models.gp.fortran import (
 )
 from etude.models.gp.kernel_algebra import Pull
 from etude.models.gp.lower_half import copied, diagonal_of
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 BLOCK = 96
 """Rows at a time: with fewer the products are slow, with more what is done inside a block counts."""

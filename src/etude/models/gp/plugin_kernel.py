@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from etude.errors import NumericalError, UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Pull, Role
-from etude.types import Column
+from etude.models.gp.kernel_algebra import Kernel, Pull, Role
+from etude.types import Array, Column
 
 METHODS = ("names", "roles", "initial", "gram", "cross", "diagonal", "diagonal_gradient")
 ROLES = ("amplitude", "length", "slope")

@@ -20,8 +20,8 @@ from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential
 from etude.models.gp.rest import RestNoise
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 

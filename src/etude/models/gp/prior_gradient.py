@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.gp.kernels import Kernel
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 LEAST_BLOCK = 64
 

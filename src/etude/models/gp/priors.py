@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 LENGTH_DEVIATION = 1.5
 AMPLITUDE_DEVIATION = 1.0

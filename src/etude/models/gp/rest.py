@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Array, Kernel, Of, Pull, Role, Sum
+from etude.models.gp.kernel_algebra import Kernel, Of, Pull, Role, Sum
 from etude.models.gp.kernels import Linear, SquaredExponential, own_columns, structured
-from etude.types import Column
+from etude.types import Array, Column
 
 
 @dataclass(frozen=True)

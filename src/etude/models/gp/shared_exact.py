@@ -17,8 +17,7 @@ from etude.models.gp.one_pass import solved
 from etude.models.gp.priors import Prior
 from etude.models.gp.training import Method, negative_posterior, optimise
 from etude.threads import threads_for
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 def shared_likelihood(gp: ExactGP, X: Array, Y: Array) -> tuple[float, Array]:

@@ -6,13 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel
 from etude.models.gp.point_kernel import Terms, kernel_terms, means_at, pointwise_parts
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 
 class Expansion(Protocol):

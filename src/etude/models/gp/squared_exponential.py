@@ -9,7 +9,8 @@ import numpy as np
 from etude.errors import UsageError
 from etude.models.gp import lower_half
 from etude.models.gp.inputs import active, check_dims, places, with_ones
-from etude.models.gp.kernel_algebra import Against, Array, Kernel, Of, Pull, Role
+from etude.models.gp.kernel_algebra import Against, Kernel, Of, Pull, Role
+from etude.types import Array
 
 BLOCK = 512
 """Columns of a weighted Gram matrix handled at once: a few megabytes instead of one more n x n array."""

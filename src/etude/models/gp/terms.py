@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.models.gp.lower_half import combined
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Of = Callable[[Array], Array]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import NumericalError, UsageError
 from etude.lbfgs import minimise
@@ -14,8 +13,8 @@ from etude.models.gp.kernels import Kernel
 from etude.models.gp.minimize import Objective, minimize
 from etude.models.gp.priors import Prior, data_scales, weak_prior
 from etude.threads import threads_for
+from etude.types import Array
 
-Array = NDArray[np.float64]
 Method = Literal["lbfgs", "minimize"]
 
 REACH = np.log(1e6)

@@ -6,7 +6,6 @@ import numpy as np
 
 from etude.campaign.record.alerts import bad_news
 from etude.report.curves import (
-    Array,
     Evaluation,
     Test,
     chosen_rung,
@@ -16,10 +15,10 @@ from etude.report.curves import (
     score,
     tests,
 )
+from etude.report.labels import Baseline, baseline, in_telling_order, test_name
 from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
 from etude.report.record import Record
-from etude.report.words import Baseline, baseline, in_telling_order, test_name
-from etude.types import Finding
+from etude.types import Array, Finding
 
 SAME = 0.02
 """Errors that differ by no more than this part are told as the same."""

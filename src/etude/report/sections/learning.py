@@ -14,11 +14,11 @@ from etude.report.curves import (
     scored_rungs,
     tests,
 )
+from etude.report.labels import baseline, error_axis, test_title, unit_sign
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
 from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.svg import Level, Line, Mark, panel
-from etude.report.words import baseline, error_axis, test_title, unit_sign
 
 JOINT_STYLES = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
 

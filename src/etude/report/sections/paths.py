@@ -1,4 +1,4 @@
-"""Where the robot went through space, and where the model was unsure; nothing for robots of joints."""
+"""The robot's path through space: in its room, coloured by predicted deviation, and from two sides."""
 
 from __future__ import annotations
 
@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import EtudeError
-from etude.report.colour_bar import colour_bar
 from etude.report.curves import tests
-from etude.report.forecasts import Forecast, forecast
+from etude.report.labels import test_title
 from etude.report.markup import Html, grid, join, missing, paragraph, section, text, with_unit
-from etude.report.png import VIRIDIS
+from etude.report.png import VIRIDIS, colour_bar
 from etude.report.record import Record
-from etude.report.scene import Path, Room, room_of, scene
-from etude.report.sections.views import through_space
-from etude.report.words import test_title
-
-Array = NDArray[np.float64]
+from etude.report.scales import Axis
+from etude.report.scene import Path, SceneBox, room_of, scene
+from etude.report.sections.prediction import Forecast, forecast
+from etude.report.svg import Line, Mark, panel
+from etude.types import Array, Log
 
 NEWEST = 8
 """More training motions than these are not drawn: a page is read, not searched."""
@@ -33,6 +31,55 @@ class Gone:
     title: str
     path: Path
     said: Forecast | None
+
+
+SIZE = (400, 320)
+DRAWING = (324.0, 226.0)
+"""Width and height of the axes of a panel of `SIZE` with one row of legend, px."""
+VIEWS = (("x", "y", "From above"), ("x", "z", "From the side"))
+
+
+def through_space(record: Record) -> bool:
+    """Whether the path is one of a point: its coordinates are metres along x, y and perhaps z."""
+    return record.names[:2] == ("x", "y") and set(record.path.units if record.path else ()) == {"m"}
+
+
+def views(record: Record, log: Log, alone: Log | None) -> list[Html]:
+    """The path of a run with a desired one, and of the same motion under feedback alone."""
+    if not through_space(record) or record.path is None or f"{record.path.name}_des" not in log:
+        return []
+    runs = [(log, "with feedforward" if alone else "measured", "c1 thick")]
+    if alone is not None:
+        runs.insert(0, (alone, "feedback alone", "c2"))
+    known = [view for view in VIEWS if view[1] in record.names]
+    drawn = [_view(record.path.name, runs, view, equal=view[1] == "y") for view in known]
+    return [grid(drawn, 2)]
+
+
+def _view(path: str, runs: list[tuple[Log, str, str]], view: tuple[str, str, str], *, equal: bool) -> Html:
+    """The paths seen along one axis; desired last, on top."""
+    i, j = ("xyz".index(name) for name in view[:2])
+    marks: list[Mark] = [
+        Line(log[path][:, i], log[path][:, j], label, style) for log, label, style in runs if path in log
+    ]
+    desired = runs[0][0][f"{path}_des"]
+    marks.append(Line(desired[:, i], desired[:, j], "desired", "c8 dash"))
+    across, up = (np.concatenate([mark.extent()[k] for mark in marks]) for k in (0, 1))
+    limits = equal_limits(across, up) if equal else (None, None)
+    x_axis, y_axis = Axis(f"{view[0]} (m)", limits=limits[0]), Axis(f"{view[1]} (m)", limits=limits[1])
+    return panel(f"{view[2]}: {view[0]} and {view[1]}", x_axis, y_axis, marks, size=SIZE)
+
+
+def equal_limits(x: Array, y: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Limits around the points with as many px per m along both axes of a panel of `SIZE`."""
+    middles = [0.5 * (float(np.nanmin(v)) + float(np.nanmax(v))) for v in (x, y)]
+    spans = [float(np.nanmax(v) - np.nanmin(v)) for v in (x, y)]
+    per_px = max(span / px for span, px in zip(spans, DRAWING, strict=True)) * 1.06 or 1e-3
+    (left, right), (low, high) = (
+        (middle - 0.5 * per_px * px, middle + 0.5 * per_px * px)
+        for middle, px in zip(middles, DRAWING, strict=True)
+    )
+    return (left, right), (low, high)
 
 
 def paths(record: Record) -> Html:
@@ -95,14 +142,14 @@ def _tested(record: Record) -> list[Gone]:
     return []
 
 
-def _scenes(record: Record, motions: list[Gone], room: Room) -> list[Html]:
+def _scenes(record: Record, motions: list[Gone], room: SceneBox) -> list[Html]:
     spreads = [gone.said.spread for gone in motions if gone.said is not None]
     values = np.concatenate(spreads) if spreads else np.ones(1)
     ends = float(values.min()), float(values.max())
     return [_scene(gone, room, ends, record.unit or "1") for gone in motions]
 
 
-def _scene(gone: Gone, room: Room, ends: tuple[float, float], unit: str) -> Html:
+def _scene(gone: Gone, room: SceneBox, ends: tuple[float, float], unit: str) -> Html:
     said = gone.said
     if said is None or said.path is None:
         return scene(gone.title, room, [gone.path], note="no model yet when it was run")

@@ -1,12 +1,28 @@
-"""What each round cost in robot time, and what it bought."""
+"""What each round cost and bought, the proof on the robot, and where everything comes from."""
 
 from __future__ import annotations
 
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
 from etude.campaign.record.state import Round
 from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
-from etude.report.markup import Html, duration, missing, number, paragraph, section, table, with_unit
+from etude.report.labels import FEEDBACK
+from etude.report.markup import (
+    Html,
+    duration,
+    element,
+    join,
+    missing,
+    number,
+    paragraph,
+    section,
+    table,
+    with_unit,
+)
 from etude.report.record import Record
-from etude.report.words import FEEDBACK
 
 COSTS = ("round", "robot time", "robot time so far")
 GAINS = ("error before", "error after", "change", "gained per robot minute")
@@ -90,3 +106,110 @@ def _state(entry: Round) -> str:
     if entry.held:
         return "waits: has the robot changed?"
     return "told, not learned yet" if entry.told else "waiting for its log"
+
+
+TITLE = "Proof on the robot: without and with the feedforward"
+
+
+def confirmation(record: Record) -> Html:
+    """A table for each motion that confirms; nothing where none was run."""
+    from etude.campaign.ingest.confirmed import confirmed
+
+    if record.campaign is None:
+        return Html("")
+    found = [confirmed(record.campaign, one) for one in record.state.confirmations]
+    told = [one for one in found if one["units"] is not None]
+    if not told:
+        return Html("")
+    text = paragraph(
+        "Mean absolute tracking errors on a motion that no model was trained on, under the robot's own "
+        "feedback alone and with the commands of the model in use. The forecast is of the axes while they "
+        "move: the part of the command that the model did not claim to know when the motion was written, "
+        "times the error without it, and what stays: the encoder's noise, and at most a lag of "
+        "all axes. Of one that stands nothing is forecast: friction holds what its command leaves over."
+    )
+    return section("confirmation", TITLE, text, *(_table(one) for one in told))
+
+
+def _table(one: Mapping[str, Any]) -> Html:
+    from etude.campaign.ingest.confirmed import SHOWN
+
+    columns = [one[key] or [None] * len(one["axes"]) for key in SHOWN]
+    rows = [
+        [axis, *(_figure(value) for value in values), unit]
+        for axis, unit, *values in zip(one["axes"], one["units"], *columns, strict=True)
+    ]
+    return Html(paragraph(f"Trajectory {one['number']}.") + table(("axis", *SHOWN.values(), "unit"), rows))
+
+
+def _figure(value: float | tuple[float, float] | None) -> str:
+    if isinstance(value, tuple):
+        return f"{number(value[0], 2)} .. {number(value[1], 2)}"
+    return number(value)
+
+
+def repairs(record: Record) -> Html:
+    """What was changed in each log while reading it; nothing is repaired in silence."""
+    title = "Repairs made on the logs"
+    told = record.state.told
+    if not told:
+        return section("repairs", title, missing("No log has come back yet."))
+    rows = [[f"{r.number}", sentence] for r in told for sentence in _sentences(record, r)]
+    if not rows:
+        return section("repairs", title, paragraph(f"None: {len(told)} logs were used as they came."))
+    return section("repairs", title, table(["log", "repair"], rows))
+
+
+def _sentences(record: Record, entry: Round) -> tuple[str, ...]:
+    stated = (entry.told or {}).get("repairs")
+    if stated is None:
+        log = record.log(entry.number)
+        stated = log.repairs if log else ()
+    return tuple(str(sentence) for sentence in stated)
+
+
+def provenance(record: Record) -> Html:
+    """Configuration hash, seed, versions, and what could not be read."""
+    parts: list[Html] = [table(["what", "value"], _facts(record))]
+    if record.notes:
+        items = join(element("li", note) for note in record.notes)
+        parts.append(paragraph("Not everything in the folder could be read:") + element("ul", items))  # type: ignore[arg-type]
+    return section("provenance", "Provenance", *parts, _config(record))
+
+
+def _facts(record: Record) -> list[list[object]]:
+    created = next((e for e in record.events if e.event == "created"), None)
+    last = record.events[-1] if record.events else None
+    rows: list[list[object]] = [["robot", record.robot if record.campaign else "unknown"]]
+    if created:
+        rows += [["created", created.time], ["seed", _code(created.facts.get("seed", "–"))]]
+        rows += [
+            [key, _code(value)] for key, value in created.facts.items() if key == "preset" or "version" in key
+        ]
+    if last:
+        rows += [
+            ["last event", f"{last.event}, {last.time}"],
+            ["configuration then (sha256)", _code(last.config_sha256)],
+        ]
+    rows.append(["events in the journal", f"{len(record.events)}"])
+    rows += [["report drawn with", f"etude {_version('etude')}, Python {platform.python_version()}"]]
+    return rows
+
+
+def _code(value: Any) -> Html:
+    return element("code", value)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "of unknown version"
+
+
+def _config(record: Record) -> Html:
+    path = record.folder / "campaign.toml"
+    if not path.is_file():
+        return missing("campaign.toml is missing.")
+    content = path.read_text(encoding="utf-8", errors="replace")
+    return element("details", element("summary", "campaign.toml"), element("pre", element("code", content)))

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from etude.report.labels import FEEDBACK, unit_sign
 from etude.report.markup import Html, grid, missing, paragraph, section
 from etude.report.record import Record
 from etude.report.scales import Axis
-from etude.report.sections.views import views
+from etude.report.sections.paths import views
 from etude.report.svg import Level, Line, Mark, panel, thinned
-from etude.report.words import FEEDBACK, unit_sign
-from etude.types import Channel, Log
-
-Array = NDArray[np.float64]
+from etude.types import Array, Channel, Log
 
 SIZE, WIDE = (380, 260), (560, 260)
 TITLE = "Desired against actual, feedforward against command"
@@ -37,12 +34,12 @@ def tracking(record: Record) -> Html:
         if told_log is None:
             return section("tracking", TITLE, missing("No log that can be read has come back yet."))
         words, log, alone = f"The newest log, number {newest}.", told_log, None
-    run = Run(record, log, alone)
+    run = TrackedRun(record, log, alone)
     text = paragraph(f"{words} {run.reading()}")
     return section("tracking", TITLE, text, *run.absent(), *run.grids(), *views(record, log, alone))
 
 
-class Run:
+class TrackedRun:
     """One log to draw, and the same motion under feedback alone, if there is one, behind its error."""
 
     def __init__(self, record: Record, log: Log, alone: Log | None) -> None:

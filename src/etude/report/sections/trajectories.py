@@ -1,12 +1,15 @@
-"""Each trajectory as fractions of its limits, and the certificate that proves them for all times."""
+"""Each trajectory as fractions of its limits, its distances, and the certificate that proves them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.campaign.record.stored_files import changed_since
 from etude.protocols import Limit, Trajectory
+from etude.report.labels import unit_sign
 from etude.report.markup import (
     Html,
     duration,
@@ -22,13 +25,10 @@ from etude.report.markup import (
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis
 from etude.report.scene import Path, room_of, scene
-from etude.report.sections.distances import distance_panel, distances, use_of_distance
 from etude.report.sections.learning import joint_style
-from etude.report.sections.views import through_space
+from etude.report.sections.paths import through_space
 from etude.report.svg import Level, Line, Mark, panel
-from etude.report.words import unit_sign
-
-Array = NDArray[np.float64]
+from etude.types import Array, Proof
 
 SAMPLES = 301
 RATES = ("", "/s", "/s²", "/s³")
@@ -93,6 +93,45 @@ def _panels(record: Record, trajectory: Trajectory) -> list[Html]:
         path = Path(t, trajectory.motion(t, 1).orders[0])
         panels.insert(0, scene("The plan in its room", room_of(record.limits, [path]), [path]))
     return panels
+
+
+NEAREST = 6
+"""Distances that are shown one by one; an arm has dozens."""
+FARTHEST = 10.0
+"""What is drawn of a distance, in parts of what is to be kept."""
+
+
+def use_of_distance(kept: float, proved: float) -> float:
+    """The part of a distance that is to be kept anyway; 1 where it is touched."""
+    return kept / proved if proved > 0.0 else math.inf
+
+
+def distances(rows: Sequence[Facts]) -> list[Html]:
+    """The nearest ones with where and when, from a certificate's rows; nothing if no row is a distance."""
+    own = [row for row in rows if row["upper"] is None]
+    own.sort(key=lambda row: use_of_distance(row["lower"], row["proved_lower"]), reverse=True)
+    if not own:
+        return []
+    header = ["", "proved distance (m)", "to keep (m)", "nearest"]
+    body = [
+        [row["axis"], number(row["proved_lower"], 4), number(row["lower"], 3), row["where"] or "far"]
+        for row in own[:NEAREST]
+    ]
+    rest = own[NEAREST:]
+    least = min((row["proved_lower"] for row in rest), default=0.0)
+    more = f"{len(rest)} more distances, all at least {number(least, 3)} m."
+    return [table(header, body), *([paragraph(more, class_="soft")] if rest else [])]
+
+
+def distance_panel(rows: Sequence[Proof], measured: Array, t: Array) -> Html:
+    """Distances (T, n) over time as multiples of what is to be kept, the nearest of them."""
+    nearest = np.argsort([row.proved_lower / row.lower for row in rows])[:NEAREST]
+    marks: list[Mark] = [
+        Line(t, np.minimum(measured[:, i] / rows[i].lower, FARTHEST), rows[i].axis, joint_style(k))
+        for k, i in enumerate(nearest)
+    ]
+    axes = Axis("time (s)", limits=(0.0, float(t[-1]))), Axis("multiple of limit (1)", limits=(0.0, FARTHEST))
+    return panel("Clearance / limit", *axes, [*marks, Level(1.0, style="limit")], size=(380, 300))
 
 
 def limit_panel(limit: Limit, trajectory: Trajectory, t: Array) -> Html | None:

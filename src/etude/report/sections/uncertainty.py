@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import EtudeError
 from etude.protocols import Model
-from etude.report.colour_bar import colour_bar
 from etude.report.markup import Html, grid, join, missing, paragraph, section
-from etude.report.png import colours, png_address
+from etude.report.png import colour_bar, colours, png_address
 from etude.report.record import Record
 from etude.report.scales import Axis
-from etude.report.sections.views import through_space
+from etude.report.sections.paths import through_space
 from etude.report.svg import Image, Mark, Points, panel
-from etude.types import Motion
-
-Array = NDArray[np.float64]
+from etude.types import Array, Motion
 
 TITLE = "Where the model is uncertain"
 GRID = 44

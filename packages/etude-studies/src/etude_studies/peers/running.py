@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.errors import EtudeError
+from etude.types import Array
 from etude_studies.peers import worker
 from etude_studies.peers.catalogue import Peer
 
-Array = NDArray[np.float64]
 Timed = tuple[float, Array, float]
 
 POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")

@@ -7,16 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html, text
 from etude.report.scales import Axis, Scale
 from etude.report.svg import Mark, panel, polyline
+from etude.types import Array
 from etude_studies.site.dot_plot import FAR, WIDE, interval_text
 from etude_studies.site.marks import Style, label, printed_sign, sign
 from etude_studies.site.numbers import Summary
 
-Array = NDArray[np.float64]
 SIZE = (400, 300)
 APART = 12.0
 """Between names of lines, px."""

@@ -11,16 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etude.report.markup import Html
 from etude.report.scales import Axis, Scale
 from etude.report.svg import Line, Mark, panel, polyline, thinned
+from etude.types import Array
 from etude_studies.site.marks import Style
 from etude_studies.site.numbers import Numbers
 from etude_studies.thesis.ledger import Entry, Row
 
-Array = NDArray[np.float64]
 SIZE = (400, 250)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from etude.design.reference import reference_states
+from etude.design.objective import reference_states
 from etude.models.score import TRANSIENT_S
 from etude.protocols import Trajectory
 from etude.types import Array, Index, Mask, Samples

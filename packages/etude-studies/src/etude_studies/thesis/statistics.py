@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from etude.errors import UsageError
-
-Array = NDArray[np.float64]
+from etude.types import Array
 
 FLIPS = 20_000
 RESAMPLES = 9_999

@@ -12,6 +12,7 @@ from dataclasses import replace as changed_copy
 from typing import TYPE_CHECKING, cast
 
 from etude.errors import UsageError
+from etude.types import Array
 from etude_studies.thesis import statistics
 from etude_studies.thesis.contrasts import Values, contrasts
 from etude_studies.thesis.ledger_items import Claim, Part
@@ -109,8 +110,8 @@ def _correction(
     family: str,
 ) -> tuple[
     float,
-    Callable[[Sequence[float]], statistics.Array],
-    Callable[[Sequence[float], float], statistics.Array],
+    Callable[[Sequence[float]], Array],
+    Callable[[Sequence[float], float], Array],
 ]:
     if family == EXPLORATORY:
         return EXPLORATORY_LEVEL, statistics.benjamini_hochberg, statistics.benjamini_hochberg_levels

@@ -1,0 +1,271 @@
+"""What a design sees of a model: latent functions, planned noise, guides, or a prior from the limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.models.config import ModelConfig
+from etude.models.data.fit import kernel_for
+from etude.models.gp.exact import ExactPosterior, posterior_given
+from etude.protocols import Candidate, Inputs, Model, Physics, Posterior, SupportsRegressors
+from etude.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Latent:
+    """One latent function of a model.
+
+    Attributes:
+        posterior: what is known of it; of a member without covariances its guide.
+        commands: those that it tells, by number.
+        factors: from the function's unit to each command's.
+    """
+
+    posterior: Posterior
+    commands: tuple[int, ...]
+    factors: Array
+
+    @property
+    def raw_scale(self) -> float:
+        """What variances are divided by to be squared units of the commands, summed over these."""
+        return 1.0 / float(np.sum(self.factors**2))
+
+
+def latents_of(model: Model) -> tuple[Latent, ...]:
+    """The model's latent functions, each command in one of them, in the order of their first commands.
+
+    A rung without a process does not say where the robot has not been, so such a command is seen through
+    another of its rungs.
+
+    Raises:
+        UsageError: a command without any process.
+    """
+    found: list[Latent] = []
+    chosen = _chosen(model)
+    for place in sorted(set(chosen.values())):
+        candidate = model.candidates[place]
+        assert candidate.process is not None
+        for posterior, own in candidate.process.latents():
+            kept = [i for i in own if chosen[candidate.commands[i]] == place]
+            if kept:
+                commands = tuple(candidate.commands[i] for i in kept)
+                found.append(Latent(_guide(posterior), commands, candidate.units[1, kept]))
+    return tuple(sorted(found, key=lambda latent: latent.commands))
+
+
+def planned(latents: Sequence[Latent], share: float, inducing: int) -> tuple[Latent, ...]:
+    """The latent functions as planned samples see them.
+
+    Args:
+        latents: see `latents_of`.
+        share: planned over logged samples; 1: each planned sample counts as one that is logged.
+        inducing: exact processes with more samples are seen through this many; 0: as they are.
+    """
+    seen = (fast_posterior(latent.posterior, inducing) for latent in latents)
+    return tuple(
+        replace(latent, posterior=p if share == 1.0 else PlannedPosterior(p, p.noise_variance * share))
+        for latent, p in zip(latents, seen, strict=True)
+    )
+
+
+def of_parameters(latents: Sequence[Latent], physics: Mapping[str, Physics]) -> tuple[Latent, ...]:
+    """What the samples learned so far say of each command's base parameters: linear regressions, for `d_opt`.
+
+    The samples are those that the model's processes keep, and the noise is theirs; the prior is that of the
+    identification. The weights' information is then Lambda0 of `d_opt`.
+
+    Args:
+        latents: the model's own.
+        physics: of the kind; one of them says how commands depend on parameters.
+
+    Raises:
+        UsageError: none does, or the processes keep no samples.
+    """
+    from etude.models.gp.bayesian_linear import BayesianLinear
+
+    regressors = _regressed(physics).regressors()
+    made = []
+    for latent in latents:
+        X, noise = _samples(latent.posterior), latent.posterior.noise_variance
+        for command, factor in zip(latent.commands, latent.factors, strict=True):
+            regression = BayesianLinear(regressors[command], -math.log(factor), 0.5 * math.log(noise))
+            known = regression.condition(X, np.zeros(len(X)))
+            made.append(Latent(known, (command,), np.array([factor])))
+    return tuple(made)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPosterior:
+    """A posterior whose samples count as planned ones: fewer than will be logged, each with less noise.
+
+    Attributes:
+        posterior: the model's.
+        noise_variance: of a planned sample: sn^2 times planned over logged samples.
+    """
+
+    posterior: Posterior
+    noise_variance: float
+
+    @property
+    def signal_variance(self) -> float:
+        return self.posterior.signal_variance
+
+    @property
+    def factors(self) -> Callable[[Array], Any] | None:
+        """The posterior's shared factors, if it has them (see `batch.batch_of`)."""
+        return getattr(self.posterior, "factors", None)
+
+    def predict(self, X: Array) -> tuple[Array, Array]:
+        return self.posterior.predict(X)
+
+    def covariance(self, X: Array, Z: Array) -> Array:
+        return self.posterior.covariance(X, Z)
+
+    def covariance_gradient(self, X: Array, Z: Array, G: Array) -> Array:
+        return self.posterior.covariance_gradient(X, Z, G)
+
+    def variance_gradient(self, X: Array, g: Array) -> Array:
+        return self.posterior.variance_gradient(X, g)
+
+    def mean_gradient(self, X: Array) -> Array:
+        return self.posterior.mean_gradient(X)
+
+
+def fast_posterior(posterior: Posterior, count: int) -> Posterior:
+    """An exact posterior seen through its `count` most telling samples; any other one, or count 0: as it is.
+
+    All samples still count (Titsias 2009, whose variance is that of DTC); hyperparameters stay. The samples
+    are those that a pivoted Cholesky factorisation takes first.
+    """
+    if not count or not isinstance(posterior, ExactPosterior) or len(posterior.X) <= count:
+        return posterior
+    from etude.models.gp.inducing import InducingGP
+    from etude.models.gp.inducing_training import greedy_points
+
+    kernel, theta, X = posterior.kernel, posterior.theta, posterior.X
+    Z = X[greedy_points(kernel, theta, X, count)]
+    log_noise = 0.5 * math.log(posterior.noise_variance)
+    return InducingGP(kernel, theta, log_noise, Z).condition(X, posterior.y)
+
+
+def _chosen(model: Model) -> dict[int, int]:
+    """The place of the candidate with a process through which each command is seen.
+
+    The default's of the rung in use; if that has no process, the same rung with one, then the identified one,
+    then the first.
+    """
+    places: dict[int, int] = {}
+    for command in sorted({j for candidate in model.candidates for j in candidate.commands}):
+        own = [(i, c) for i, c in enumerate(model.candidates) if command in c.commands]
+        in_use = max(own, key=lambda pair: _weight(pair[1], command))[1].rung
+        ranked = [
+            (c.rung == in_use, c.rung == f"{in_use}+gp", c.rung == "identified+gp", -i)
+            for i, c in own
+            if c.process is not None
+        ]
+        if not ranked:
+            raise UsageError(
+                f"command {command} has no process, so nothing says what is not known of it",
+                next_step="Learn with a rung that has one, as model.rung = 'auto' does.",
+            )
+        places[command] = -max(ranked)[-1]
+    return places
+
+
+def _weight(candidate: Candidate, command: int) -> float:
+    return float(candidate.weights[candidate.commands.index(command)])
+
+
+def _guide(posterior: Posterior) -> Posterior:
+    """The posterior to design with: the `guide` of one that has no covariances, else itself."""
+    guide: Posterior = getattr(posterior, "guide", posterior)
+    return guide
+
+
+def _regressed(physics: Mapping[str, Physics]) -> SupportsRegressors:
+    """The first that offers regressors."""
+    for found in physics.values():
+        regressed: Any = found
+        if getattr(regressed, "regressors", None) is not None:
+            return cast(SupportsRegressors, regressed)
+    raise UsageError(
+        "d_opt needs the identified model, and this robot has none",
+        next_step="Add a URDF or MJCF to the robot file, or choose the criterion info_gain.",
+    )
+
+
+def _samples(posterior: Posterior) -> Array:
+    X = getattr(posterior, "X", None)
+    if X is None:
+        raise UsageError(
+            f"d_opt needs the samples learned so far, and a {type(posterior).__name__} keeps none",
+            next_step="Choose the criterion info_gain, or a model that keeps samples.",
+        )
+    return np.asarray(X, dtype=float)
+
+
+SIGNAL, NOISE = 0.3, 0.01
+"""Deviations of each term of a command and of its noise, parts of the command's limit."""
+PLAN = "_des"
+"""Ends the names of planned channels, which have the limits of what is planned."""
+
+
+def prior_latents(
+    inputs: Inputs,
+    ranges: Mapping[str, tuple[Array, Array]],
+    limit: Array,
+    config: ModelConfig,
+    commands: tuple[str, ...],
+) -> tuple[Latent, ...] | None:
+    """The model's own kernel for each group of commands, with lengths from the limits; nothing was measured.
+
+    Commands count in parts of their limits. One sample, zero at rest in the middle of the ranges, is there
+    for the form's sake.
+
+    Args:
+        inputs: of the model. ranges: lower and upper (parts,) of channels. limit: (J,) of the commands.
+        config: of the model. commands: names of the J commands.
+
+    Returns:
+        None where an input has no limits: nothing then says how far it reaches.
+    """
+    reach = _reach(inputs, ranges)
+    if reach is None:
+        return None
+    middle, half = reach
+    every = tuple(range(len(commands)))
+    found = []
+    for group in [every] if config.sharing == "shared" else [(j,) for j in every]:
+        names = tuple(commands[j] for j in group)
+        kernel = kernel_for(config.kernel, inputs.columns, names, middle[None])
+        theta = kernel.initial(half, SIGNAL)
+        posterior = posterior_given(kernel, theta, NOISE**2, middle[None], np.zeros(1))
+        found.append(Latent(posterior, group, np.asarray(limit, dtype=float)[list(group)]))
+    return tuple(found)
+
+
+def _reach(inputs: Inputs, ranges: Mapping[str, tuple[Array, Array]]) -> tuple[Array, Array] | None:
+    """(D,) middle and half range of every input; of one with an op 0 and 1."""
+    middle, half = [], []
+    place: dict[str, int] = {}
+    for channel, _, _, op in inputs.columns:
+        if op:
+            middle.append(0.0)
+            half.append(1.0)
+            continue
+        name = channel.removesuffix(PLAN)
+        number = place[name] = place.get(name, -1) + 1
+        if name not in ranges or number >= len(ranges[name][0]):
+            return None
+        low, high = (float(end[number]) for end in ranges[name])
+        if not (math.isfinite(high - low) and high > low):
+            return None
+        middle.append(0.5 * (low + high))
+        half.append(0.5 * (high - low))
+    return np.array(middle), np.array(half)

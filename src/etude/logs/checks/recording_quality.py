@@ -1,0 +1,389 @@
+"""How well a log was recorded: its clock, its columns, and what its motion has to teach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from etude.logs.checks.filtered_motion import LEAST_ROWS, RATE, Seen
+from etude.logs.checks.finding_texts import named
+from etude.logs.cleaning.filters import LONGEST_LAG, command_lag, longest_stretch
+from etude.logs.cleaning.smoothing import GAP_FACTOR, median_rate, resample, uniform_grid
+from etude.logs.columns.units import Limits
+from etude.types import Array, Channel, Finding, Index, Log, Mask
+
+COARSE = 1e-3  # of a part's range: a step of the sensor that a filter cannot make up for
+DISTINCT = 0.5  # of the rows hold values of their own: finer than the file can tell
+SATURATED = 0.01  # of the rows at an extreme
+AT_EDGE = 1e-3  # of the range
+NOT_FILLED = "Was it recorded? Leave it out of the log if nobody filled it."
+EMPTY = 0.2  # of the rows: a log that lacks more of what is needed is refused
+LEAPS = 30.0  # times the step that 99 % of the rows stay below
+
+
+def column_findings(log: Log, limits: Limits) -> tuple[Finding, ...]:
+    """What each column says by itself; rows in order, cells may be empty. A raw column may be one that no
+    robot needs: an empty one is no reason to refuse the log.
+    """
+    return (_dead(log), _empty(log), _coarse(log), _saturated(log, limits), _leaping(log))
+
+
+def judged(log: Log) -> list[Channel]:
+    """The channels that are measured or commanded."""
+    return [c for n, c in log.channels.items() if c.role in ("state", "command", "aside") and n in log]
+
+
+def label(channel: Channel, j: int) -> str:
+    """ "q of elbow"; a raw column is its own name."""
+    return f"{channel.name} of {channel.parts[j]}" if channel.parts[j] else channel.name
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _dead(log: Log) -> Finding:
+    dead, worse, still = [], [], False
+    for channel in judged(log):
+        values = log[channel.name]
+        for j in np.flatnonzero((_range(values) == 0.0) & np.isfinite(values).any(axis=0)).tolist():
+            dead.append(label(channel, j))
+            still |= channel.role == "state"
+            moves = channel.acts_on in log and _range(log[channel.acts_on])[j] > 0.0
+            worse += [label(channel, j)] if channel.role == "command" and moves else []
+    if worse:
+        fact = f"{_listed(worse)} never changes although its joint moves."
+        return Finding("dead", "red", fact, "Log this command, or leave the joint out of the robot file.")
+    if dead:
+        fact = f"Never changing: {_listed(dead)}."
+        step = "A joint that stands teaches its gravity and friction only." if still else NOT_FILLED
+        return Finding("dead", "yellow", fact, step)
+    return Finding("dead", "green", "Every column changes.")
+
+
+def _range(values: Array) -> Array:
+    """(k,) of the finite cells; 0 of a column without."""
+    finite = np.where(np.isfinite(values), values, np.nan)
+    with np.errstate(all="ignore"):
+        top, low = np.fmax.reduce(finite, axis=0), np.fmin.reduce(finite, axis=0)
+    return np.asarray(np.nan_to_num(top - low))
+
+
+def _empty(log: Log) -> Finding:
+    shares, needed = {}, 0.0
+    for channel in judged(log):
+        for j, share in enumerate((1.0 - np.isfinite(log[channel.name]).mean(axis=0)).tolist()):
+            if share > 0.0:
+                shares[label(channel, j)] = share
+                needed = max(needed, share if channel.parts[j] else 0.0)
+    if not shares:
+        return Finding("empty", "green", "Every cell holds a number.")
+    worst = max(shares, key=lambda name: shares[name])
+    some = "1 column has" if len(shares) == 1 else f"{len(shares)} columns have"
+    return Finding(
+        "empty",
+        "red" if needed > EMPTY else "yellow",
+        f"{some} empty or infinite cells, most {worst}: {100 * shares[worst]:.3g} %.",
+        "Such rows are dropped, of a column that is needed; export all channels at the same times.",
+    )
+
+
+def _coarse(log: Log) -> Finding:
+    steps = {}
+    for channel in [c for c in judged(log) if c.role == "state" or not c.parts[0]]:
+        for j in range(len(channel.parts)):
+            quantum, size = resolution(log[channel.name][:, j])
+            if quantum > 0.0:
+                steps[label(channel, j)] = quantum / size
+    if not steps:
+        return Finding("quantisation", "green", "No column shows the steps of its sensor.")
+    worst = max(steps, key=lambda name: steps[name])
+    said = f"The coarsest column is {worst}: its range is {1.0 / steps[worst]:.3g} steps of the sensor."
+    if steps[worst] < COARSE:
+        return Finding("quantisation", "green", said)
+    step = "Write more digits; if the encoder is so coarse, move further and faster."
+    return Finding("quantisation", "yellow", said, step)
+
+
+def resolution(values: Array) -> tuple[float, float]:
+    """The step in which the values (T,) come, and their range; a step of 0 where none is seen."""
+    finite = values[np.isfinite(values)]
+    distinct = np.unique(finite)
+    if len(distinct) < 2 or len(distinct) > DISTINCT * len(finite):
+        return 0.0, 1.0
+    size = float(distinct[-1] - distinct[0])
+    steps = np.diff(distinct)
+    return float(np.median(steps[steps > 1e-9 * size])), size
+
+
+def _saturated(log: Log, limits: Limits) -> Finding:
+    marked, shares = np.zeros(len(log), dtype=np.bool_), {}
+    for channel in [c for c in judged(log) if c.role == "command"]:
+        at = _at_edge(log[channel.name], channel, limits)
+        for j in np.flatnonzero(at.mean(axis=0) > SATURATED).tolist():
+            shares[label(channel, j)] = float(at[:, j].mean())
+            marked |= at[:, j]
+    if not shares:
+        return Finding("saturation", "green", "No command stays at an extreme.")
+    said = ", ".join(f"{name} for {100 * share:.3g} %" for name, share in shares.items())
+    return Finding(
+        "saturation",
+        "yellow",
+        f"Commands stay at an extreme: {said} of the time.",
+        "There the command says little of the motion: run it gentler.",
+        spans=spans_of(log.t, np.flatnonzero(marked)),
+    )
+
+
+def _at_edge(values: Array, channel: Channel, limits: Limits) -> Mask:
+    """(T, k) at the stated limits, or at an extreme of the log that is held for two rows or more."""
+    low, high = np.nanmin(values, axis=0, initial=np.inf), np.nanmax(values, axis=0, initial=-np.inf)
+    near = AT_EDGE * (high - low)
+    edge = ((values >= high - near) | (values <= low + near)) & (high > low)
+    held = edge & (np.roll(edge, 1, axis=0) | np.roll(edge, -1, axis=0))
+    held &= np.isclose(values, np.roll(values, 1, axis=0)) | np.isclose(values, np.roll(values, -1, axis=0))
+    if channel.name in limits:
+        lower, upper = limits[channel.name]
+        held |= (values >= upper) | (values <= lower)
+    return np.asarray(held)
+
+
+def _leaping(log: Log) -> Finding:
+    rows: list[int] = []
+    names = []
+    between = np.diff(log.t)
+    pause = between > GAP_FACTOR * np.median(between) if len(between) else between > 0.0
+    for channel in [c for c in judged(log) if c.role == "state" and not c.derivative_of]:
+        step = np.nan_to_num(np.abs(np.diff(log[channel.name], axis=0)))
+        usual = np.quantile(step, 0.99, axis=0) if len(step) else np.zeros(len(channel.parts))
+        step[pause] = 0.0
+        leaps = (step > LEAPS * usual) & (step > 1e-2 * _range(log[channel.name])) & (usual > 0.0)
+        names += [label(channel, j) for j in np.flatnonzero(leaps.any(axis=0)).tolist()]
+        rows += np.flatnonzero(leaps.any(axis=1)).tolist()
+    if not rows:
+        return Finding("jumps", "green", "No position leaps.")
+    return Finding(
+        "jumps",
+        "yellow",
+        f"{_listed(names)} leaps {len(rows)} time{'s'[: len(rows) > 1]}, first at {log.t[rows[0]]:.3g} s.",
+        "Single wild rows are dropped; unwrap angles, and cut the file where another recording begins.",
+        spans=spans_of(log.t, np.array(sorted(set(rows)))),
+    )
+
+
+JITTER = 0.5  # of a step, in 95 % of the rows: beyond, linear interpolation starts to bend the motion
+REPEATED = 0.01  # of the rows
+STANDS = 20  # equal rows in a run: that is rest
+SLOWEST, FASTEST = 2.0, 5e4  # rows a second that a robot's recorder writes
+SPANS = 50  # that are marked
+
+
+def clock_findings(log: Log) -> tuple[Finding, ...]:
+    """What the times say, row by row as they were recorded; times may be of any order, or missing."""
+    known = np.isfinite(log.t)
+    if known.sum() < 2 or not (np.diff(log.t[known]) > 0).any():
+        return (
+            Finding("rate", "red", "The log has no two rows at different times.", "Export the log again."),
+        )
+    log = log.take(known)
+    steps = np.diff(log.t)
+    forward = steps[steps > 0]
+    step = float(np.median(forward))
+    return (_rate(forward, step), _order(log.t, steps), _gaps(log.t, steps, step), _repeats(log, steps))
+
+
+def _rate(forward: Array, step: float) -> Finding:
+    spread = float(np.quantile(np.abs(forward / step - 1.0), 0.95))
+    said = f"{1.0 / step:.4g} rows a second; 95 % of the steps within {100.0 * spread:.2g} % of {step:.4g} s."
+    if not SLOWEST < 1.0 / step < FASTEST:
+        return Finding("rate", "yellow", said, "No robot is recorded so: are the times in another unit?")
+    if spread < JITTER:
+        return Finding("rate", "green", said)
+    return Finding(
+        "rate", "yellow", said, "Log at a fixed rate, or take the stamps of the sensor, not the host's."
+    )
+
+
+def _order(t: Array, steps: Array) -> Finding:
+    back = np.flatnonzero(steps < 0)
+    if not len(back):
+        return Finding("order", "green", "Time never runs backwards.")
+    spans = tuple((float(t[k + 1]), float(t[k])) for k in back[:SPANS])
+    return Finding(
+        "order",
+        "yellow" if len(back) < 0.01 * len(t) else "red",
+        f"Time runs backwards at {len(back)} row{'s'[: len(back) > 1]}, first at row {back[0] + 1}, "
+        f"by {-steps[back[0]]:.3g} s.",
+        "Rows out of order are dropped; cut the file where a second recording begins.",
+        spans=spans,
+    )
+
+
+def _gaps(t: Array, steps: Array, step: float) -> Finding:
+    gaps = np.flatnonzero(steps > GAP_FACTOR * step)
+    if not len(gaps):
+        return Finding("gaps", "green", f"No pause is longer than {GAP_FACTOR:g} steps.")
+    lost = float(steps[gaps].sum())
+    share = lost / max(float(t.max() - t.min()), step)
+    return Finding(
+        "gaps",
+        "red" if share > 0.5 else "yellow",
+        f"{len(gaps)} pause{'s'[: len(gaps) > 1]} without samples, together {lost:.3g} s, the longest "
+        f"{steps[gaps].max():.3g} s.",
+        "Pauses split the log; a slower rate or another recorder loses fewer rows.",
+        spans=tuple((float(t[k]), float(t[k + 1])) for k in gaps[:SPANS]),
+    )
+
+
+def _repeats(log: Log, steps: Array) -> Finding:
+    """Rows at the time of the row before, and rows whose every cell is that of the row before."""
+    same_time, same = float((steps == 0).mean()), float(_held(log).mean())
+    said = (
+        f"{100 * same_time:.3g} % of the rows repeat the time before, {100 * same:.3g} % repeat all values."
+    )
+    if max(same_time, same) < REPEATED:
+        return Finding("repeats", "green", said)
+    return Finding(
+        "repeats",
+        "yellow",
+        said,
+        "The recorder is faster than the sensor: log at the sensor's rate. Repeated times are dropped.",
+    )
+
+
+def _held(log: Log) -> Mask:
+    """(T-1,) rows in which nothing has changed, but for rest: runs of fewer than STANDS."""
+    same = np.ones(max(len(log) - 1, 0), dtype=np.bool_)
+    moved = False
+    for name, values in log.values.items():
+        if log.channels[name].role in ("state", "aside"):
+            varying = np.ptp(np.nan_to_num(values), axis=0) > 0
+            moved = moved or bool(varying.any())
+            same &= (values[1:, varying] == values[:-1, varying]).all(axis=1)
+    if not moved or not len(same):
+        return np.zeros_like(same)
+    edges = np.flatnonzero(np.diff(same, prepend=~same[0], append=~same[-1]))
+    return np.asarray(same & (np.repeat(np.diff(edges), np.diff(edges)) < STANDS))
+
+
+def spans_of(t: Array, rows: Index) -> tuple[tuple[float, float], ...]:
+    """Stretches of time (s) that neighbouring rows make."""
+    if not len(rows):
+        return ()
+    pieces = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    last = len(t) - 1
+    return tuple((float(t[p[0]]), float(t[min(int(p[-1]) + 1, last)])) for p in pieces[:SPANS])
+
+
+NOISY = 0.3  # deviation of the acceleration's noise over that of the acceleration
+THIRD = 20.0  # variance of the third difference of white noise
+STANDING, SMALL = 0.8, 0.2  # of the time; of the limits
+LATE_S, LATEST_S, LATEST = 0.05, 1.0, 1.0 / 25.0  # s, s, and of the log
+SAME_CLOCK = "Log command and position with stamps of the same clock."
+
+
+def motion_findings(log: Log, path: Channel, motion: Seen, limits: Limits) -> tuple[Finding, ...]:
+    """Of the coordinates `path` of a log whose rows are in order and hold numbers."""
+    found = [_noise(log, path, motion)]
+    if motion.moves.any():
+        found.append(_rest(motion))
+    if not _commanded_elsewhere(log, path):
+        found.append(_delay(motion, path))
+    if path.name in limits:
+        found.append(_coverage(log, path, motion, limits))
+    return tuple(found)
+
+
+def _commanded_elsewhere(log: Log, path: Channel) -> bool:
+    """Whether all commands act on something else than these positions: a vehicle's motors."""
+    commands = [c for c in log.channels.values() if c.role == "command" and c.name in log]
+    return bool(commands) and all(c.acts_on != path.name for c in commands)
+
+
+def _noise(log: Log, path: Channel, motion: Seen) -> Finding:
+    part = longest_stretch(log)
+    rate = median_rate(part.t)
+    grid = uniform_grid(part.t, rate)
+    q = resample(part.t, part[path.name], grid)
+    if len(grid) < 4 * LEAST_ROWS or not motion.moves.any():
+        return Finding("noise", "cannot tell", "There is too little motion to tell noise from.")
+    level = np.sqrt(np.mean(np.diff(q, 3, axis=0) ** 2, axis=0) / THIRD)
+    raw, kept = np.sqrt(6.0) * level * rate**2, level * _passed(rate, motion.cutoff)
+    size = motion.qdd.std(axis=0)
+    share = np.where(motion.moves, kept / np.where(size > 0.0, size, np.inf), 0.0)
+    worst = int(np.argmax(share))
+    unit = path.units[worst]
+    said = (
+        f"Positions of {path.parts[worst]} are noisy by {level[worst]:.2g} {unit}; differentiated twice "
+        f"that is {raw[worst]:.2g} {unit}/s^2, behind the filter of {motion.cutoff:.3g} Hz "
+        f"{kept[worst]:.2g}, where the motion has {size[worst]:.2g}."
+    )
+    if share[worst] < NOISY:
+        return Finding("noise", "green", said)
+    return Finding("noise", "yellow", said, "Move faster, or log positions with more digits and less noise.")
+
+
+def _passed(rate: float, cutoff: float) -> float:
+    """Deviation of the second derivative behind the filter, per deviation of white noise at that rate."""
+    f = np.linspace(0.0, 0.5 * rate, 2001)
+    density = (2.0 * np.pi * f) ** 4 / (1.0 + (f / cutoff) ** 4) ** 2
+    return float(np.sqrt(density.mean()))
+
+
+def _rest(motion: Seen) -> Finding:
+    share = 1.0 - motion.moving.mean(axis=0)
+    never, long = ~motion.moves, motion.moves & (share > STANDING)
+    said = f"Joints stand for {100 * share.min():.0f} to {100 * share.max():.0f} % of the time."
+    if never.any():
+        said = f"{named(motion.parts, never)} never move{'s'[: int(never.sum()) == 1]}. {said}"
+    elif not long.any():
+        return Finding("rest", "green", said)
+    return Finding("rest", "yellow", said, "Move every joint that is to be learned, and more of the time.")
+
+
+def _coverage(log: Log, path: Channel, motion: Seen, limits: Limits) -> Finding:
+    lower, upper = limits[path.name]
+    share = np.ptp(log[path.name], axis=0) / (upper - lower)
+    said = f"Positions cover {100 * share.min():.0f} to {100 * share.max():.0f} % of their limits"
+    top = limits.get(f"{path.name}d")
+    if top is not None:
+        fast = np.abs(motion.qd).max(axis=0) / np.abs(top[1])
+        said += f", speeds reach {100 * fast.min():.0f} to {100 * fast.max():.0f} %"
+    small = share < SMALL
+    if not small.any():
+        return Finding("coverage", "green", f"{said}.")
+    said += f"; little is seen of {named(motion.parts, small)}."
+    return Finding(
+        "coverage", "yellow", said, "A model knows what it was shown: etude ask proposes the rest."
+    )
+
+
+def _delay(motion: Seen, path: Channel) -> Finding:
+    """How far the motion is behind the commands, to a fraction of a row at 50 Hz."""
+    if motion.command is None or not motion.moves.any():
+        return Finding("delay", "cannot tell", "No commands of moving joints are logged.")
+    own = np.flatnonzero(motion.moves)
+    log = Log(np.asarray(motion.step * np.arange(len(motion.t)), dtype=np.float64), {}, {}, "seen")
+    parts = tuple(path.parts[j] for j in own)
+    commands: Array = motion.command[:, own]
+    log = log.put(Channel("command", parts, ("",) * len(own), "command"), commands)
+    for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
+        log = log.put(Channel(name, parts, ("",) * len(own)), values[:, own])
+    rubbing = np.tanh(motion.qd[:, own] / (0.05 * np.abs(motion.qd[:, own]).max(axis=0)))
+    log = log.put(Channel("rubbing", parts, ("",) * len(own)), rubbing)
+    states = ("q", "qd", "qdd", "rubbing")
+    lag = command_lag([log], states)
+    if lag >= LONGEST_LAG - motion.step:  # the best of those tried is no best one: a longer delay, or none
+        longest = min(LATEST_S, LATEST * motion.step * len(motion.t))
+        lag = command_lag([log], states, longest) if longest > LONGEST_LAG else longest
+        if lag < longest - motion.step:
+            return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
+        return Finding("delay", "cannot tell", "The motion is too slow to tell how far it is behind.")
+    if lag < LATE_S:
+        return Finding("delay", "green", _behind(lag))
+    return Finding("delay", "yellow", _behind(lag), SAME_CLOCK)
+
+
+def _behind(lag: float) -> str:
+    return f"The motion is {1e3 * lag:.0f} ms behind the commands (to {500.0 / RATE:.0f} ms)."

@@ -1,0 +1,207 @@
+"""How good the models are: scores on logs that they had not learned, and calibration."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from etude.campaign.record.state import Round
+from etude.report.curves import chosen_rung, rung_name, score, scored_rungs
+from etude.report.markup import Html, element, grid, missing, paragraph, section, table
+from etude.report.record import Facts, Record
+from etude.report.scales import Axis
+from etude.report.sections.learning import joint_style
+from etude.report.svg import Band, Level, Line, Mark, Points, panel
+from etude.types import Array
+
+Series = dict[str, dict[int, Array | None]]
+"""By rung of model and number of the log."""
+
+
+def ladder(record: Record) -> Html:
+    """Scores of every rung of the model ladder on the newest held-out data, the chosen one in bold."""
+    title = "Model ladder"
+    scored = [r for r in record.state.trained if r.trained and r.trained.get("models")]
+    if not scored:
+        return section("ladder", title, missing("No model has been scored yet."))
+    return section("ladder", title, *_newest(record, scored[-1]), *_by_round(record))
+
+
+def _newest(record: Record, last: Round) -> list[Html]:
+    chosen = chosen_rung(last.trained)
+    rungs = [rung for rung in scored_rungs(record) if score(last.trained, rung, "nmse") is not None]
+    rows = [[rung_name(rung), *_rung(last.trained, rung)] for rung in rungs]
+    names = (f"nMSE {name}" for name in record.outputs)
+    header = ["model", "nMSE, mean", *names, "nMSE with standing joints, mean", "z², mean", "coverage, mean"]
+    text = paragraph(
+        f"Scored on log {last.number} before it was learned. nMSE is the mean squared error over the "
+        "variance of the command where its joint moves, beside it where any joint does; lower is better; GP "
+        "is the Gaussian process. In use now: ",
+        element("b", rung_name(chosen)),
+        ".",
+    )
+    return [text, table(header, rows, rungs.index(chosen) if chosen in rungs else None)]
+
+
+Z2 = (0.5, 2.5)
+"""Band of z² that is good enough."""
+COVERAGE = 0.85
+"""Least coverage that is good enough."""
+UNCALIBRATED = (
+    "too few logs have been held out to say how wrong a new one will be, so the model in use is trusted by "
+    "distance (only where inputs are near those it learned), not by its deviations."
+)
+
+
+def calibration(record: Record) -> Html:
+    """z² and coverage of the model in use after each round, per output, with the band that is good enough."""
+    title = "Held-out calibration"
+    if not any(in_use(r.trained, "z2") is not None for r in record.state.trained):
+        nothing = missing("No held-out score yet: it comes with the second log.")
+        newest = _uncalibrated(record) if record.state.trained else []
+        return section("calibration", title, *newest, nothing)
+    text = paragraph(
+        "The model in use predicts each new log before it learns from it. z² is the mean squared "
+        "error over the predicted variance: 1 is honest, more is too sure of itself, less too "
+        "cautious. Coverage is the share of the commands inside the predicted 95 % interval. The "
+        "bands show what is good enough."
+    )
+    sentences = [text, *_uncalibrated(record), paragraph(_verdict(record)), *_early(record)]
+    return section("calibration", title, *sentences, grid(_panels(record)))
+
+
+def _uncalibrated(record: Record) -> list[Html]:
+    """A model that says itself that too few logs were held out."""
+    if (record.state.trained[-1].trained or {}).get("calibrated", True):
+        return []
+    return [paragraph(element("b", "Uncalibrated:"), f" {UNCALIBRATED}", class_="missing")]
+
+
+def _panels(record: Record) -> list[Html]:
+    z2, cover = (_lines(record, quantity) for quantity in ("z2", "coverage"))
+    highest = 1.5 * np.nanmax([10.0 / 1.5, *(value for line in z2 for value in line.y)])
+    lowest = np.nanmin([0.5, *(value for line in cover for value in line.y)])
+    rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5), whole=True)
+    target: Mark = Band(*Z2, "target")
+    good: Mark = Band(COVERAGE, 1.0, "target")
+    z2_axis = Axis("z² (1)", log=True, limits=(0.1, float(highest)))
+    cover_axis = Axis("coverage (1)", limits=(float(lowest), 1.0))
+    ideal, nominal = Level(1.0, "honest", style="limit"), Level(0.95, "nominal", style="limit")
+    return [
+        panel("z² on held-out data", rounds, z2_axis, [target, ideal, *z2]),
+        panel("Coverage of the 95 % interval", rounds, cover_axis, [good, nominal, *cover]),
+    ]
+
+
+def _early(record: Record) -> list[Html]:
+    """Which of the scores are those of models that did not claim to be calibrated."""
+    pairs = itertools.pairwise(record.state.trained)
+    early = [now.number for before, now in pairs if not (before.trained or {}).get("calibrated", True)]
+    if not early:
+        return []
+    logs = f"log {early[0]}" if len(early) == 1 else f"logs {', '.join(map(str, early))}"
+    return [paragraph(f"The models that predicted {logs} were not calibrated yet.", class_="soft")]
+
+
+def in_use(trained: Facts | None, quantity: str) -> Array | None:
+    """The score of the model in use when the log came, or of the nearest rung that has one."""
+    facts = trained or {}
+    rungs = [*(facts.get("models") or {}), facts.get("chosen"), facts.get("predicted_by")]
+    scores = (score(trained, rung, quantity) for rung in reversed(rungs) if rung)
+    return next((found for found in scores if found is not None), None)
+
+
+def _lines(record: Record, quantity: str) -> list[Line]:
+    scored = [
+        (index, values)
+        for index, r in enumerate(record.state.trained, start=1)
+        if (values := in_use(r.trained, quantity)) is not None
+    ]
+    x = np.array([index for index, _ in scored], dtype=float)
+    columns = np.array([values for _, values in scored]).T
+    return [
+        Line(x, column, name, joint_style(j), markers=True)
+        for j, (column, name) in enumerate(zip(columns, _names(record, len(columns)), strict=True))
+    ]
+
+
+def _names(record: Record, count: int) -> tuple[str, ...]:
+    named = record.outputs
+    return named if len(named) == count else tuple(f"command {j + 1}" for j in range(count))
+
+
+def _verdict(record: Record) -> str:
+    last = record.state.trained[-1].trained
+    z2, cover = in_use(last, "z2"), in_use(last, "coverage")
+    if z2 is None or cover is None:
+        return "The newest model has no held-out score."
+    names, (least, most) = _names(record, len(z2)), Z2
+    outside = [
+        name
+        for name, v, c in zip(names, z2, cover, strict=False)
+        if not (least <= v <= most and c >= COVERAGE)
+    ]
+    if not outside:
+        return (
+            "On the newest held-out data every command is inside both bands: the deviations can be relied on."
+        )
+    listed = ", ".join(outside)
+    return f"On the newest held-out data outside a band: {listed}. Take the deviations there with care."
+
+
+def _by_round(record: Record) -> list[Html]:
+    """Every rung of model over the rounds; rings are around the rungs in use."""
+    text = paragraph(
+        "On the left every model on each new log before learning it; the ring is around the one in use when "
+        "the log came. On the right every model's error on told logs, each left out in turn: from two "
+        "logs on the least chooses the one in use, in the ring; before, physics alone compete."
+    )
+    rounds, unit = record.state.trained, record.unit or "1"
+    seen = {rung: {r.number: score(r.trained, rung, "nmse") for r in rounds} for rung in scored_rungs(record)}
+    used = {r.number: in_use(r.trained, "nmse") for r in rounds}
+    left = {rung: {r.number: left_out(r.trained).get(rung) for r in rounds} for rung in seen}
+    chosen = {r.number: left_out(r.trained).get(chosen_rung(r.trained) or "") for r in rounds}
+    panels = [
+        _rungs(record, "On each new log", "nMSE, mean over commands (1)", seen, used),
+        _rungs(record, "On told logs left out", f"mean error ({unit})", left, chosen),
+    ]
+    return [text, grid(panels)]
+
+
+def left_out(trained: Facts | None) -> dict[str, Array]:
+    """(1,) mean absolute error of each rung on logs left out, command units."""
+    errors = (trained or {}).get("held_out_mae") or {}
+    return {rung: np.array([float(e)]) for rung, e in errors.items() if e is not None and np.isfinite(e)}
+
+
+def _rungs(record: Record, title: str, axis: str, values: Series, ringed: dict[int, Array | None]) -> Html:
+    marks: list[Mark] = []
+    for index, (rung, scores) in enumerate(values.items()):
+        x, y = _means(scores)
+        style = "c7 dash" if rung == "linear" else joint_style(index)
+        marks += [Line(x, y, rung_name(rung), style, markers=True)] if len(x) else []
+    marks.append(Points(*_means(ringed), label="in use", style="ring", radius=8.0))
+    logs = Axis("log", limits=(0.5, max(r.number for r in record.state.trained) + 0.5), whole=True)
+    return panel(title, logs, Axis(axis, log=True), marks)
+
+
+def _means(scores: dict[int, Array | None]) -> tuple[Array, Array]:
+    """Numbers of the logs with a score, and its mean over the outputs."""
+    found = {number: float(np.nanmean(values)) for number, values in scores.items() if values is not None}
+    return np.array(list(found), dtype=float), np.array(list(found.values()))
+
+
+def _rung(trained: Facts | None, rung: str) -> list[object]:
+    def mean(quantity: str) -> float:
+        values = score(trained, rung, quantity)
+        return float("nan") if values is None else float(np.nanmean(values))
+
+    nmse = score(trained, rung, "nmse")
+    return [
+        mean("nmse"),
+        *(map(float, nmse) if nmse is not None else ()),
+        mean("nmse_all"),
+        mean("z2"),
+        mean("coverage"),
+    ]
