@@ -148,6 +148,18 @@ def test_no_link_leads_nowhere(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_page_of_protocols_lists_every_method(site: Path) -> None:
+    """`back` of an exporter is no method of a protocol, and stands in the table above them."""
+    text = (site / "reference" / "protocols.html").read_text(encoding="utf-8")
+    found = Links(text).anchors
+    own = [value for value in vars(etude.protocols).values() if getattr(value, "_is_protocol", False)]
+    assert len(own) > 25
+    wanted = {f"etude.protocols.{one.__name__}.{name}" for one in own for name in vars(one) if name[0] != "_"}
+    assert wanted - found == set()
+    assert "<code>back(files)</code> returns" in text
+
+
+@pytest.mark.slow
 def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
     for path in site.rglob("*.html"):
         loaded = Links(path.read_text(encoding="utf-8")).loaded

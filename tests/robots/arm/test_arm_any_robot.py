@@ -39,7 +39,7 @@ def errors_of(campaign: Campaign, baseline: str | None, test: str = "fourier") -
 
 
 def row_of(name: str, campaign: Campaign) -> str:
-    """A line of the table in docs/rehearsal.md."""
+    """A line of the table in docs/results/rehearsal.md."""
     who = ("pd", "rigid_body", None, "perfect")
     means = " | ".join(f"{errors_of(campaign, one).mean():.3g}" for one in who)
     moves = " | ".join(f"{errors_of(campaign, one, 'moves').mean():.3g}" for one in who)
