@@ -9,7 +9,7 @@ import numpy as np
 from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at, rest_at
 from etude.protocols import Model
 from etude.types import Array, Motion
-from etude_arm.of_file import of_file
+from etude_arm.loading.load import of_file
 from etude_arm.physics.geometry import has_masses
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.newton_euler import nominal_commands

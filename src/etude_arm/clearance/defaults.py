@@ -1,18 +1,24 @@
-"""Completes what a robot file leaves open: which pairs cannot be kept apart, home, the box of the search."""
+"""Completes what a robot file leaves open: which pairs cannot be kept apart, home, the box of the search.
+
+Pairs that an SRDF disables are taken as leave, not as order: many files disable pairs that can well be kept
+apart (a hand and the link two joints before it), or whatever was never seen to collide in a few thousand
+poses.
+"""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.clearance.gaps import TOLERANCE, Gap, Gaps
+from etude_arm.clearance.clear_pose import box_about, clearest
+from etude_arm.clearance.distances import TOLERANCE, Gap, Gaps
+from etude_arm.clearance.hull_reduction import stand_ins
 from etude_arm.clearance.pairs import gaps_of
-from etude_arm.clearance.srdf import Pairs
-from etude_arm.clearance.stance import box_about, clearest
-from etude_arm.clearance.stand_ins import stand_ins
 from etude_arm.clearance.surroundings import Search, Surroundings
 from etude_arm.loading.loaded import Loaded
 
@@ -46,6 +52,37 @@ class Settled:
     gaps: Gaps
     around: Surroundings
     confirm: tuple[str, ...]
+
+
+NEVER = "Never"
+"""The reason of pairs that were not seen to collide: that is no leave to do so."""
+
+Pairs = frozenset[frozenset[str]]
+
+
+def disabled(model_file: Path) -> Pairs:
+    """Pairs of links that the SRDF of a model file disables, but for those that never collide.
+
+    Raises:
+        UsageError: there is one and it is no XML.
+    """
+    path = next((path for path in _places(model_file) if path.is_file()), None)
+    if path is None:
+        return frozenset()
+    try:
+        root = ET.parse(path).getroot()
+    except (OSError, ET.ParseError) as problem:
+        raise UsageError(
+            f"not a readable SRDF: {problem}", where=str(path), next_step="Correct it, or move it away."
+        ) from None
+    found = [one for one in root.iter("disable_collisions") if one.get("reason") != NEVER]
+    return frozenset(frozenset((one.get("link1", ""), one.get("link2", ""))) for one in found)
+
+
+def _places(model_file: Path) -> list[Path]:
+    """Beside the file, and in the folder srdf next to its own."""
+    name = model_file.with_suffix(".srdf").name
+    return [model_file.parent / name, model_file.parent.parent / "srdf" / name]
 
 
 def settled(

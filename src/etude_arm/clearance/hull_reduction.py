@@ -4,17 +4,24 @@ Points are taken greedily: of each facet of what is held so far the one that sta
 is the largest distance of any point from the hull of those taken, by closed forms: what is nearest to a point
 outside of a convex body lies on a facet that the point is in front of. So the grown hull holds every point,
 and since those taken are among them, nothing of it is farther than the radius from the hull of all.
+
+Whatever is searched and proved is then about something larger than the shape. Where two shapes stand so close
+at home that this would take much of their room, they stay as they are.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from etude.types import Array, Index
+from etude_arm.clearance.distances import Gaps
+from etude_arm.clearance.skeleton import Shape, Skeleton
 
 MOST = 256
 """Points that are taken at most."""
@@ -103,3 +110,63 @@ def to_triangles(points: Array, triangles: Array) -> Array:
     parts = np.roll(areas, -1, axis=1) / areas.sum(axis=1, keepdims=True)  # of the corner across each edge
     below = (parts[:, :, None] * triangles).sum(axis=1)
     return np.asarray(np.minimum(to_edges.min(axis=1), np.linalg.norm(points - below, axis=1)))
+
+
+MANY = 1000
+"""Points above which a hull of fewer stands for a shape."""
+ROOM = 4.0
+"""A gap that is narrower at home than so many times what stand-ins would take of it keeps its shapes."""
+
+
+def stand_ins(gaps: Gaps, home: Array) -> dict[str, Fewer]:
+    """By the names of shapes what stands for them, in m in the frame that the model file gives their meshes.
+
+    Args:
+        gaps: of the shapes as they are. home: (k,) pose.
+    """
+    shapes = gaps.skeleton.shapes
+    looked_at = {i for gap in gaps.list for i in (gap.one, gap.other) if i >= 0}
+    found = {i: fewer(shapes[i].points) for i in sorted(looked_at) if len(shapes[i].points) > MANY}
+    if not found:
+        return {}
+    for gap, distance in zip(gaps.list, gaps.of_poses(home[None])[0], strict=True):
+        ends = [found[i].radius for i in (gap.one, gap.other) if i in found]
+        if distance < ROOM * sum(ends):
+            found = {i: one for i, one in found.items() if i not in (gap.one, gap.other)}
+    return {shapes[i].name: _in_file(gaps.skeleton, shapes[i], one) for i, one in found.items()}
+
+
+def _in_file(skeleton: Skeleton, shape: Shape, found: Fewer) -> Fewer:
+    """From the frame of the compiled geom, which MuJoCo lays into the mesh's own axes of inertia."""
+    import mujoco
+
+    mesh = int(skeleton.model.geom_dataid[shape.geom])
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, skeleton.model.mesh_quat[mesh])
+    return replace(found, points=found.points @ turn.reshape(3, 3).T + skeleton.model.mesh_pos[mesh])
+
+
+def put(spec: Any, found: Mapping[str, Fewer]) -> None:
+    """Gives geoms of a `mujoco.MjSpec` the meshes that stand for theirs; what nobody names is taken out."""
+    before = {geom.meshname for geom in spec.geoms if geom.name in found}
+    for geom in spec.geoms:
+        if geom.name in found:
+            vertices = found[geom.name].points.ravel().tolist()
+            geom.meshname = f"for {geom.name}"
+            spec.add_mesh(name=geom.meshname, uservert=vertices, scale=np.ones(3), maxhullvert=-1)
+    named = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name in before - named:
+            spec.delete(mesh)
+
+
+def said(skeleton: Skeleton) -> tuple[str, ...]:
+    """A sentence for the links of which something larger is looked at."""
+    grown = {shape.link: shape.grown for shape in skeleton.shapes if shape.grown > 0.0}
+    if not grown:
+        return ()
+    most = np.ceil(1e4 * max(shape.grown for shape in skeleton.shapes)) / 10.0
+    return (
+        f"The shapes themselves of {', '.join(grown)}, of more than {MANY:,} points: hulls of fewer points "
+        f"that hold them, up to {most:.1f} mm larger, are looked at in their place.",
+    )

@@ -17,7 +17,7 @@ import numpy as np
 
 from etude.operators import cross
 from etude.types import Array, Index, Mask
-from etude_arm.clearance.gaps import Gaps, unit
+from etude_arm.clearance.distances import Gaps, unit
 from etude_arm.clearance.skeleton import Shape
 from etude_arm.clearance.surroundings import Column
 

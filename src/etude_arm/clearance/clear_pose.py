@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from etude.types import Array, Mask
-from etude_arm.clearance.gaps import CUTOFF, Gaps
+from etude_arm.clearance.distances import CUTOFF, Gaps
 
 POSES = 2048
 """Random ones, of which the clearest is home."""
