@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.operators import cross
+from etude._runtime.operators import cross
 from etude.types import Array, Index, Mask
 from etude_arm.clearance.distances import Gaps, unit
 from etude_arm.clearance.skeleton import Shape

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude.types import Array
 from etude_arm.plant.parameters import ArmParameters
 from etude_arm.plant.trace import LoopInputs, Trace

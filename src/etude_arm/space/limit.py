@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from etude._runtime.operators import cross
 from etude.errors import UsageError
 from etude.limits.certificate import SPEED, memoized
-from etude.operators import cross
 from etude.protocols import Family, Trajectory
 from etude.types import Array, Cone, Motion, Proof
 from etude_arm.clearance.path_poses import largest

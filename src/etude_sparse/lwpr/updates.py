@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude.types import Array, Index
 
 TINY = 1e-10

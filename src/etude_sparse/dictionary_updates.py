@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude.types import Array, Index
 
 VARIANCE, ERROR, GUARDED_ERROR = 0, 1, 2

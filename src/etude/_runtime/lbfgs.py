@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etude.blas import extension
+from etude._runtime.blas import extension
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], tuple[float, Array]]
