@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.operators import Piece, Value, cross
+from etude._runtime.operators import Piece, Value, cross
 from etude.types import Array
 from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.memory import MEMORY_RATE
