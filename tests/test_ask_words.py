@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from etude.cli import _block
-from etude.commands.ask import _distances
+from etude.cli.ask import _distances
+from etude.cli.entrance import _block
 from etude.types import Proof
 
 PLACE = "upper_forearm_visual and left_finger at 12.3 s of the segment at 141.286 s; 0.3 m or more as planned"

@@ -15,10 +15,10 @@ import pytest
 
 import etude
 from etude import cli
-from etude.campaign.learn.training import Learned
+from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.proposals import stored_trajectory
-from etude.commands import parse
+from etude.campaign.record.stored_files import stored_trajectory
+from etude.cli import parse
 from etude.errors import UnsafeTrajectoryError
 from etude.storage import writer_lock
 
@@ -68,12 +68,12 @@ def run_csv(lab: Path, path: Path) -> Path:
 def stub_learning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Learning costs nothing and says that the tolerance is reached."""
 
-    def learn(campaign: Any, state: Any, number: int) -> Learned:
+    def learn(campaign: Any, state: Any, number: int) -> TrainingOutcome:
         low = [0.001] * len(campaign.axes)
         scores = {"gp": {"nmse": low, "z2": [None] * len(low), "coverage": [0.95] * len(low)}}
         facts = {"forecast_deviation": low, "latent_deviation": low, "noise_deviation": [1e-9] * len(low)}
         facts |= {"chosen": "gp", "rungs": ["gp"] * len(low), "robot_seconds": 60.0, "moved": None}
-        return Learned([], {"models": scores, **facts})
+        return TrainingOutcome([], {"models": scores, **facts})
 
     monkeypatch.setattr("etude.campaign.learn.training.learn_log", learn)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from etude.campaign.record.folder import open_campaign
-from etude.commands import demonstration as demo
-from etude.commands.demo import Demo
-from etude.commands.parse import command
+from etude.cli import demonstration as demo
+from etude.cli.demo import Demo
+from etude.cli.parse import command
 from etude.errors import UsageError
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import etude
-from etude import cli, distribution
+from etude import cli
+from etude.cli import entrance
 from etude.logs.readers.extras import REQUIREMENTS, needed
 
 ROOT = Path(__file__).parents[1]
@@ -116,7 +117,7 @@ def test_another_distribution_with_a_package_etude_is_named(
     installed(tmp_path, "etude-sdk", "etude/__init__.py,,\netude/launch/records.py,,\n")
     installed(tmp_path, "etudes", "etudes/__init__.py,,\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    assert distribution.strangers() == ["etude-sdk 0.2.6"]
+    assert entrance.strangers() == ["etude-sdk 0.2.6"]
     assert cli.main(["--version"]) == 0
     said = capsys.readouterr()
     assert said.out == f"etude {etude.__version__}\n"
@@ -132,7 +133,7 @@ def test_a_failed_import_names_the_other_distribution(
     def overwritten(given: list[str]) -> int:
         raise ImportError("cannot import name 'ask' from 'etude'")
 
-    monkeypatch.setattr(cli, "_run", overwritten)
+    monkeypatch.setattr(entrance, "_run", overwritten)
     installed(tmp_path, "etude-sdk", "etude/__init__.py,,\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     assert cli.main(["status", "lab"]) == 1
@@ -143,5 +144,5 @@ def test_a_failed_import_names_the_other_distribution(
 
 
 def test_alone_nobody_is_named() -> None:
-    assert distribution.strangers() == []
-    assert distribution.conflict() == ""
+    assert entrance.strangers() == []
+    assert entrance.conflict() == ""

@@ -19,11 +19,12 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 import etude
-from etude import cli, interrupt
-from etude.commands import help_texts, machine, progress_bar
-from etude.commands.outcome import table
-from etude.commands.parse import COMMANDS, class_of
-from etude.commands.terminal import coloured, fitted, width
+from etude import cli
+from etude.cli import doctor, entrance, parse
+from etude.cli import terminal as progress_bar
+from etude.cli.outcome import table
+from etude.cli.parse import COMMANDS, class_of
+from etude.cli.terminal import coloured, fitted, width
 from etude.progress import counted, part, watched
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -51,7 +52,7 @@ def test_helps_fit_and_speak_of_no_types(name: str, capsys: pytest.CaptureFixtur
 
 def test_every_option_of_every_command_is_explained() -> None:
     for own in map(class_of, COMMANDS):
-        silent = {f.name for f in fields(own)} - set(help_texts._field_texts(own))
+        silent = {f.name for f in fields(own)} - set(parse._field_texts(own))
         hints = get_type_hints(own, include_extras=True)
         assert [n for n in silent if not any(getattr(a, "help", None) for a in get_args(hints[n])[1:])] == []
 
@@ -227,7 +228,7 @@ def test_a_bar_with_the_time_left_on_a_terminal(clock: list[float], monkeypatch:
 
 def test_ctrl_c_clears_the_bar_and_shows_the_cursor_again() -> None:
     master, screen = pty.openpty()
-    interrupt._say(screen, "Interrupted.", "")
+    entrance._say(screen, "Interrupted.", "")
     assert os.read(master, 1000).startswith(b"\r\x1b[K\x1b[?25hInterrupted.")
     os.close(master)
     os.close(screen)
@@ -249,8 +250,8 @@ def test_the_time_left_in_words(done: float, elapsed: float, words: str) -> None
 def test_json_says_nothing_of_progress(
     tmp_path: Path, clock: list[float], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real = machine.examined
-    monkeypatch.setattr(machine, "examined", lambda: [_work(clock, 20.0), *real()][1:])
+    real = doctor.examined
+    monkeypatch.setattr(doctor, "examined", lambda: [_work(clock, 20.0), *real()][1:])
     assert cli.main(["doctor", "--json"]) == 0
     assert capsys.readouterr().err == ""
     assert cli.main(["doctor"]) == 0
@@ -294,9 +295,9 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stated = {"Provides-Extra": ["ros", "test"], "Requires-Dist": ["numpy>=1", 'rosbags>=1; extra == "ros"']}
-    monkeypatch.setattr(machine, "_stated", lambda what: stated[what])
-    monkeypatch.setattr(machine, "_there", lambda library: library != "rosbags")
-    monkeypatch.setattr(machine.shutil, "which", lambda name: None)
+    monkeypatch.setattr(doctor, "_stated", lambda what: stated[what])
+    monkeypatch.setattr(doctor, "_there", lambda library: library != "rosbags")
+    monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
     monkeypatch.setattr(sys, "platform", "linux")
     assert cli.main(["doctor", "--json"]) == 0
     checks = {own["name"]: own for own in json.loads(capsys.readouterr().out)["checks"]}
@@ -313,18 +314,16 @@ def test_the_doctor_says_what_is_missing_and_the_line_that_installs_it(
 def test_a_library_that_is_needed_and_missing_is_red(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needs = machine._needs
-    monkeypatch.setattr(
-        machine, "_needs", lambda extra: [*needs(extra), *(["no_such_library"] * (not extra))]
-    )
+    needs = doctor._needs
+    monkeypatch.setattr(doctor, "_needs", lambda extra: [*needs(extra), *(["no_such_library"] * (not extra))])
     assert cli.main(["doctor"]) == 1
     assert "WRONG  no_such_library" in capsys.readouterr().out
 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(machine.tempfile, "TemporaryFile", _refuse)
-    here, cache = machine.places()
+    monkeypatch.setattr(doctor.tempfile, "TemporaryFile", _refuse)
+    here, cache = doctor.places()
     assert (here.light, cache.light) == ("yellow", "yellow")
     assert "NUMBA_CACHE_DIR" in cache.sentence
     assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,7 @@ from typing import Any
 __version__ = "0.2.0"
 
 _PLACES = {
-    "create_campaign": "etude.campaign.simulate.create",
+    "create_campaign": "etude.campaign.create",
     "open_campaign": "etude.campaign.record.folder",
     "ask": "etude.campaign.propose.ask",
     "tell": "etude.campaign.ingest.ingest_many",
@@ -21,8 +21,8 @@ _PLACES = {
     "watch": "etude.campaign.deployment.monitor",
     "status": "etude.campaign.evaluate.status",
     "simulate": "etude.campaign.simulate.simulation",
-    "read_log": "etude.campaign.ingest.reading",
-    "load_robot": "etude.campaign.simulate.create",
+    "read_log": "etude.campaign.ingest.inspection",
+    "load_robot": "etude.campaign.create",
     "load_model": "etude.campaign.record.stored",
     "predict": "etude.campaign.deployment.predict",
     "export": "etude.campaign.deployment.model_export",

@@ -7,16 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.gp.one_pass import solved
-from etude.models.gp.priors import (
+from etude.models.gp.likelihood_algebra import solved
+from etude.models.gp.training import (
     AMPLITUDE_DEVIATION,
+    INITIAL_NOISE,
     LENGTH_DEVIATION,
     NOISE_DEVIATION,
     NOISE_FRACTION,
     SLOPE_DEVIATION,
     Prior,
+    negative_posterior,
+    optimise,
 )
-from etude.models.gp.training import INITIAL_NOISE, negative_posterior, optimise
 from etude.threads import threads_for
 from etude.types import Array, Index
 from etude_lagrangian.prior import JointPrior

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.errors import DataError
-from etude.models.data.fit import LEAST_FIT, Folds, Rows, floor_of
-from etude.models.data.rows import seconds_of, spread_points
+from etude.models.data.fit import LEAST_FIT, Folds, Rows, floor_of, seconds_of, spread_points
 from etude.protocols import FitData, Process
 from etude.types import Array, Mask
 from etude_lagrangian.member import FIT_INSTANTS, INSTANTS

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.campaign.deployment.supplied import told_logs
+from etude.campaign.deployment.model_export import told_logs
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored import newest_model
 from etude.errors import UsageError

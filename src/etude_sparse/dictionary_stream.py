@@ -8,7 +8,7 @@ from etude.blas import dpotrs
 from etude.errors import DataError, NumericalError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data, posterior_given
-from etude.models.gp.point_kernel import PointCovariances
+from etude.models.gp.single_point import PointCovariances
 from etude.threads import threads_for
 from etude.types import Array, Index
 from etude_sparse import dictionary_steps as steps

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.point_kernel import kernel_terms
+from etude.models.gp.single_point import kernel_terms
 from etude.types import Array, Index
 from etude_sparse.spectral_features import cosine_sine
 

@@ -14,7 +14,7 @@ from etude.models.gp.basis_posterior import BasisPosterior, lower_root
 from etude.models.gp.cholesky import triangular_inverse
 from etude.models.gp.exact import checked_data
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.point_kernel import PointCovariances
+from etude.models.gp.single_point import PointCovariances
 from etude.threads import threads_for
 from etude.types import Array
 

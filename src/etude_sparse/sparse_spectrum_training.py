@@ -12,8 +12,16 @@ from etude.errors import NumericalError, UsageError
 from etude.models.gp.exact import checked_data, checked_outputs, columns_of
 from etude.models.gp.kernels import SquaredExponential
 from etude.models.gp.minimize import Objective
-from etude.models.gp.priors import Prior, data_scales, weak_prior
-from etude.models.gp.training import INITIAL_NOISE, Method, check_method, joint_likelihood, optimise
+from etude.models.gp.training import (
+    INITIAL_NOISE,
+    Method,
+    Prior,
+    check_method,
+    data_scales,
+    joint_likelihood,
+    optimise,
+    weak_prior,
+)
 from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 

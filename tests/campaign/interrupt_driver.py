@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from etude import cli
+from etude.campaign.create import create_campaign
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
-from etude.campaign.simulate.create import create_campaign
-from etude.interrupt import INTERRUPTED
+from etude.cli import entrance
+from etude.cli.entrance import INTERRUPTED
 from etude_arm import motions
 from etude_arm.plant import compiled
 
@@ -87,7 +88,7 @@ def session(folder: Path, said: Path, call: int = 0, delay: float = 0.0) -> int:
 def compile_once(campaign: Campaign) -> None:
     """Loads what every child needs; nothing that starts threads, which a fork would lose."""
     import etude.campaign.simulate.simulation
-    import etude.commands.parse
+    import etude.cli.parse
     import etude.design.solve  # noqa: F401
 
     robot = campaign.kind.robot(campaign.spec, campaign.config)
@@ -128,7 +129,7 @@ def main(folder: Path, presses: int, seed: int) -> None:
     assert set(codes) <= {0, INTERRUPTED}, f"{codes}: {words}"
     assert "Traceback" not in words, words
     assert "ignored" not in words, words
-    assert words.count(cli.KEPT) == codes.count(INTERRUPTED), words
+    assert words.count(entrance.KEPT) == codes.count(INTERRUPTED), words
     assert session(lab, said) == session(whole, said) == 0
     assert facts(lab) == facts(whole)
     sys.stdout.write(f"interrupted {codes.count(INTERRUPTED)} of {presses}\n")

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from etude.campaign.learn.training import Learned
+from etude.campaign.create import create_campaign
+from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.campaign.simulate.create import create_campaign
 from etude.protocols import Trajectory
 from etude.storage import write_atomic
 from etude.types import Array
@@ -48,7 +48,7 @@ reference_points = 30
 """
 
 
-def stub_learner(campaign: Campaign, state: State, number: int) -> Learned:
+def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Stores one small file and scores nothing; the forecast improves with each log."""
     path = campaign.model_folder(number) / "model.json"
     write_atomic(path, f'{{"logs": {[r.number for r in state.told]}}}'.encode())
@@ -63,7 +63,7 @@ def stub_learner(campaign: Campaign, state: State, number: int) -> Learned:
         "noise_deviation": [0.1, 0.1],
         "moved": None,
     }
-    return Learned([path], facts)
+    return TrainingOutcome([path], facts)
 
 
 def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.record.chain import chained
-from etude.campaign.record.journal import Event, commit, read_events
+from etude.campaign.record.journal import Event, chained, commit, read_events
 from etude.errors import UsageError
 
 OLD = Path(__file__).parent / "journal_0_1.jsonl"

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from etude import plugins
-from etude.campaign.record.comments import COMMENTS
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
-from etude.campaign.record.config_file import ConfigFile, config_text, load_config, parse_config
+from etude.campaign.record.config_file import COMMENTS, ConfigFile, config_text, load_config, parse_config
 from etude.errors import UsageError
 from etude.trajectories.family import FourierConfig
 

@@ -14,13 +14,12 @@ from etude.campaign.evaluate.confirm import ask_to_confirm
 from etude.campaign.ingest.tell import tell
 from etude.campaign.ingest.untell import untell
 from etude.campaign.propose.ask import ask
+from etude.campaign.propose.constraints import kept_now, kept_then, kept_under, seen_errors
 from etude.campaign.propose.export import export
-from etude.campaign.propose.proposal_constraints import kept_then
-from etude.campaign.propose.tracking import kept_now, kept_under, seen_errors
 from etude.campaign.record.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.proposals import stored_trajectory
 from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored_files import stored_trajectory
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
@@ -229,7 +228,7 @@ def test_without_margins_nothing_is_said_of_controls(tmp_path: Path) -> None:
 
 def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) -> None:
     """Vehicles lean against the drag from the second flight on; an open proposal is flown as it was asked."""
-    from etude.campaign.simulate.create import create_campaign
+    from etude.campaign.create import create_campaign
 
     sky, _ = create_campaign(tmp_path / "sky", "quadrotor", seed=4)
     text = (sky.path / "campaign.toml").read_text()

@@ -9,7 +9,7 @@ import pytest
 from small_robot import ROBOT
 
 from etude import plugins
-from etude.campaign.simulate.create import create_campaign, find_robot, load_robot
+from etude.campaign.create import create_campaign, find_robot, load_robot
 from etude.errors import UsageError
 
 
@@ -90,7 +90,7 @@ def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
     def read(*_: Any) -> Any:
         raise AssertionError("the robot was read")
 
-    monkeypatch.setattr("etude.campaign.simulate.create.find_robot", read)
+    monkeypatch.setattr("etude.campaign.create.find_robot", read)
     with pytest.raises(UsageError, match="a campaign here already"):
         create_campaign(tmp_path / "lab", "arm4")
     assert before == {path: path.read_bytes() for path in (tmp_path / "lab").rglob("*") if path.is_file()}

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.ingest.groups import told_samples
 from etude.campaign.ingest.ingest_result import read
+from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored import load_model
 from etude.cli import main

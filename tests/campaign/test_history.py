@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from etude.campaign.evaluate.stopping import POOLED, calibration_factor, seen_by_the_rule
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.history import POOLED, calibration_factor, seen_by_the_rule
 from etude.campaign.record.state import Round, State
 
 LIMITS = (20.0, 10.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_robot import ROBOT, random_motion, write_log
 
-from etude.campaign.ingest.inspecting import Inspected, inspect
+from etude.campaign.ingest.inspection import Inspected, inspect
 from etude.campaign.record.folder import Campaign
 from etude.cli import main
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from etude import cli, interrupt
+from etude.cli import entrance
 
 HERE = Path(__file__).parent
 PRESSES = 9
@@ -32,7 +32,7 @@ def test_ctrl_c_in_compiled_code(tmp_path: Path) -> None:
 SWALLOWED = """
 import ctypes, os, signal, sys, time
 from etude import cli
-from etude.commands import status
+from etude.cli import status
 def swallow():
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.01)
@@ -50,10 +50,10 @@ def test_ctrl_c_in_a_callback_that_swallows_it(as_json: bool) -> None:
     command = [sys.executable, "-c", SWALLOWED, "status", "lab", *(["--json"] if as_json else [])]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 130
-    assert done.stderr == f"etude: {cli.KEPT}\n"
+    assert done.stderr == f"etude: {entrance.KEPT}\n"
     if as_json:
         error = json.loads(done.stdout)["error"]
-        assert (error["kind"], error["fact"], error["exit_code"]) == ("Interrupted", cli.KEPT, 130)
+        assert (error["kind"], error["fact"], error["exit_code"]) == ("Interrupted", entrance.KEPT, 130)
     else:
         assert done.stdout == ""
 
@@ -61,7 +61,7 @@ def test_ctrl_c_in_a_callback_that_swallows_it(as_json: bool) -> None:
 PENDING = """
 import ctypes, signal
 from numba import cfunc, types
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 
 def c(name, *kinds):
     address = ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value
@@ -90,7 +90,7 @@ def test_c_code_that_lets_it_in_with_an_error_pending() -> None:
 
 SILENT = """
 import os, signal
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 from etude.logs.readers.frames import without_panics_on_screen
 end_on_interrupt("Over.")
 with without_panics_on_screen():
@@ -107,7 +107,7 @@ WORKERS = """
 import os, signal, sys, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 if __name__ == "__main__":
     end_on_interrupt("Over.")
     pool = ProcessPoolExecutor(1, get_context("spawn"))
@@ -143,7 +143,7 @@ def alive(process: int) -> bool:
 def test_a_job_in_the_background_stays_deaf() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        interrupt.end_on_interrupt("Over.")
+        entrance.end_on_interrupt("Over.")
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
@@ -155,8 +155,8 @@ def test_outside_the_main_thread_nothing_changes() -> None:
 
     def both() -> None:
         try:
-            interrupt.end_on_interrupt("Over.")
-            interrupt.ignore_from_now()
+            entrance.end_on_interrupt("Over.")
+            entrance.ignore_from_now()
         except BaseException as error:
             failed.append(error)
 

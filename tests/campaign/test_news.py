@@ -17,8 +17,7 @@ from etude.campaign.record.alerts import bad_news
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
 from etude.cli import main
-from etude.models.data.insufficient_data import UNCERTAIN
-from etude.models.selection.selection_rule import TOO_FEW
+from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
 from etude.types import Finding
 
 OUTPUTS = ("hip", "knee")

@@ -12,7 +12,8 @@ import polars as pl
 import pytest
 
 import etude
-from etude.campaign.deployment.model_export import MARK, export, given
+from etude.campaign.deployment.model_export import export, given
+from etude.campaign.record.stored_files import MARK
 from etude.cli import main
 from etude.errors import EtudeError, UsageError
 from etude.options import taken

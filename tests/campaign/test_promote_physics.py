@@ -10,13 +10,13 @@ from small_robot import make_campaign, random_motion, write_log
 from test_foreign_flights import EXAMPLE, QUICK
 from test_learning import CONFIG
 
+from etude.campaign.create import create_campaign
 from etude.campaign.deployment.promote import promote
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored import LEFT_OUT
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
-from etude.models.data.cross_validation_residuals import read_left_out
+from etude.models.selection.model_selection import read_residuals
 
 
 def configured(path: Path, changes: dict[str, str]) -> Campaign:
@@ -32,7 +32,7 @@ def test_regression_alone_is_held_against_a_constant(tmp_path: Path) -> None:
     campaign = make_campaign(tmp_path, config=CONFIG.replace('rung = "gp"', 'rung = "linear"'))
     logs = [write_log(tmp_path / f"{n}.csv", random_motion(campaign, n), n) for n in range(1, 6)]
     tell(campaign, logs, foreign=True)
-    left = read_left_out(campaign.model_folder(5) / LEFT_OUT)
+    left = read_residuals(campaign.model_folder(5) / LEFT_OUT)
     told = np.isfinite(left.error)
     assert (np.isfinite(left.physics) == told).all()
     assert left.physics[told].std() > 1.5 * left.error[told].std(), "a constant knows no motion"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.ingest.simulated_logs import SIMULATED
+from etude.campaign.create import create_campaign
+from etude.campaign.ingest.log_groups import SIMULATED
 from etude.campaign.ingest.tell import tell
 from etude.campaign.learn import training as learning
-from etude.campaign.learn.training import Learned
+from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 
@@ -33,8 +33,8 @@ ROBOT = f"""<robot name="made"><link name="base"/>{LINK.format("upper")}{LINK.fo
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """A campaign of a robot that exists, where learning costs nothing."""
 
-    def learn(campaign: Campaign, state: Any, number: int) -> Learned:
-        return Learned([], {"models": {}, "chosen": "gp", "rungs": ["gp"] * 2, "robot_seconds": 8.0})
+    def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
+        return TrainingOutcome([], {"models": {}, "chosen": "gp", "rungs": ["gp"] * 2, "robot_seconds": 8.0})
 
     monkeypatch.setattr(learning, "learn_log", learn)
     (tmp_path / "made.urdf").write_text(ROBOT)

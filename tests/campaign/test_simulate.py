@@ -10,18 +10,18 @@ import polars as pl
 import pytest
 
 from etude import plugins
+from etude.campaign.create import create_campaign
 from etude.campaign.ingest import tell as telling
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.learn import training as learning
-from etude.campaign.learn.training import Learned
+from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import CHANGED
-from etude.campaign.simulate import loop as module
-from etude.campaign.simulate.create import create_campaign
-from etude.campaign.simulate.loop import test_motions as motions_of
+from etude.campaign.simulate import simulation as module
 from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulate.simulation import test_motions as motions_of
 from etude.cli import main
 from etude.errors import UsageError
 from etude.limits.certificate import certify
@@ -37,9 +37,9 @@ JOURNAL = "journal.jsonl"
 def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """Learning and designing cost nothing, and the model says nothing."""
 
-    def learn(campaign: Campaign, state: Any, number: int) -> Learned:
+    def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
         facts = {"models": {}, "chosen": "gp", "rungs": ["gp"] * 4, "robot_seconds": 8.0 * number}
-        return Learned([], facts)
+        return TrainingOutcome([], facts)
 
     def again(campaign: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
         *_, limits, _ = rest

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etude.campaign.evaluate.stopping import Evidence, judge
-from etude.campaign.record.stop_config import StopConfig
+from etude.campaign.record.config import StopConfig
 from etude.errors import UsageError
 
 CONFIG = StopConfig(command_tolerance=0.02)

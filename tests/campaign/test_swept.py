@@ -10,7 +10,7 @@ import pytest
 from small_robot import make_campaign
 
 from etude.campaign.propose.ask import ask
-from etude.campaign.propose.visited import (
+from etude.campaign.propose.proposal import (
     NO_TIME,
     Swept,
     as_facts,
@@ -19,8 +19,8 @@ from etude.campaign.propose.visited import (
     teaches_little,
     visited_by,
 )
-from etude.campaign.record.proposals import stored_trajectory
-from etude.commands.ask import Ask
+from etude.campaign.record.stored_files import stored_trajectory
+from etude.cli.ask import Ask
 from etude.protocols import Trajectory
 from etude.report.build import build_report
 from etude.trajectories.fourier import FourierTrajectory

@@ -9,9 +9,9 @@ import pytest
 from small_robot import make_campaign
 
 from etude.campaign.propose.ask import ask
-from etude.campaign.propose.tasks import load_tasks
+from etude.campaign.propose.motions import load_tasks
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored_files import stored_trajectory
 from etude.errors import UsageError
 from etude.types import Channel
 

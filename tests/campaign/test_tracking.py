@@ -10,15 +10,14 @@ import pytest
 import tyro
 from small_robot import make_campaign, stub_learner, write_log
 
+from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
-from etude.campaign.propose.proposal_constraints import kept_then
-from etude.campaign.propose.tracking import kept_now
+from etude.campaign.propose.constraints import kept_now, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.proposals import stored_trajectory
 from etude.campaign.record.state import Round, State
-from etude.campaign.simulate.create import create_campaign
-from etude.commands.ask import Ask
+from etude.campaign.record.stored_files import stored_trajectory
+from etude.cli.ask import Ask
 from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.trajectories.fourier import FourierTrajectory

@@ -14,7 +14,7 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import pose_of
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.proposals import stored_trajectory
+from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import WAY, certify

@@ -21,15 +21,15 @@ import polars as pl
 import pytest
 
 from etude import cli, plugins
+from etude.campaign.create import create_campaign
 from etude.campaign.deployment.predict import predict
 from etude.campaign.deployment.promote import promote
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import Proposal, ask
-from etude.campaign.propose.proposal_constraints import Constraints, kept_then
+from etude.campaign.propose.constraints import Constraints, kept_then
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files, read_events
-from etude.campaign.simulate.create import create_campaign
 from etude.deploy.played import certify_played
 from etude.errors import EtudeError, UnsafeTrajectoryError, UsageError
 from etude.limits.certificate import Certificate, certify

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from etude import cli, plugins
+from etude.campaign.create import create_campaign
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.errors import EtudeError, UsageError
 from etude.models import store
 from etude.models.gp.kernels import SquaredExponential

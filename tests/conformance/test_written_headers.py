@@ -15,9 +15,9 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from etude.campaign.create import create_campaign
 from etude.campaign.deployment.predict import write_table
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.deploy.trajectory_files import csv_bytes, read_table
 from etude.errors import UsageError
 from etude.logs.cleaning.read import matched_log

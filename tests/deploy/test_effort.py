@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from etude.campaign.create import create_campaign
 from etude.campaign.propose.motions import typical_motions
-from etude.campaign.simulate.create import create_campaign
 from etude.deploy.effort import effort
 from etude.protocols import Inputs
 from etude.types import Array, Log

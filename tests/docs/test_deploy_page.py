@@ -21,7 +21,7 @@ def test_the_page_ends_in_a_command(tmp_path: Path) -> None:
     for line in first.splitlines():
         words = shlex.split(line)
         assert words[0] == "etude"
-        run([sys.executable, "-m", "etude.cli", *words[1:]], tmp_path)
+        run([sys.executable, "-m", "etude", *words[1:]], tmp_path)
     folder = tmp_path / "lab" / "exports" / "c"
     (program,) = blocks(PAGE, "c")
     (folder / "main.c").write_text(program, encoding="utf-8")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from etude import cli
-from etude.commands.parse import COMMANDS as ALL
+from etude.cli.parse import COMMANDS as ALL
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -24,7 +24,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 BRIEFLY = """
 from dataclasses import replace
-from etude.campaign.simulate import create
+from etude.campaign import create
 from etude_arm import motions
 whole = create.preset_config
 def brief(kind, name):

@@ -99,6 +99,6 @@ def test_every_command_of_the_page_runs(page: Path, place: Path) -> None:
             configured(page, words[1])
         told += words[0] == "tell"
         words = [word.replace("LOG", "examples/ur10/ur10_exciting.csv") for word in words]
-        command = [sys.executable, "-m", "etude.cli", *words]
+        command = [sys.executable, "-m", "etude", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{words}: {done.stderr}"

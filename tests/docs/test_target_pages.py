@@ -26,7 +26,7 @@ def followed(name: str, place: Path) -> str:
         for line in block.splitlines():
             words = shlex.split(line)
             if words[0] == "etude":
-                said += run([sys.executable, "-m", "etude.cli", *words[1:]], place)
+                said += run([sys.executable, "-m", "etude", *words[1:]], place)
     for block in blocks(page, "text"):
         for line in block.splitlines():
             assert line in said or line.startswith("obj-y"), f"{line}\n---\n{said}"

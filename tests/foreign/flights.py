@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from px4_cascade import Body, fly, padded
 
+from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.approach import there_and_back
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.deploy.exporters.offboard import NED, OFFBOARD
 from etude.deploy.played import certify_played
 from etude.limits.certificate import Certificate, certify

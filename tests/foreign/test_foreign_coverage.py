@@ -18,10 +18,10 @@ pytest.importorskip("coal", reason="coal comes with pinocchio: pip install pin")
 from coverage_ruler import Ruler, ruler_of_campaign, swept
 from measure_coverage import file_of, measured, packages_of, robots
 
+from etude.campaign.create import RobotPart, create_campaign
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.proposals import stored_trajectory
-from etude.campaign.simulate.create import Part, create_campaign
+from etude.campaign.record.stored_files import stored_trajectory
 from etude.protocols import Trajectory
 
 QUICK = 'kind = "arm"\n[design]\nrefine = 1\nsteps = 2\npoints = 15\nreference_points = 20\n'
@@ -43,7 +43,7 @@ def _installed() -> None:
 @cache
 def first_of(arm: str, folder: Path) -> tuple[Trajectory, Ruler]:
     """A first proposal, and the ruler of its arm."""
-    path = create_campaign(folder / "lab", str(file_of(arm)), seed=5, part=Part((), {}, ()))[0].path
+    path = create_campaign(folder / "lab", str(file_of(arm)), seed=5, part=RobotPart((), {}, ()))[0].path
     (path / "campaign.toml").write_text(QUICK)
     campaign = open_campaign(path)
     ask(campaign)

@@ -27,14 +27,12 @@ KINDS = ("etude_arm", "etude_quadrotor")
 RANKS = {
     "errors": 0,
     "generation": 0,
-    "distribution": 0,
     "trust": 0,
     "storage": 0,
     "threads": 0,
     "blas": 0,
     "lbfgs": 0,
     "compilation": 0,
-    "interrupt": 0,
     "protocols": 0,
     "types": 0,
     "plugins": 0,
@@ -52,11 +50,10 @@ RANKS = {
     "campaign": 4,
     "report": 5,
     "testing": 5,
-    "commands": 6,
     "cli": 6,
 }
 # within one rank a room imports no other, but for these: what stands on nothing else may be used by all of
-# rank 0, and the entrance runs commands
+# rank 0
 SIDEWAYS = {
     ("storage", "errors"),
     ("plugins", "errors"),
@@ -71,10 +68,9 @@ SIDEWAYS = {
     ("types", "shown"),
     ("protocols", "operators"),
     ("protocols", "types"),
-    ("cli", "commands"),
 }
 # a kind supplies nouns, the steps are the pipeline's
-NOT_OF_A_KIND = {"design", "campaign", "report", "commands", "cli"}
+NOT_OF_A_KIND = {"design", "campaign", "report", "cli"}
 
 
 def modules() -> list[Path]:

@@ -88,6 +88,73 @@ def test_desired_is_not_measured() -> None:
     assert names_of(headers, "q") == headers[3:6]
 
 
+@pytest.mark.parametrize("word", ["desired", "des", "ref", "reference", "target", "setpoint", "goal"])
+@pytest.mark.parametrize("pattern", ["{j}.{d}", "{d}.{j}", "{j}_{d}", "/joint_states/{j}/{d}"])
+def test_what_is_only_desired_is_the_planned_position(word: str, pattern: str) -> None:
+    """Beside the measured position, which it is not, and never in its place."""
+    plain = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS]
+    headers = [pattern.format(j=j.removesuffix("_joint"), d=word) for j in JOINTS]
+    matching = match_columns([*headers, *plain], CHANNELS, "f")
+    assert [c.name for c in matching.channels["q_des"]] == headers
+    assert [c.name for c in matching.channels["q"]] == plain[:3]
+    assert matching.ignored == ()
+    with pytest.raises(DataError, match="no column for channel 'q'"):
+        match_columns([*headers, *plain[3:]], CHANNELS, "f")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "channel"),
+    [
+        ("q_des_{j}", "q_des"),
+        ("{j}_pos_ref", "q_des"),
+        ("desired/{j}/position", "q_des"),
+        ("q{n}_des", "q_des"),
+        ("q_{n}_ref", "q_des"),
+        ("joint{n}_desired", "q_des"),
+        ("{j}_ref [deg]", "q_des"),
+        ("{j}_desired_deg", "q_des"),
+        ("{j}_vel_des", "qd_des"),
+        ("reference.{j}.velocity", "qd_des"),
+        ("qd{n}_ref", "qd_des"),
+        ("{j}_acc_target", "qdd_des"),
+    ],
+)
+def test_desired_values_of_each_quantity(pattern: str, channel: str) -> None:
+    plain = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS]
+    headers = [pattern.format(j=j, n=n) for n, j in enumerate(JOINTS, 1)]
+    matching = match_columns([*plain, *headers], CHANNELS, "f")
+    assert [c.name for c in matching.channels[channel]] == headers
+    assert matching.ignored == ()
+    assert matching.channels[channel][0].factor == pytest.approx(np.pi / 180 if "deg" in pattern[-5:] else 1)
+
+
+def test_a_desired_torque_is_no_desired_position() -> None:
+    plain = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS]
+    headers = [f"{j}_ref [Nm]" for j in JOINTS]
+    matching = match_columns([*plain, *headers], CHANNELS, "f")
+    assert "q_des" not in matching.channels
+    assert matching.ignored == tuple(headers)
+
+
+def test_of_two_plans_the_first_whole_spelling_is_taken() -> None:
+    plain = [f"{c}_{j}" for c in ("q", "tau") for j in JOINTS]
+    other, own = ([text.format(j) for j in JOINTS] for text in ("{}.desired", "q_des_{}"))
+    matching = match_columns([*plain, *other, *own], CHANNELS, "f")
+    assert [c.name for c in matching.channels["q_des"]] == own
+    assert matching.ignored == tuple(other)
+
+
+def test_set_points_of_a_flight() -> None:
+    headers = [
+        *(f"acc_{a}" for a in "xyz"),
+        *(f"gyro_{a}" for a in "xyz"),
+        *(f"motor_{n}" for n in range(1, 5)),
+    ]
+    told = match_columns([*headers, *(f"{a}_ref" for a in "xyz")], FLIGHT_CHANNELS, "f")
+    assert [c.name for c in told.channels["position_des"]] == ["x_ref", "y_ref", "z_ref"]
+    assert "position" not in told.channels
+
+
 @settings(max_examples=25)
 @given(st.permutations([f"{c}.{j}" for c in ("position", "velocity", "effort") for j in JOINTS]))
 def test_any_order(headers: list[str]) -> None:

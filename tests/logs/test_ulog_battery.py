@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etude.campaign.simulate.create import find_robot
+from etude.campaign.create import find_robot
 from etude.logs.cleaning.read import read_log
 from etude.logs.readers.registry import read_raw
 from etude.types import Index, Log, Samples

@@ -11,8 +11,7 @@ import numpy as np
 from etude.errors import DataError
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import fold_numbers
-from etude.models.data.fit import Folds, fit_data, rows_of, units_of
-from etude.models.data.rows import in_order
+from etude.models.data.fit import Folds, fit_data, in_order, rows_of, units_of
 from etude.models.model import LearnedModel
 from etude.models.selection.model_selection import Ladder, train_ladder
 from etude.protocols import FitData

@@ -10,14 +10,21 @@ from learning_examples import LIMIT, NAMES, PHYSICS, SMALL, Inputs, ladder, traj
 
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
-from etude.models.contracts import share_of
 from etude.models.data.fit import Folds
-from etude.models.selection import averaging
-from etude.models.selection.averaging import EXPONENT, LEAST, mixed, weighed
-from etude.models.selection.ensemble import REST_S, resting
-from etude.models.selection.member_configs import INVERTED, work_sign
+from etude.models.protocols import share_of
+from etude.models.selection import ensemble
+from etude.models.selection.ensemble import (
+    EXPONENT,
+    INVERTED,
+    LEAST,
+    REST_S,
+    mixed,
+    resting,
+    weighed,
+    work_sign,
+)
 from etude.models.selection.model_selection import train_ladder
-from etude.models.selection.structures import Learned
+from etude.models.selection.structures import LearnedStructure
 from etude.models.store import model_bytes, model_of
 
 BOTH = replace(SMALL, candidates=("default", "gip_lin"))
@@ -164,15 +171,15 @@ def test_candidates_are_compared_by_all_that_the_default_held_out(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of many samples each is conditioned on others, and hardly any are held out by all."""
-    seen: list[tuple[Learned, Learned, np.ndarray]] = []
-    whole = averaging.everywhere
+    seen: list[tuple[LearnedStructure, LearnedStructure, np.ndarray]] = []
+    whole = ensemble.everywhere
 
     def spy(folds, part, base, compared):
         error, variance = whole(folds, part, base, compared)
         seen.append((part, compared, np.isfinite(error) & np.isfinite(variance)))
         return error, variance
 
-    monkeypatch.setattr(averaging, "everywhere", spy)
+    monkeypatch.setattr(ensemble, "everywhere", spy)
     data, inputs = trajectories(3), Resting() if name == "standing" else Inputs()
     if name == "standing":
         qd = np.where((np.arange(len(data))[:, None] + [0, 20]) % 40 < 5, 0.0, data.log["qd"])

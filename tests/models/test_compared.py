@@ -9,16 +9,8 @@ import pytest
 from scipy.stats import norm, ttest_1samp
 
 from etude.errors import DataError
-from etude.models.data.cross_validation_residuals import LeftOut, read_left_out
-from etude.models.selection.compared import (
-    LEAST_SEGMENTS,
-    NARROW,
-    WIDE,
-    by_segment,
-    compared,
-    coverage,
-    uncalibrated,
-)
+from etude.models.score import LEAST_SEGMENTS, NARROW, WIDE, by_segment, compared, coverage, uncalibrated
+from etude.models.selection.model_selection import CrossValidationResiduals, read_residuals
 
 
 def test_the_interval_is_students_t_of_the_mean_log_ratio() -> None:
@@ -72,14 +64,14 @@ def test_coverage_of_right_narrow_and_wide_intervals() -> None:
 def test_what_was_left_out_comes_back_and_damage_is_told(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     values = [rng.normal(size=(5, 2)) for _ in range(3)]
-    kept = LeftOut(np.arange(5), np.array([0, 0, 1, 1, 1]), *values, "linear")
+    kept = CrossValidationResiduals(np.arange(5), np.array([0, 0, 1, 1, 1]), *values, "linear")
     path = tmp_path / "left_out.npz"
     path.write_bytes(kept.to_bytes())
-    again = read_left_out(path)
+    again = read_residuals(path)
     for name in ("rows", "group", "error", "variance", "physics"):
         np.testing.assert_array_equal(getattr(again, name), getattr(kept, name))
     assert again.rung == "linear"
     assert again.to_bytes() == kept.to_bytes()
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(DataError, match="cannot be read"):
-        read_left_out(path)
+        read_residuals(path)

@@ -53,7 +53,7 @@ def test_likelihood_is_the_normal_density_and_its_gradient_exact(floor: float) -
 def test_blocks_of_columns_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     X, y = data(50)
     whole = process().log_marginal_likelihood(X, y)[1]
-    monkeypatch.setattr("etude.models.gp.squared_exponential.BLOCK", 7)
+    monkeypatch.setattr("etude.models.gp.kernels.BLOCK", 7)
     np.testing.assert_allclose(process().log_marginal_likelihood(X, y)[1], whole, rtol=1e-10, atol=1e-10)
 
 

@@ -16,8 +16,7 @@ from etude.models.data.cross_validation import (
     held_out_blocks,
     split_blocks,
 )
-from etude.models.data.fit import Folds, rows_of
-from etude.models.data.rows import in_order, seconds_of, spread_points
+from etude.models.data.fit import Folds, in_order, rows_of, seconds_of, spread_points
 from etude.models.selection.linear import LinearPhysics, at_rest
 from etude.types import Samples
 

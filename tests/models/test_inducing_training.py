@@ -9,7 +9,7 @@ from arm_kernel import structured_kernel
 from etude.errors import DataError, UsageError
 from etude.models.gp.inducing_training import fit_inducing, greedy_points, initial_inducing
 from etude.models.gp.kernels import SquaredExponential
-from etude.models.gp.priors import Prior, weak_prior
+from etude.models.gp.training import Prior, weak_prior
 
 FORMS = pytest.mark.parametrize("form", ["vfe", "fitc"])
 METHODS = pytest.mark.parametrize("method", ["lbfgs", "minimize"])

@@ -26,7 +26,7 @@ from etude.models.config import RUNGS, ModelConfig
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.score import score
-from etude.models.selection.member_configs import CANDIDATES
+from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.model_selection import OFFERED, prequential
 from etude.types import Samples, joined_samples
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from etude import plugins
-from etude.models.contracts import SupportsFirstUse
+from etude.models.protocols import SupportsFirstUse
 from etude_lagrangian import all_outputs
 from etude_lagrangian.compilation import SENTENCE
 from etude_lagrangian.kernel import gip_lin

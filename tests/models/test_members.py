@@ -25,11 +25,11 @@ from etude import plugins
 from etude.design.criteria import Output, criterion_named, evaluate, value_of
 from etude.errors import UsageError
 from etude.models.config import SPECTRAL
-from etude.models.contracts import HasKernel
 from etude.models.data.hyperparameters import counted
 from etude.models.gp.shared_exact import condition_shared
 from etude.models.members import member_named
 from etude.models.process import Posteriors
+from etude.models.protocols import HasKernel
 from etude.models.score import score
 from etude.models.store import load_model, save_model
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import LowLevelCallable
 
 from etude.errors import NumericalError
-from etude.models.gp import fortran, one_pass
-from etude.models.gp.one_pass import BLOCK, by_parts, in_one, solved
+from etude.models.gp import likelihood_algebra
+from etude.models.gp.likelihood_algebra import BLOCK, by_parts, in_one, solved
 
 ORDERS = (1, 7, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK, 317)
 
@@ -29,7 +29,7 @@ def whole(lower: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("n", ORDERS)
 def test_it_inverts_solves_and_takes_the_determinant(n: int, outputs: int) -> None:
     K, Y = problem(n, outputs)
-    use = fortran.routines()
+    use = likelihood_algebra.routines()
     assert use is not None
     found = in_one(K, K.diagonal(), Y, use)
     assert found is not None
@@ -45,7 +45,7 @@ def test_it_inverts_solves_and_takes_the_determinant(n: int, outputs: int) -> No
 def test_it_is_as_good_as_lapack_s_three(noise: float) -> None:
     """Both beside extended precision; K is as ill-conditioned as kernels make it."""
     K, Y = problem(250, 1, noise)
-    use = fortran.routines()
+    use = likelihood_algebra.routines()
     assert use is not None
     exact = in_extended_precision(K, Y)
     one, parts = in_one(K, K.diagonal(), Y, use), by_parts(K, K.diagonal(), Y)
@@ -97,13 +97,13 @@ def test_where_scipy_has_other_integers_lapack_s_three_do_it(monkeypatch: pytest
         def __init__(self, module: object, name: str) -> None:
             self.signature = taken(module, name).signature.replace("int *", "blas_int *")
 
-    monkeypatch.setattr(fortran.LowLevelCallable, "from_cython", OfLongIntegers)
-    fortran.routines.cache_clear()
+    monkeypatch.setattr(likelihood_algebra.LowLevelCallable, "from_cython", OfLongIntegers)
+    likelihood_algebra.routines.cache_clear()
     try:
-        assert fortran.routines() is None
+        assert likelihood_algebra.routines() is None
         theirs = solved(K, 0.1, Y)
     finally:
-        fortran.routines.cache_clear()
+        likelihood_algebra.routines.cache_clear()
     scale = float(np.abs(theirs.weights).max())
     np.testing.assert_allclose(ours.weights, theirs.weights, rtol=0.0, atol=1e-12 * scale)
     assert (ours.square, ours.log_det) == pytest.approx((theirs.square, theirs.log_det), rel=1e-12)
@@ -111,11 +111,11 @@ def test_where_scipy_has_other_integers_lapack_s_three_do_it(monkeypatch: pytest
 
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     K, Y = problem(130, 2)
-    use = fortran.routines()
+    use = likelihood_algebra.routines()
     assert use is not None
     found = []
     for block in (1, 8, 29, 130):
-        monkeypatch.setattr(one_pass, "BLOCK", block)
+        monkeypatch.setattr(likelihood_algebra, "BLOCK", block)
         each = in_one(K, K.diagonal(), Y, use)
         assert each is not None
         found.append(each.weights)

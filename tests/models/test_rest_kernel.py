@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from etude.errors import UsageError
-from etude.models.contracts import Offered
 from etude.models.forms import kernel_of, kernel_words
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.kernels import SquaredExponential, structured
-from etude.models.gp.point_kernel import PointCovariances
-from etude.models.gp.rest import RestNoise, standing
+from etude.models.gp.single_point import PointCovariances
+from etude.models.gp.stiction import RestNoise, standing
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.models.protocols import EnsembleMember
 from etude.types import Log
 
 COLUMNS = [
@@ -74,7 +74,7 @@ def test_no_noise_makes_a_known_command_fade() -> None:
     y = np.sin(at[:, 0]) + rng.normal(size=400) * np.where(at[:, 1] > 0.0, 20.0, 2.0)
     gp = ExactGP(SquaredExponential((0,)) + KERNEL, np.array([0.0, 0.0, np.log(20.0)]), np.log(2.0))
     own, one = Posteriors((gp.condition(at, y),)), np.ones(1)
-    candidate = Offered("gp", (0,), one, None, own, np.array([[0.0], [3.0]]), 1.5 * one)
+    candidate = EnsembleMember("gp", (0,), one, None, own, np.array([[0.0], [3.0]]), 1.5 * one)
     model = LearnedModel(cast("Any", Plain()), (candidate,), ("a",), np.zeros((2, 2)), True, one)
     states = {"q": np.array([[0.3], [0.3], [9.0], [9.0]]), "rest": np.array([[0.0], [1.0], [0.0], [1.0]])}
     (mean, variance), (faded, same) = model.posterior(states), model.predict(states)

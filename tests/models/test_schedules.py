@@ -22,13 +22,13 @@ from learning_examples import trajectories as longer
 
 from etude import plugins
 from etude.models.config import SCHEDULES, SPECTRAL, ModelConfig
-from etude.models.contracts import HasKernel
 from etude.models.data.hyperparameters import on_schedule, trained_process
 from etude.models.gp.exact import ExactGP
 from etude.models.gp.training import fit, initial_gp
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Posteriors
+from etude.models.protocols import HasKernel
 from etude.models.store import load_model, save_model
 from etude.protocols import FitData
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from learning_examples import LIMIT, SMALL, train, trajectories, trajectory
 
-from etude.models.data.insufficient_data import DOUBT
 from etude.models.score import score
+from etude.models.selection.selection_rule import DOUBT
 from etude.models.trust import trust
 from etude.types import Samples
 

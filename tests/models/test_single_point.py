@@ -9,8 +9,7 @@ from arm_kernel import structured_kernel
 from etude.errors import UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior
 from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.point_kernel import _exponential
-from etude.models.gp.single_point import PointMean
+from etude.models.gp.single_point import PointMean, _exponential
 from etude_sparse.dictionary import DictionaryConfig, DictionaryGP
 
 D = 5

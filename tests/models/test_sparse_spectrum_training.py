@@ -7,7 +7,7 @@ import pytest
 
 import etude_sparse.sparse_spectrum_training as module
 from etude.errors import DataError, UsageError
-from etude.models.gp.priors import Prior
+from etude.models.gp.training import Prior
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
 from etude_sparse.sparse_spectrum_training import (
     fit_sparse_spectrum,

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from page import Page
 
+from etude.campaign.create import create_campaign
 from etude.campaign.propose.ask import ask
-from etude.campaign.record.chain import chained
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.journal import read_events
+from etude.campaign.record.journal import chained, read_events
 from etude.campaign.record.stored import stored_model
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.report import curves
 from etude.report.build import CONTENTS, build_report

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from etude.commands.bench import Bench
+from etude.cli.study import Bench
 from etude.errors import UsageError
 from etude.models.config import ModelConfig
 from etude.models.selection.model_selection import Ladder

@@ -13,8 +13,8 @@ import pytest
 from peer_examples import SPECTRAL, MakePeer, peer_maker
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from etude.commands.bench import Bench
-from etude.commands.parse import command
+from etude.cli.parse import command
+from etude.cli.study import Bench
 from etude.errors import UsageError
 from etude_studies import bench_gp, bench_peers
 from etude_studies.bench_peers import in_turn, peer_rows, spectrum_rows

@@ -312,7 +312,7 @@ def test_where_a_result_comes_from_is_kept(tmp_path: Path) -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from etude.interrupt import end_on_interrupt
+from etude.cli.entrance import end_on_interrupt
 from etude_studies.engines.schedule import run_all
 from etude_studies.engines.workers import Workers
 from etude_studies.spec import Spec

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.commands.bench import Bench
+from etude.cli.study import Bench
 from etude.errors import DataError, UsageError
 from etude.models.config import ModelConfig
 from etude.models.data.cross_validation import split_blocks

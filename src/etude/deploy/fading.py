@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from etude.models.model import LearnedModel
-from etude.models.selection.parts import level_of, physics_behind
+from etude.models.selection.member_prediction import level_of, physics_behind
 
 
 def fading(model: LearnedModel) -> str:

@@ -6,6 +6,10 @@ function, with an attribute `needs = "reference"` if it looks at reference state
 if it judges the identified model's parameters, and name it: by an entry point in `etude.criteria`, or in a
 campaign as "module:function". `etude.testing.CriterionSuite` checks its gradient and what else it owes.
 Here are the criteria that count variances; those that count nats are in `information`.
+
+With gains d the noise of sample t is sn^2/d_t^2. Multiplied through by d, S = C_TT + diag(sn^2/d^2) becomes
+M = d C_TT d + sn^2 I: the same information, log det(S/noise) = log det(M/sn^2), and smooth where a gain is
+zero.
 """
 
 from __future__ import annotations

@@ -4,6 +4,10 @@ A command along a motion is no polynomial and its model is learned, so nothing i
 looked at every few milliseconds, and a row says so. Between two samples a command with second derivative c
 stays within c h^2/8 of the line through them, and its rate within c h/2 of that line's slope. c is taken from
 the second differences of the samples themselves, twice as large as they are.
+
+After little motion a model may say deviations, at reversals above all, with which the very motion that taught
+it would leave the limits, though the robot has run it within them. What is wrong then is the deviation. Were
+it counted in full, hardly any motion would be left, and those without content.
 """
 
 from __future__ import annotations

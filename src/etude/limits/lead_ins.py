@@ -1,4 +1,9 @@
-"""Motions that begin and end in motion, joined to rest by lead-ins and lead-outs that are proved."""
+"""Motions that begin and end in motion, joined to rest by lead-ins and lead-outs that are proved.
+
+The series goes on before its first instant and after its last one. It is run up there from standstill: time
+itself is started smoothly, so that places stay on the path and speeds below its own. What is flown are
+septics through points of that, which a certificate proves as they are.
+"""
 
 from __future__ import annotations
 

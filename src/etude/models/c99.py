@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from etude.models.contracts import SupportsC
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.c99 import UnwritableError, expanded, fused, real, telling_first
 from etude.models.gp.exact import ExactPosterior
+from etude.models.protocols import SupportsC
 from etude.protocols import Posterior
 from etude.types import Array, Code, Column
 

@@ -70,7 +70,7 @@ class ModelConfig:
             likelihood then takes their agreement for precision. With an arm's kernels an eightieth of what
             the trajectories last, where that is less.
         candidates: beside "default", processes that are averaged with it in its rung: names in
-            `recipes.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
+            `ensemble.CANDIDATES`. Only with the structured kernel, exact processes and several folds.
         steps, method: length and method of the training: iterations of "lbfgs"; of "minimize" line searches
             or, if negative, evaluations of the likelihood (see `training.fit`).
         warm_from: trajectories from which training goes on from the last model, as `schedule` says; with

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etude import plugins
-from etude.models.contracts import Stored
 from etude.models.gp.exact import ExactPosterior, checked_data
 from etude.models.gp.kernels import Kernel, Linear, Product, SquaredExponential, Sum
-from etude.models.gp.rest import RestNoise
+from etude.models.gp.stiction import RestNoise
+from etude.models.protocols import Stored
 from etude.protocols import Posterior
 
 if TYPE_CHECKING:  # what is not stored is not loaded

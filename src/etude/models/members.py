@@ -1,4 +1,4 @@
-"""The members of the model family by name: how each learns a group of commands, one or several.
+"""The members of the model family by name, built in or brought by another package.
 
 A new member is a row of the table of plug-ins, `etude.models`.
 """
@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from etude import plugins
+from etude.errors import EtudeError, UsageError
 from etude.models.data.hyperparameters import columns, counted, initial_process, trained_process, weak
 from etude.models.gp.exact import columns_of
-from etude.models.plugin_member import PluginMember
 from etude.models.process import Condition, Posteriors, Teaching, restored, taught
-from etude.protocols import FitData, Member, Posterior
+from etude.protocols import FitData, Member, Posterior, Process
 from etude.types import Array
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
@@ -68,7 +68,7 @@ def _exact(fit: FitData) -> Teaching:
     gp, every = trained_process(fit), counted(fit)
     if len(fit.kept) != fit.config.inducing or len(every) <= len(fit.kept):
         return Teaching(fit, shared_outputs(gp), fit.kept)
-    from etude.models.data.induced import Induced
+    from etude.models.gp.fixed_inducing import Induced
 
     kept, points = fit.kept, min(fit.config.points, len(fit.kept))
     guided = kept[np.arange(points) * len(kept) // points]
@@ -101,6 +101,65 @@ def guides(gp: ExactGP, fit: FitData) -> tuple[Posterior, ...]:
 exact = BuiltIn(_exact)
 fitc = BuiltIn(partial(_inducing, "fitc"))
 vfe = BuiltIn(partial(_inducing, "vfe"))
+
+
+METHODS = ("latents", "predict", "held_out", "arrays", "c")
+VALUES = ("noise_variance", "signal_variance")
+
+
+@dataclass(frozen=True)
+class PluginMember:
+    """What a plug-in names, as a member of the family."""
+
+    name: str
+    own: Any
+
+    @classmethod
+    def of(cls, name: str, own: Any) -> PluginMember:
+        """The member. UsageError if it cannot learn or be stored."""
+        if not callable(own) or not callable(getattr(own, "restore", None)):
+            raise UsageError(f"the model {name!r} is no function with an attribute `restore`", next_step=_ASK)
+        return cls(name, own)
+
+    def __call__(self, fit: FitData) -> Process:
+        """The process of the group. UsageError if it is none."""
+        return self._checked(self._tried(lambda: self.own(fit)), fit.X[:3], fit.Y.shape[1])
+
+    def restore(self, arrays: Mapping[str, Array]) -> Process:
+        """The process whose arrays these are."""
+        return cast("Process", self._tried(lambda: self.own.restore(arrays)))
+
+    def _tried(self, what: Callable[[], Any]) -> Any:
+        try:
+            return what()
+        except EtudeError:
+            raise
+        except Exception as error:
+            raise self._wrong(f"fails ({type(error).__name__}: {error})") from error
+
+    def _checked(self, process: Any, X: Array, commands: int) -> Process:
+        missing = [name for name in METHODS if not callable(getattr(process, name, None))]
+        missing += [name for name in VALUES if not hasattr(process, name)]
+        if missing:
+            raise self._wrong(f"makes a process without {', '.join(missing)}")
+        mean, variance = self._tried(lambda: process.predict(X))
+        values = {"mean": mean, "variance": variance}
+        for name, shape in {
+            **dict.fromkeys(values, (len(X), commands)),
+            **dict.fromkeys(VALUES, (commands,)),
+        }.items():
+            value = np.asarray(values.get(name, getattr(process, name, None)), dtype=float)
+            if value.shape != shape:
+                raise self._wrong(f"gives a {name} of shape {value.shape}, not {shape}")
+            if not np.isfinite(value).all() or (name != "mean" and bool((value < 0.0).any())):
+                raise self._wrong(f"gives a {name} that is no number, or below zero")
+        return cast("Process", process)
+
+    def _wrong(self, what: str) -> UsageError:
+        return UsageError(f"the model {self.name!r} {what}", next_step=_ASK)
+
+
+_ASK = "Ask whoever wrote the plug-in; etude.testing.ProcessSuite shows what fails."
 
 
 def member_named(name: str) -> Member:

@@ -18,12 +18,12 @@ import numpy as np
 
 from etude.errors import DataError
 from etude.models.change.change_detection import FREEDOM
-from etude.models.contracts import Offered, share_of
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
+from etude.models.protocols import EnsembleMember, share_of
+from etude.models.selection.ensemble import CANDIDATES
 from etude.models.selection.linear import LinearPhysics
-from etude.models.selection.member_configs import CANDIDATES
 from etude.models.student_t import StudentT
 from etude.protocols import Candidate, Inputs, Mean, Physics, Process
 from etude.storage import arrays_of, packed, write_atomic
@@ -207,7 +207,7 @@ def _candidate(
         own = _under(arrays, f"{prefix}/silent")
         numbers = (own["calibration"], own["least"], own["prior"])
         process = Silent(process, *numbers, grows=bool(own["grows"]))
-    return Offered(
+    return EnsembleMember(
         rung=words["rung"],
         commands=tuple(words["commands"]),
         weights=arrays[f"{prefix}/weights"],

@@ -106,7 +106,7 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
 
     def test_the_error_falls_within_two_rounds(self, tmp_path: Path) -> None:
         """The whole loop on the simulated robot: asked, run, told, learned, tested."""
-        from etude.campaign.simulate.create import create_campaign
+        from etude.campaign.create import create_campaign
         from etude.campaign.simulate.simulation import simulate
 
         path = self.kind.built_in().get(self.robot, Path(self.robot))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from loading_examples import bullet_robot, example_robot
 
+from etude.campaign.create import RobotPart, create_campaign
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.simulate.create import Part, create_campaign
 from etude_arm.spec import ArmSpec
 from etude_arm.urdf import spec_from_model
 
@@ -49,7 +49,7 @@ def campaign_of(name: str, folder: Path, config: str = "", simulated: str = "") 
     """A campaign of that robot, or of a built-in one; `config` in place of its campaign.toml, and `simulated`
     the table of its stand-in."""
     file, joints = (str(file_of(name)), FILES[name][1]) if name in FILES else (name, ())
-    path = create_campaign(folder / "lab", file, seed=3, part=Part(joints, {}, ()))[0].path
+    path = create_campaign(folder / "lab", file, seed=3, part=RobotPart(joints, {}, ()))[0].path
     if config:
         (path / "campaign.toml").write_text(config)
     if simulated:

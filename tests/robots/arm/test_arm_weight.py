@@ -13,8 +13,8 @@ from robots_of_others import robot_of
 from test_loading_arms import ARMS, Arm
 
 import etude
+from etude.campaign.create import RobotPart, create_campaign
 from etude.campaign.propose.ask import ask
-from etude.campaign.simulate.create import Part, create_campaign
 from etude.cli import main
 from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
@@ -149,7 +149,7 @@ def test_a_corrected_limit_is_asked_for_and_held(tmp_path: Path) -> None:
 def test_a_motion_beyond_what_drives_hold_is_drawn_back(tmp_path: Path) -> None:
     """Held at home, not everywhere: what is asked stays where the limit holds gravity and motion."""
     (tmp_path / "made.urdf").write_text(ARM)
-    part = Part(limits={"lift": {"command": 20.0}})
+    part = RobotPart(limits={"lift": {"command": 20.0}})
     lab, said = create_campaign(tmp_path / "lab", str(tmp_path / "made.urdf"), part=part)
     assert any("cannot be held in all of its range: at worst lift" in sentence for sentence in said)
     found = ask(lab)

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from robots_of_others import FILES, robot_of
 
+from etude.campaign.create import find_robot
 from etude.campaign.record.config import preset_config
-from etude.campaign.simulate.create import find_robot
 from etude.design.chain import linked
 from etude.design.config import DesignConfig
 from etude.design.latents import prior_latents

@@ -9,7 +9,7 @@ from loading_examples import write
 from robots_of_others import FILES, file_of
 
 import etude
-from etude.campaign.simulate.create import Part, create_campaign
+from etude.campaign.create import RobotPart, create_campaign
 from etude.cli import main
 from etude.errors import UsageError
 
@@ -74,7 +74,7 @@ def test_what_cannot_be_chosen_is_said(
 @pytest.mark.parametrize("name", SEVEN)
 def test_from_a_file_of_a_package_to_a_certified_motion(name: str, tmp_path: Path) -> None:
     joints, path = FILES[name][1], file_of(name)
-    campaign, confirm = create_campaign(tmp_path / "lab", str(path), part=Part(joints))
+    campaign, confirm = create_campaign(tmp_path / "lab", str(path), part=RobotPart(joints))
     assert sum("Acceleration limits are assumed" in sentence for sentence in confirm) == 1
     assert etude.ask(campaign).number == 1
     assert (tmp_path / "lab/proposals/0001/certificate.json").is_file()
@@ -82,7 +82,7 @@ def test_from_a_file_of_a_package_to_a_certified_motion(name: str, tmp_path: Pat
 
 def test_a_kind_without_joints_says_so(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no joints to choose from"):
-        create_campaign(tmp_path / "sky", "quadrotor", part=Part(held={"rotor": 1.0}))
+        create_campaign(tmp_path / "sky", "quadrotor", part=RobotPart(held={"rotor": 1.0}))
 
 
 def test_a_range_of_ones_own_is_no_assumption(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

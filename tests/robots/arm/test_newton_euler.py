@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude.campaign.simulate.create import load_robot
+from etude.campaign.create import load_robot
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.mean import ArmPhysics
 from etude_arm.physics.newton_euler import nominal_commands

@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from etude.campaign.create import create_campaign
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.journal import JOURNAL
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
 from etude.models.config import Rung

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from etude.campaign.create import create_campaign
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.create import create_campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.logs.readers.log_file import read_log_file
 from etude.protocols import Controller

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
+from etude.campaign.create import find_robot
 from etude.campaign.record.config import CampaignConfig, preset_config
-from etude.campaign.simulate.create import find_robot
 from etude.errors import UsageError
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled

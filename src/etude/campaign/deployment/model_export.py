@@ -1,33 +1,35 @@
-"""The model leaves the house: as a folder of what another program runs."""
+"""A model's export: a folder of what another program runs, with the motion and limits it asks for."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from etude import __version__, plugins
-from etude.campaign.deployment.supplied import supplied
+from etude.campaign.ingest.log_groups import told_samples
+from etude.campaign.propose.constraints import kept_now, kept_under
+from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.deployed_model import model_in_use
-from etude.campaign.record.folder import Campaign, open_campaign
+from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
+from etude.campaign.record.stored import stored_log
+from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
+from etude.deploy.along import Bounded
 from etude.errors import EtudeError, UsageError
 from etude.generation import GENERATION
 from etude.options import MODEL_HASH
-from etude.progress import part
-from etude.protocols import Target
+from etude.progress import counted, part
+from etude.protocols import Target, Trajectory
 from etude.storage import write_folder
-from etude.types import Delivered
+from etude.trajectories.json_text import from_json
+from etude.types import Delivered, Log, Samples
 
 GROUP = "etude.targets"
-MARK = "etude-export.json"
-"""Says what the folder is: one that holds it may be replaced by the next export."""
 GATHERING = 0.3
 """About the part of the time in which logs and samples are gathered for a target."""
-EXPORTS = "exports"
-"""Where in the campaign folders are written unless another is named."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,89 @@ class ModelFiles:
     files: tuple[str, ...]
     said: tuple[str, ...]
     facts: Mapping[str, Any]
+
+
+def bounded_motion(campaign: Campaign, motion: str | Path | Trajectory | None) -> Bounded:
+    """A motion with its limits, less the margins of tracking with the learned feedforward.
+
+    Args:
+        motion: a trajectory.json, or it read; None: the newest proposal.
+
+    Raises:
+        UsageError: no such file, none was proposed, or its file was changed.
+    """
+    return _proposed(campaign) if motion is None else _given(campaign, motion)
+
+
+def _given(campaign: Campaign, motion: str | Path | Trajectory) -> Bounded:
+    if isinstance(motion, str | Path):
+        place = Path(motion)
+        if not place.is_file():
+            raise UsageError("there is no such motion", where=str(place), next_step="Check the path.")
+        try:
+            motion = from_json(place.read_bytes())
+        except UsageError as problem:
+            raise UsageError(
+                problem.fact,
+                where=str(place),
+                next_step="Name a trajectory.json: those in proposals/NUMBER hold the motion's coefficients, "
+                "tables (CSV) do not.",
+            ) from None
+    kept = kept_now(campaign, campaign.state(), LEARNED)
+    return Bounded(motion, kept.limits_as_played(campaign, motion), kept.control)
+
+
+def _proposed(campaign: Campaign) -> Bounded:
+    """The newest proposal, whether its log was told or not."""
+    asked = [own for _, own in sorted(campaign.state().rounds.items()) if own.asked is not None]
+    if not asked:
+        raise UsageError(
+            "nothing was proposed yet", where=str(campaign.path), next_step="--set motion=trajectory.json"
+        )
+    newest = asked[-1]
+    motion = stored_trajectory(campaign, newest.number)
+    kept = kept_under(campaign, newest.number, LEARNED)
+    return Bounded(motion, kept.limits_as_played(campaign, motion, described=True), kept.control)
+
+
+def supplied(campaign: Campaign, needs: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of these names: config, logs, samples, description, motion.
+
+    Args:
+        given: the options that somebody gave; of these a motion says along which.
+    """
+    known: Mapping[str, Callable[[], Any]] = {
+        "config": lambda: campaign.config,
+        "logs": lambda: told_logs(campaign),
+        "samples": lambda: all_samples(campaign),
+        "description": lambda: description(campaign),
+        "motion": lambda: bounded_motion(campaign, given.get("motion")),
+    }
+    return {name: known[name]() for name in counted(needs)}
+
+
+def told_logs(campaign: Campaign) -> list[Log]:
+    """The logs that the newest model was learned from."""
+    return [stored_log(campaign, number) for number in counted(_numbers(campaign))]
+
+
+def all_samples(campaign: Campaign) -> Samples:
+    """The samples that the newest model was learned from."""
+    return told_samples(campaign, _numbers(campaign))
+
+
+def description(campaign: Campaign) -> Mapping[str, bytes]:
+    """Files of the robot's description by name, as the campaign was made with them; robot.toml as it is now.
+
+    UsageError: another one of them was changed.
+    """
+    require_description(campaign)
+    created = next(event for event in campaign.events() if event.event == "created")
+    return {name: (campaign.path / name).read_bytes() for name in sorted({ROBOT, *created.files})}
+
+
+def _numbers(campaign: Campaign) -> list[int]:
+    return [r.number for r in campaign.state().learned if campaign.run_file(r.number).is_file()]
 
 
 def export(

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.ingest.groups import groups_of, told_samples
+from etude.campaign.ingest.log_groups import groups_of, told_samples
 from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import LEFT_OUT, MODEL, check_model
 from etude.errors import DataError, UsageError
-from etude.models.data.cross_validation_residuals import CONSTANT, LeftOut, read_left_out
-from etude.models.data.rows import in_order
+from etude.models.data.fit import in_order
 from etude.models.model import LearnedModel
-from etude.models.selection.compared import (
+from etude.models.score import (
     LEAST_COVERED,
     LEAST_SEGMENTS,
     Compared,
@@ -27,6 +26,7 @@ from etude.models.selection.compared import (
     coverage,
     uncalibrated,
 )
+from etude.models.selection.model_selection import CONSTANT, CrossValidationResiduals, read_residuals
 from etude.storage import sha256_of
 from etude.types import Array, Samples
 
@@ -133,7 +133,7 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
 def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
     """The comparisons and the decision; forced where they cannot be made and nobody minds."""
     try:
-        left_out = read_left_out(campaign.model_folder(number) / LEFT_OUT)
+        left_out = read_residuals(campaign.model_folder(number) / LEFT_OUT)
         found = [_with_physics(left_out)]
         if state.promoted:
             say("Comparing with the model in use.")
@@ -151,13 +151,13 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
     )
 
 
-def _with_physics(left_out: LeftOut) -> Compared:
+def _with_physics(left_out: CrossValidationResiduals) -> Compared:
     segments = np.unique(left_out.group).tolist()
     both = (by_segment(e, left_out.group, segments) for e in (left_out.error, left_out.physics))
     return compared(WORDS[left_out.rung], *both)
 
 
-def _with_model_in_use(campaign: Campaign, state: State, left_out: LeftOut) -> Compared:
+def _with_model_in_use(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
     """On the segments of logs that the model in use was not trained on."""
     facts = state.promoted[-1]
     before = promoted_model(campaign, facts)

@@ -16,17 +16,14 @@ import numpy as np
 from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
 from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
+from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
 from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
-from etude.campaign.propose.proposal_constraints import Constraints, kept_then
-from etude.campaign.propose.tracking import kept_now
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
-from etude.campaign.record.edited import take_up
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.proposals import FULL, stored_trajectory
 from etude.campaign.record.state import State
-from etude.campaign.record.stored_files import require_description
+from etude.campaign.record.stored_files import FULL, require_description, stored_trajectory, take_up
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from etude.campaign.evaluate.stopping import judge
-from etude.campaign.ingest.confirmed import confirmed
+from etude.campaign.evaluate.stopping import calibration_factor, judge, seen_by_the_rule
+from etude.campaign.ingest.confirmation_runs import confirmed
 from etude.campaign.record.alerts import bad_news
-from etude.campaign.record.edited import edited
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.history import calibration_factor, seen_by_the_rule
 from etude.campaign.record.journal import damaged_files
 from etude.campaign.record.known_faults import affected
 from etude.campaign.record.state import Round, State
-from etude.campaign.record.stored_files import proved_otherwise
+from etude.campaign.record.stored_files import edited, proved_otherwise
 
 
 def status(campaign: Campaign) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""tell: takes in a log, whenever it comes, and learns it; `several` does so with many."""
+"""tell: takes in a log, whenever it comes, and learns it; `ingest_many` does so with many."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,30 +12,35 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from etude.campaign.ingest.confirmed import check_no_confirmation, take_run
+from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
+from etude.campaign.ingest.log_groups import mixed
 from etude.campaign.ingest.questions import Asked, Given, answers_of
-from etude.campaign.ingest.repeats import repeated, warning
 from etude.campaign.ingest.robot_changed import answer, change_found
-from etude.campaign.ingest.simulated_logs import mixed
 from etude.campaign.learn.training import Learner, learn_pending
-from etude.campaign.propose.tracking import errors_told, start_in_words
+from etude.campaign.propose.constraints import errors_told, start_in_words
+from etude.campaign.record.alerts import as_facts, kept_findings
 from etude.campaign.record.controls import required
-from etude.campaign.record.edited import take_up
-from etude.campaign.record.findings import as_facts, kept_findings
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.numbers import check_asked, check_same_number, free_number
-from etude.campaign.record.proposals import FULL, speed_folder, stored_trajectory
-from etude.campaign.record.state import State
-from etude.campaign.record.stored_files import is_committed, require_description
-from etude.deploy.trajectory_files import COEFFICIENTS, SPEEDS
-from etude.errors import DataError, UsageError
+from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored import stored_log
+from etude.campaign.record.stored_files import (
+    FULL,
+    is_committed,
+    require_description,
+    speed_folder,
+    stored_trajectory,
+    take_up,
+)
+from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
+from etude.errors import DataError, EtudeError, UsageError
 from etude.logs.alignment.alignment import holds_enough
+from etude.logs.cleaning.filters import median_rate
 from etude.logs.columns.units import start_at_zero
 from etude.logs.readers.log_file import bytes_of_log, log_bytes, sha256_of_log
 from etude.storage import write_atomic
 from etude.trajectories.chain import segment_starts
-from etude.types import Log
+from etude.types import Array, Finding, Log
 
 
 def tell(
@@ -88,6 +94,113 @@ def finished(
         replace(one, learned=done, warnings=warnings, held=one.number in held, aside=one.number in aside)
         for one in told
     ]
+
+
+def check_same_number(known: Round, number: int | None, path: Path) -> None:
+    if number is not None and number != known.number:
+        raise UsageError(
+            f"this log was told before, as the answer to trajectory {known.number}, not {number}",
+            where=str(path),
+            next_step=f"To take that back: etude untell FOLDER {known.number}.",
+        )
+
+
+def check_asked(state: State, number: int) -> None:
+    found = state.rounds.get(number)
+    if found is None or found.asked is None:
+        known = ", ".join(str(r.number) for r in state.rounds.values() if r.asked) or "none"
+        raise UsageError(f"trajectory {number} was never asked for", next_step=f"Asked for: {known}.")
+    if found.confirms:
+        raise UsageError(
+            f"trajectory {number} confirms, nothing is learned from it",
+            next_step="Say which run its log is of: --confirm without, or --confirm with.",
+        )
+    if found.told is not None and not found.abandoned:
+        raise UsageError(
+            f"trajectory {number} has a log already",
+            next_step=f"To replace it: etude untell FOLDER {number}, then tell again.",
+        )
+
+
+def free_number(state: State, number: int | None) -> int:
+    if number is None:
+        return state.next_number
+    if number in state.rounds:
+        raise UsageError(f"number {number} is taken", next_step=f"The next free one is {state.next_number}.")
+    return number
+
+
+CHECK = "repeats"
+NEAR = 0.05
+"""Part of the range of a planned position, velocity or acceleration within which a state is there already:
+the shortest length that a process of such inputs starts from is five times as long."""
+SHARE = 0.8
+"""Part of a log's states from which it repeats another."""
+COMPARED_HZ = 25.0
+
+
+def repeated(campaign: Campaign, state: State, number: int, log: Log) -> tuple[int, float] | None:
+    """The earlier log that this one repeats most, and which part of it; None if it repeats none.
+
+    Planned states are compared: how well a robot follows makes no other motion. A log without plan is taken
+    for another motion.
+    """
+    own = planned_states(campaign, log)
+    if own is None:
+        return None
+    found: list[tuple[float, int]] = []
+    for other in state.told:
+        known = None if other.number == number else _stored_states(campaign, other.number)
+        if known is not None and known.shape[1] == own.shape[1]:
+            found.append((share_within(own, known), other.number))
+    share, earlier = max(found, key=lambda pair: (pair[0], -pair[1]), default=(0.0, 0))
+    return (earlier, share) if share > SHARE else None
+
+
+def _stored_states(campaign: Campaign, number: int) -> Array | None:
+    """Of a log that was told; None if its file is damaged, which training will say."""
+    try:
+        return planned_states(campaign, stored_log(campaign, number))
+    except EtudeError:
+        return None
+
+
+def share_within(own: Array, known: Array) -> float:
+    """Part of the states (n, D) that lie within 1 of one of the known ones (m, D) in every coordinate."""
+    from scipy.spatial import cKDTree
+
+    if not len(own) or not len(known):
+        return 0.0
+    distance, _ = cKDTree(known).query(own, p=math.inf, distance_upper_bound=1.0)
+    return float(np.mean(np.isfinite(distance)))
+
+
+def planned_states(campaign: Campaign, log: Log) -> Array | None:
+    """(n, D) planned path and rates while it moves, in parts of what counts as near; None without plan."""
+    name = campaign.kind.path + PLANNED
+    limits = campaign.kind.expected(campaign.spec).limits
+    columns: list[Array] = []
+    while name in log:
+        values = log[name]
+        lower, upper = limits.get(name.removesuffix(PLANNED), (values.min(axis=0), values.max(axis=0)))
+        columns.append(values / np.maximum(NEAR * (upper - lower), np.finfo(float).tiny))
+        name = next((c.name for c in log.channels.values() if c.derivative_of == name), "")
+    if not columns:
+        return None
+    step = max(1, round(median_rate(log.t) / COMPARED_HZ))
+    moving = np.any(np.abs(np.concatenate(columns[1:] or columns, axis=1)) > 0.0, axis=1)
+    return np.concatenate(columns, axis=1)[moving][::step]
+
+
+def warning(earlier: int, share: float) -> Finding:
+    """What is said of it."""
+    return Finding(
+        CHECK,
+        "yellow",
+        f"it repeats log {earlier}: {100 * share:.0f} % of its planned states were there. "
+        "It teaches little, and counts as no new evidence",
+        "Run another motion: etude ask proposes one.",
+    )
 
 
 def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpack[How]) -> Told:

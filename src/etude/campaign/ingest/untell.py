@@ -1,4 +1,4 @@
-"""untell: a log that was told by mistake is taken back."""
+"""untell and abandon: a log taken back; a trajectory whose log will never come or must not be used."""
 
 from __future__ import annotations
 
@@ -31,3 +31,21 @@ def untell(
             campaign.commit("untold", number, [], sha256=before.told["sha256"])
         learn_pending(campaign, learner, say)
         return before.told is not None
+
+
+def abandon(
+    campaign: Campaign, number: int, *, learner: Learner | None = None, say: Say = lambda _: None
+) -> bool:
+    """Gives trajectory `number` up; a log that was learned is unlearned by training again without it.
+
+    The files stay. Telling a log of it later takes the abandoning back. False if it was abandoned before.
+
+    Raises:
+        UsageError: there is no such trajectory.
+    """
+    with campaign.writing():
+        before = campaign.round(number)
+        if not before.abandoned:
+            campaign.commit("abandoned", number, [], had_log=before.told is not None)
+        learn_pending(campaign, learner, say)
+        return not before.abandoned

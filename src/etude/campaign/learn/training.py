@@ -1,4 +1,4 @@
-"""Learns what was told and not learned yet, all of it in one training."""
+"""Learns what was told and not learned yet, in one training, and what the model expects of itself."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.campaign.ingest.groups import known_groups, told_samples
-from etude.campaign.learn.expected_command_error import forecast
+from etude.campaign.ingest.log_groups import known_groups, told_samples
+from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import UNMOVED, Round, State
@@ -26,19 +26,20 @@ from etude.campaign.record.stored import (
     stored_log,
     stored_model,
 )
+from etude.design.latents import latents_of
+from etude.design.objective import MOTIONS, reference_states
 from etude.errors import DataError, NumericalError
-from etude.models.contracts import SupportsFirstUse
 from etude.models.data.cross_validation import held_out_blocks, split_blocks
-from etude.models.data.cross_validation_residuals import left_out_of
 from etude.models.model import LearnedModel
-from etude.models.score import Score, score
+from etude.models.protocols import HasKernel, SupportsFirstUse
+from etude.models.score import PredictionScore, score
 from etude.models.selection.linear import LinearPhysics
-from etude.models.selection.model_selection import Ladder, prequential, train_ladder
+from etude.models.selection.model_selection import Ladder, prequential, residuals_of, train_ladder
 from etude.models.store import save_model
 from etude.progress import part
-from etude.protocols import Inputs
+from etude.protocols import Candidate, Inputs
 from etude.storage import write_atomic
-from etude.types import Samples
+from etude.types import Array, Samples
 
 TRAIN_STREAM = 2
 """Separates the random numbers of training from those of asking and testing."""
@@ -54,7 +55,7 @@ over about as much. Recordings have none: they are short, and their figures are 
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainingOutcome:
     """What learning a log left.
 
     Attributes:
@@ -66,7 +67,7 @@ class Learned:
     facts: dict[str, Any]
 
 
-Learner = Callable[[Campaign, State, int], Learned]
+Learner = Callable[[Campaign, State, int], TrainingOutcome]
 """Learns log `number` with all logs told before it; only tests give another one than `learn_log`."""
 
 
@@ -124,7 +125,76 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
     campaign.commit("trained", numbers[-1], learned.files, **{**learned.facts, **together})
 
 
-def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
+REFERENCE_STREAM = 5
+"""The reference motions of the stop rule are the same for all rounds, so that its numbers can be compared."""
+STATES = 100
+
+
+def forecast(
+    model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
+) -> dict[str, Any]:
+    """Facts for the `trained` event, each list per command, in its unit.
+
+    forecast_deviation: root mean square error expected at the reference states, calibrated;
+    latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
+    moved: largest change of a logarithmic length scale since the model before, in the same rungs, or null.
+    """
+    rng = np.random.default_rng([state.seed, REFERENCE_STREAM])
+    motions = typical_motions(campaign, rng, MOTIONS)
+    latents = latents_of(model)
+    groups = [latent.commands for latent in latents]
+    latent, noise, expected = (np.zeros(len(model.commands)) for _ in range(3))
+    for view, X in zip(latents, reference_states(model.inputs, groups, STATES, motions), strict=True):
+        own = list(view.commands)
+        latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
+        noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
+        expected[own] = [expected_variance(model, j, X) for j in own]
+    return {
+        "forecast_deviation": np.sqrt(expected).tolist(),
+        "latent_deviation": latent.tolist(),
+        "noise_deviation": noise.tolist(),
+        "moved": None if before is None else _moved(model, before),
+    }
+
+
+def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
+    """Mean squared error expected of a command at model inputs X (r, D), without the noise of samples."""
+    found = 0.0
+    for candidate in model.candidates:
+        if command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            variance = candidate.process.predict(X)[1][:, place] * candidate.units[1, place] ** 2
+            found += candidate.weights[place] * candidate.calibration[place] * float(variance.mean())
+    return found
+
+
+def _moved(model: LearnedModel, before: LearnedModel) -> float | None:
+    """Largest |change| of a logarithmic length scale over all commands; None if kernels differ or lack."""
+    moves = []
+    for command, rung in enumerate(model.chosen):
+        now, then = (_posterior(m.candidates, rung, command) for m in (model, before))
+        if not (isinstance(now, HasKernel) and isinstance(then, HasKernel)):
+            return None
+        if now.theta.shape != then.theta.shape:
+            return None
+        lengths = np.array([role == "length" for role in now.kernel.roles()])
+        if lengths.any():
+            moves.append(float(np.abs(now.theta - then.theta)[lengths].max()))
+    return max(moves, default=None)
+
+
+def _posterior(candidates: tuple[Candidate, ...], rung: str, command: int) -> Any:
+    """The process of a command in that rung, if there is one."""
+    for candidate in candidates:
+        if candidate.rung == rung and command in candidate.commands and candidate.process is not None:
+            place = candidate.commands.index(command)
+            for posterior, places in candidate.process.latents():
+                if place in places:
+                    return posterior
+    return None
+
+
+def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     """Scores the newest model on log `number` and those that wait with it, which it has not seen, then trains
     on all logs told.
     """
@@ -147,7 +217,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     path = campaign.model_folder(number) / MODEL
     save_model(path, ladder.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
-    write_atomic(left_out, left_out_of(ladder).to_bytes())
+    write_atomic(left_out, residuals_of(ladder).to_bytes())
     told = [r.told for r in state.told if r.told and r.number in logs]
     facts: dict[str, Any] = {
         "logs": logs,
@@ -167,7 +237,7 @@ def learn_log(campaign: Campaign, state: State, number: int) -> Learned:
     if blocks:
         with part(0.5):
             facts |= _held_out_of(campaign, number, rng, facts["warnings"], 0.0 if foreign else GAP_S)
-    return Learned([path, left_out], facts)
+    return TrainingOutcome([path, left_out], facts)
 
 
 def _unmoved(campaign: Campaign, samples: Samples) -> dict[str, list[str]]:
@@ -195,7 +265,7 @@ def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known
     if not newest.any():  # logs that repeat others are no new motion
         return {}
     new = samples.take(newest)
-    found: dict[str, Score] = {}
+    found: dict[str, PredictionScore] = {}
     if before is not None:
         found = prequential(before, new, samples.take(~newest))
         if label(before.chosen) == MIXED:
@@ -212,7 +282,7 @@ def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str
     return [sentence for sentence in samples.log.repairs if sentence not in told]
 
 
-def _plain(found: Score) -> dict[str, list[float | None]]:
+def _plain(found: PredictionScore) -> dict[str, list[float | None]]:
     """Figures where the joint moved and, as "all", where any did."""
     names = ("nmse", "z2", "coverage", "msll")
     both = {name: jsonable(getattr(found, name)) for name in names}

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from etude.campaign.propose.constraints import Constraints
 from etude.campaign.propose.motions import ways_of
-from etude.campaign.propose.proposal_constraints import Constraints
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render

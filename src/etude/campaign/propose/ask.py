@@ -10,25 +10,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.campaign.evaluate.stopping import judge
-from etude.campaign.propose.proposal import proposed
-from etude.campaign.propose.proposal_constraints import Constraints, kept_then
-from etude.campaign.propose.tracking import kept_now
-from etude.campaign.propose.visited import Swept, as_facts, swept, teaches_little
+from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
+from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
+from etude.campaign.propose.proposal import Swept, as_facts, proposed, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
-from etude.campaign.record.edited import take_up
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.history import seen_by_the_rule
 from etude.campaign.record.journal import Event, recorded, require_intact
-from etude.campaign.record.proposals import FULL, proposal_advice, speed_folder, stored_trajectory
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import is_learned, newest_model
 from etude.campaign.record.stored_files import (
+    FULL,
     changed_since,
     name_of,
+    proposal_advice,
     require_description,
     settle,
+    speed_folder,
     stored_bytes,
+    stored_trajectory,
+    take_up,
 )
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
@@ -144,7 +144,7 @@ def ask(
 def _tasks(campaign: Campaign, tasks: Path | None) -> Sequence[Trajectory]:
     if tasks is None:
         return ()
-    from etude.campaign.propose.tasks import load_tasks
+    from etude.campaign.propose.motions import load_tasks
 
     return load_tasks(tasks, campaign.channel(campaign.kind.path))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from etude import plugins
-from etude.campaign.propose.tracking import kept_under
+from etude.campaign.propose.constraints import kept_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
 from etude.campaign.record.folder import Campaign

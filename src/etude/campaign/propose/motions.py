@@ -1,14 +1,22 @@
-"""Motions of a campaign: random ones, those that stand in for tasks, and how many make a recording."""
+"""Motions of a campaign: random ones, tasks, and how many make a recording."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etude.campaign.record.folder import Campaign
+from etude.deploy.trajectory_files import column_names
+from etude.errors import UsageError
 from etude.protocols import Family, Limit, Trajectory
+from etude.trajectories.json_text import from_json
+from etude.types import Array, Channel, Motion
 
 if TYPE_CHECKING:
     from etude.design.chain import Ways
@@ -83,3 +91,96 @@ def from_rest(campaign: Campaign, motion: Trajectory, limits: Sequence[Limit]) -
 def ways_of(campaign: Campaign) -> Ways:
     """The kind's ways to a motion and back."""
     return lambda motion, pose: campaign.kind.ways(campaign.spec, motion, pose)
+
+
+SMOOTH = 5
+"""Degree of the spline: its fourth derivative, which inputs of vehicles look at, is still continuous."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotion:
+    """A motion given by samples, made continuous by a spline: read only, so it is neither proved nor stored.
+
+    Attributes:
+        t: (n,) s.
+        spline: of the path (k,) over t.
+    """
+
+    t: Array
+    spline: Any
+
+    @property
+    def form(self) -> str:
+        return "recorded"
+
+    @property
+    def duration(self) -> float:
+        return float(self.t[-1] - self.t[0])
+
+    def pieces(self) -> Sequence[tuple[float, str, Trajectory]]:
+        return ((0.0, "segment", self),)
+
+    def motion(self, t: Array, orders: int = 3) -> Motion:
+        """Path and the spline's derivatives at t (T,) s from the motion's start; at rest outside it."""
+        inside = np.clip(t, 0.0, self.duration) + self.t[0]
+        moving = ((t >= 0.0) & (t <= self.duration))[:, None]
+        path, *rates = (np.asarray(self.spline(inside, order)) for order in range(orders))
+        return Motion(np.asarray(t), np.stack([path, *(np.where(moving, rate, 0.0) for rate in rates)]))
+
+    def bound(self, order: int, degree: int) -> tuple[Array, Array, float]:  # noqa: ARG002
+        raise UsageError("a recorded motion is not proved", next_step="Use it as a task only.")
+
+    def slowed(self, factor: float) -> Trajectory:  # noqa: ARG002
+        raise UsageError("a recorded motion has no speed ladder", next_step="Use it as a task only.")
+
+    def to_json(self) -> str:
+        raise UsageError("a recorded motion is not stored", next_step="Use it as a task only.")
+
+
+def load_tasks(path: Path, channel: Channel) -> tuple[Trajectory, ...]:
+    """The motions of a file: a trajectory.json of Étude, or a table with a time and a column per coordinate.
+
+    Args:
+        path: the file.
+        channel: what the robot's path is called, and its coordinates.
+
+    Raises:
+        UsageError: no such file, another robot's, or not a motion.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"the task file cannot be read: {error.strerror}", where=str(path)) from None
+    motion = from_json(data) if path.suffix == ".json" else _from_table(data, path, channel)
+    axes = motion.motion(np.zeros(1), 1).orders.shape[2]
+    if axes != len(channel.parts):
+        raise UsageError(
+            f"the task moves {axes} axes, the robot has {len(channel.parts)}",
+            where=str(path),
+            next_step="Give a motion of this robot.",
+        )
+    return (motion,)
+
+
+def _from_table(data: bytes, path: Path, channel: Channel) -> RecordedMotion:
+    from scipy.interpolate import make_interp_spline
+
+    lines = [line for line in csv.reader(io.StringIO(data.decode(errors="replace"))) if any(line)]
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    wanted = ["time", *column_names(channel)]
+    missing = [name for name in wanted if name not in header]
+    if missing:
+        raise UsageError(
+            f"the task table has no column {', '.join(missing)}",
+            where=str(path),
+            next_step=f"It needs the columns {', '.join(wanted)}.",
+        )
+    try:
+        rows = np.array([[float(line[header.index(name)]) for name in wanted] for line in lines[1:]])
+    except (ValueError, IndexError):
+        raise UsageError("a cell of the task table is not a number", where=str(path)) from None
+    if len(rows) <= SMOOTH or not np.isfinite(rows).all() or not np.all(np.diff(rows[:, 0]) > 0):
+        raise UsageError(
+            f"a task needs {SMOOTH + 1} finite rows or more, with increasing time", where=str(path)
+        )
+    return RecordedMotion(rows[:, 0], make_interp_spline(rows[:, 0], rows[:, 1:], k=SMOOTH))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from itertools import pairwise
 from typing import Any
 
-from etude.campaign.record.findings import kept_findings
 from etude.campaign.record.rounds import measured, summary
 from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
-from etude.models.data.insufficient_data import UNCERTAIN
-from etude.models.selection.selection_rule import TOO_FEW
+from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
 from etude.types import Finding
 
 LEAST_COVERAGE = 0.8
@@ -36,6 +35,25 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, 
     scores = [*_of_scores(state, outputs), *_of_blocks(state, outputs)]
     found = [*_of_logs(state), *_of_training(state), *scores, *_of_tests(state, axes)]
     return tuple(sorted(found, key=lambda finding: finding.light != "red"))
+
+
+FACT = "findings"
+_NAMES = {field.name for field in fields(Finding)}
+
+
+def as_facts(findings: Sequence[Finding]) -> dict[str, Any]:
+    """Facts for the event; none where nothing was found."""
+    return {FACT: [asdict(finding) for finding in findings]} if findings else {}
+
+
+def kept_findings(told: Mapping[str, Any] | None) -> tuple[Finding, ...]:
+    """The findings of a `told` event; what a later version adds to them is left out."""
+    found = []
+    for facts in (told or {}).get(FACT, ()):
+        known = {name: value for name, value in facts.items() if name in _NAMES}
+        spans = tuple((float(since), float(until)) for since, until in known.pop("spans", ()))
+        found.append(Finding(**known, spans=spans))
+    return tuple(found)
 
 
 def _of_logs(state: State) -> list[Finding]:

@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
-from etude.campaign.record.comments import COMMENTS, HEAD
 from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config, tables_of
 from etude.campaign.record.journal import JOURNAL
-from etude.campaign.record.renamed import KINDS, modern
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.storage import unreadable
@@ -96,6 +94,82 @@ def _names(data: bytes, where: str) -> dict[str, str]:
     return names_in({name: value for name, value in table.items() if name != "log"})
 
 
+KINDS = {"joints": "arm", "vehicle": "quadrotor"}
+"""Names that kinds of robot had."""
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """One key of old.
+
+    Attributes:
+        old: "table.key".
+        new: "table.key" that took its place; "" if nothing had to.
+        values: old value -> new one, where these changed too; the rule then holds for these values alone.
+        reason: why nothing took its place.
+    """
+
+    old: str
+    new: str
+    values: Mapping[str, str] | None = None
+    reason: str = ""
+
+
+RENAMED = (
+    Renamed("model.kind", "model.rung"),
+    Renamed("model.kernel", "model.sharing", {"shared": "shared", "separate": "separate"}),
+    Renamed("model.hyperparameters", "model.schedule", {"refit": "update", "first_flight": "first"}),
+    Renamed("model.friction_fraction", "data.friction_fraction"),
+    Renamed("model.altitude", "data.altitude"),
+    Renamed("model.acceleration", "data.acceleration"),
+    Renamed("model.body_velocity", "data.body_velocity"),
+    Renamed("model.trims", "data.trims"),
+    Renamed("model.guard", "", reason="linear regression is a rung of the ladder now"),
+    Renamed("design.starts", "design.refine"),
+    Renamed("design.method", "", reason="there is one search, with exact gradients"),
+)
+
+
+def modern(
+    table: Mapping[str, Any], known: Mapping[str, tuple[str, ...]], where: str
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The tables of a campaign.toml under today's names, and one sentence for each key that was renamed.
+
+    Args:
+        table: what the file says.
+        known: today's keys of each table; a key that stands there is not renamed, whatever it was once.
+        where: the file.
+
+    Raises:
+        UsageError: the file has a key under both names.
+    """
+    tables = {name: dict(part) if isinstance(part, Mapping) else part for name, part in table.items()}
+    sentences = []
+    for rule in RENAMED:
+        section, key = rule.old.split(".")
+        part = tables.get(section)
+        if not isinstance(part, dict) or key not in part or (rule.values is None and key in known[section]):
+            continue
+        if rule.values is not None and part[key] not in rule.values:
+            continue
+        value = part.pop(key)
+        if not rule.new:
+            sentences.append(f"{rule.old} in campaign.toml has no use any more: {rule.reason}.")
+            continue
+        _put(tables, rule, value if rule.values is None else rule.values[value], where)
+        sentences.append(f"{rule.old} in campaign.toml is called {rule.new} now; it was read as that.")
+    return tables, tuple(sentences)
+
+
+def _put(tables: dict[str, Any], rule: Renamed, value: Any, where: str) -> None:
+    section, key = rule.new.split(".")
+    part = tables.setdefault(section, {})
+    if isinstance(part, dict) and key in part:
+        raise UsageError(f"{rule.old} and {rule.new} say the same thing twice", where=where)
+    if isinstance(part, dict):
+        part[key] = value
+
+
 def parse_config(data: bytes, where: str) -> ConfigFile:
     """The configuration in the bytes of a campaign.toml. Errors as `load_config`."""
     try:
@@ -108,6 +182,80 @@ def parse_config(data: bytes, where: str) -> ConfigFile:
     table, renamed = modern(table, known, where)
     config = _config(kind, table, where)
     return ConfigFile(config, kind, hashlib.sha256(data).hexdigest(), (*notes, *renamed))
+
+
+HEAD = """\
+# An Étude campaign. Edit it by hand; a key that is left out takes its preset's value, "none" switches off.
+# Its hash is stored with every event, so the journal knows which version was in force.
+# The robot and its limits are in robot.toml beside this file. Angles are rad, times s.
+
+"""
+
+COMMENTS: dict[str, dict[str, str]] = {
+    "model": {
+        "rung": '"gp", "linear", "identified", "identified+gp", ...; "auto": what predicts each command best',
+        "choose_by": '"squared" or "absolute" held-out error decides',
+        "replace": 'a rung replaces another if better by more than "chance", or on "every" held-out motion',
+        "process_from": "logs from which processes compete with physics alone",
+        "kernel": '"structured", or "ard_se", as the thesis; or a plug-in',
+        "sharing": '"separate" processes of the commands, or one kernel "shared" by all',
+        "process": '"exact", or another member of docs/models.md, "dictionary_variance" for example',
+        "points": "samples each process is conditioned on, at most",
+        "inducing": "of twice as many samples all teach, through so many; 0: points alone",
+        "basis": "inducing, spectral or basis points, at most, of a process that has them",
+        "fit_points": "of these, samples for hyperparameters, at most; of over 4 commands in proportion",
+        "fit_spacing_s": "these are at least so many s apart",
+        "candidates": "processes that are averaged for each output; docs/models.md says what each is worth",
+        "steps": 'of the hyperparameter training; of "minimize" line searches (negative: evaluations)',
+        "warm_from": "logs from which training goes on from the last model",
+        "warm_steps": "of a training that goes on; 0: as many as steps",
+        "method": '"lbfgs", or "minimize": conjugate gradients, as the thesis',
+        "starts": "of the training; the best end wins",
+        "schedule": 'hyperparameters from log to log: "update", "constant", "reinitialise" or "first"',
+        "prior": '"weak" priors on the hyperparameters, or "none"',
+        "noise_floor": 'least noise, a part of what floor_of says; or "auto"',
+        "floor_of": '"limit" of the command, or "deviation" of what a process learns',
+        "stretch_s": "s of what is held out of a single log",
+        "calibrate": "widen variances that held-out trajectories show to be too small",
+        "student_t": "fit the tails of held-out errors, for the reported density",
+    },
+    "design": {
+        "first": 'the first trajectory: "designed" from the limits alone, or "random"',
+        "reference": 'what stands in for tasks: "mixed", moves and slow series; or random ones, "family"',
+        "criterion": '"log_ivr", "ivr" (at the tasks), "mean_variance" (thesis 3.2); more: docs/criteria.md',
+        "sampler": 'random candidates: "scaled" to the limits, or "uniform" on what is allowed and its edge',
+        "candidates": "certified random candidates that are scored",
+        "refine": "how many of the best are refined",
+        "steps": "iterations of each refinement",
+        "points": "planned samples along a trajectory",
+        "planned_noise": "planned samples stand for all that will be logged, each with less noise",
+        "reference_points": "states per process at which the variance counts",
+        "random_share": "part of these taken from what stands in although tasks are given",
+        "inducing": "exact processes with more samples are seen through so many; 0: as they are",
+        "raw_units": "add variances of different commands as they are, as the thesis",
+    },
+    "tracking": {
+        "margin": 'kept of the limits for tracking errors: "learned" from logs, "assumed", or "none"',
+        "position": "assumed before any log where gains are not known: part of each range",
+        "velocity": "the same of each velocity limit",
+        "most": "part of the way from home to a position limit that a margin may take at most",
+    },
+    "stop": {
+        "command_tolerance": "good enough: forecast error as a fraction of the command limit; 0: off",
+        "noise_fraction": "stop when the variance left is below this fraction of the noise; 0: off",
+        "gain_per_minute": "stop when less of the variance left goes per robot minute; 0: off",
+        "setup_s": "s of robot time each trajectory costs besides its duration",
+        "budget_trajectories": "logs; 0 for no limit",
+        "budget_minutes": "minutes of recorded motion; 0 for no limit",
+        "consecutive": "logs in a row that must agree before a rule stops the campaign",
+    },
+    "log": {
+        "columns": 'names that differ: {"q_shoulder [deg]" = "ActPos1"}; etude inspect --write-mapping',
+        "ignored": "headers of columns to leave out",
+        "topics": "of logs that hold several; none: those that look like what is needed",
+        "rate": "Hz, at which rows of logs without a time column stand; 0: such logs are refused",
+    },
+}
 
 
 def config_text(config: CampaignConfig, kind: Kind) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
 from etude.campaign.record.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
-from etude.campaign.record.names import require_plain
 from etude.campaign.record.state import Round, State, replay
 from etude.errors import UsageError
 from etude.generation import GENERATION
@@ -149,6 +149,39 @@ class Campaign:
                 f"there is no trajectory {number}", where=str(self.path), next_step=f"Known: {known}."
             )
         return rounds[number]
+
+
+REFUSED = ("Cc", "Cs", "Zl", "Zp")
+"""Categories of Unicode: control characters, halves of pairs, ends of lines and of paragraphs."""
+TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+"""What turns the direction of writing, so that a name is shown as another."""
+
+
+def require_plain(names: Iterable[str], where: str) -> None:
+    """UsageError: a name is empty, begins or ends with a blank, or holds what no line of text can show."""
+    for name in names:
+        bad = [c for c in name if unicodedata.category(c) in REFUSED or c in TURNING]
+        if bad:
+            told = f"holds {unicodedata.name(bad[0], f'U+{ord(bad[0]):04X}')}, which no line of text can show"
+        elif name != name.strip() or not name:
+            told = "is empty, or begins or ends with a blank"
+        else:
+            continue
+        raise UsageError(
+            f"the name {name!r} {told}",
+            where=where,
+            next_step="Rename it in the robot's file: names are headers of tables, and words on the screen.",
+        )
+
+
+def names_of(table: Any) -> list[str]:
+    """Every `name` in the tables of a robot.toml."""
+    if isinstance(table, Mapping):
+        own = [value for key, value in table.items() if key == "name" and isinstance(value, str)]
+        return [*own, *(name for value in table.values() for name in names_of(value))]
+    if isinstance(table, Sequence) and not isinstance(table, str | bytes):
+        return [name for value in table for name in names_of(value)]
+    return []
 
 
 def open_campaign(path: Path) -> Campaign:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from etude.campaign.deployment.model_export import EXPORTS, MARK
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import Event
 from etude.campaign.record.state import State
+from etude.campaign.record.stored_files import EXPORTS, MARK
 
 
 @dataclass(frozen=True)

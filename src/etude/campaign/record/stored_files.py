@@ -4,6 +4,9 @@ where robot.toml, campaign.toml or a model have changed since.
 What is shown of a file is computed from the bytes that lie on the disk when it is shown. There are two rules:
 a file that nobody should have changed is refused by its name, and a file that would be written otherwise
 today is written anew, committed, and named.
+
+Every event has the hashes of both as they were. `ask` and `tell` work by what the files say, so they take an
+edit up, and commit an event of their own where nothing else of theirs was to be committed.
 """
 
 from __future__ import annotations
@@ -12,13 +15,24 @@ import hashlib
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
+from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.record.journal import ROBOT_SHA256, Event, recorded, require_intact
+from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
 from etude.generation import GENERATION
+from etude.protocols import Trajectory
 from etude.storage import unreadable, write_atomic
+from etude.trajectories.json_text import from_json
+
+MARK = "etude-export.json"
+"""Says what the folder is: one that holds it may be replaced by the next export."""
+EXPORTS = "exports"
+"""Where in the campaign folders are written unless another is named."""
+
 
 RESTORE = "Restore the file from a copy."
 
@@ -192,3 +206,79 @@ def _is_older(events: Sequence[Event], names: Mapping[Path, str]) -> bool:
 
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
+
+
+TAKE_UP = ("created", "edited", "asked", "told", "trained", "changed", "confirmed")
+"""Events of `init`, `ask` and `tell`, beside `exported` of a proposal; other commands leave edits to them."""
+
+
+def edited(campaign: Campaign, events: Sequence[Event]) -> list[str]:
+    """A sentence for each of both files that is another than when it was taken up last."""
+    found = []
+    for name, (then, when) in _taken_up(events).items():
+        if then not in ("", _now(campaign)[name]):
+            found.append(
+                f"{name} was edited since Étude took it up ({_in_words(when)}). The next ask or tell takes "
+                f"up what it says now; ask proves an open motion again: etude ask {campaign.path}"
+            )
+    return found
+
+
+def take_up(campaign: Campaign) -> None:
+    """Commits that both files were taken up as they are, unless the journal says so. The caller holds the
+    lock.
+    """
+    now = _now(campaign)
+    if any(then != now[name] for name, (then, _) in _taken_up(campaign.events()).items()):
+        campaign.commit("edited", None, [])
+
+
+def _now(campaign: Campaign) -> Mapping[str, str]:
+    return {ROBOT: campaign.robot_sha256, CONFIG: campaign.config_sha256}
+
+
+def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
+    """Hash and time of both when they were taken up; the hash is "" where no event tells it."""
+    robot = config = ("", "")
+    for event in events:
+        if event.event in TAKE_UP or (event.event == "exported" and event.number is not None):
+            own = event.facts.get(ROBOT_SHA256, event.files.get(ROBOT))
+            robot = robot if own is None else (own, event.time)
+            config = event.config_sha256, event.time
+    return {ROBOT: robot, CONFIG: config}
+
+
+def _in_words(time: str) -> str:
+    """2026-11-26 00:51 UTC."""
+    return f"{datetime.fromisoformat(time):%Y-%m-%d %H:%M} UTC"
+
+
+FULL = 100
+"""%, of the speed that was asked for."""
+
+
+def stored_trajectory(campaign: Campaign, number: int, speed: int = FULL) -> Trajectory:
+    """The trajectory of a proposal, or its slowed copy, from its file.
+
+    Raises:
+        UsageError: there is no such file, the journal does not know it, or it was changed.
+    """
+    path = speed_folder(campaign, number, speed) / COEFFICIENTS
+    try:
+        return from_json(stored_bytes(campaign, path, proposal_advice(campaign, number)))
+    except FileNotFoundError:
+        raise UsageError(f"there is no proposal {number} at {speed} %", where=str(path)) from None
+
+
+def proposal_advice(campaign: Campaign, number: int) -> str:
+    """What to do where a file of a proposal is not what was committed."""
+    return (
+        f"Do not run it. Restore the file from a copy, or give the trajectory up and ask for another: "
+        f"etude abandon {campaign.path} {number}, then etude ask {campaign.path}."
+    )
+
+
+def speed_folder(campaign: Campaign, number: int, speed: int) -> Path:
+    """Where the files of a proposal at this speed (per cent) are."""
+    folder = campaign.proposal(number)
+    return folder if speed == FULL else folder / f"speed_{speed:03d}"

@@ -1,4 +1,4 @@
 """A campaign with a simulated robot in place of the real one."""
 
-PUBLIC = ("create", "loop", "simulation")
+PUBLIC = ("simulation",)
 """Modules that may be used from outside."""

@@ -13,7 +13,7 @@ from etude.deploy.states import labels, trained
 from etude.errors import UsageError
 from etude.models.gp.c99 import UnwritableError
 from etude.models.model import LearnedModel
-from etude.models.selection.parts import physics_behind
+from etude.models.selection.member_prediction import physics_behind
 from etude.protocols import Candidate, Kind, Mean
 from etude.types import Array, Channel, Code
 

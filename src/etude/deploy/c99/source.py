@@ -14,7 +14,7 @@ from etude.deploy.c99.plan import WIDENED, Plan
 from etude.deploy.c99.tables import finite, table, tables
 from etude.errors import NumericalError
 from etude.models.gp.c99 import real
-from etude.models.selection.parts import level_of, rests_of
+from etude.models.selection.member_prediction import level_of, rests_of
 from etude.models.trust import NEVER, ROUNDING, thresholds
 
 

@@ -13,7 +13,7 @@ from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
 from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
-from etude.models.selection.parts import level_of, physics_behind, rests_of
+from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
 from etude.models.trust import ROUNDING, thresholds
 from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs

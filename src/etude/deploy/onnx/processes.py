@@ -9,10 +9,10 @@ import numpy as np
 
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import covariance, prior, reads, unwritable
-from etude.models.contracts import SupportsOnnx
 from etude.models.gp.basis_posterior import BasisPosterior
 from etude.models.gp.exact import ExactPosterior
 from etude.models.process import Posteriors, Silent
+from etude.models.protocols import SupportsOnnxMoments
 from etude.protocols import Process
 
 Moments = tuple[str, str]
@@ -29,7 +29,7 @@ def looked_at(process: Process) -> set[int]:
 
 
 def _columns(posterior: Any) -> set[int]:
-    if isinstance(posterior, SupportsOnnx):
+    if isinstance(posterior, SupportsOnnxMoments):
         return set(posterior.columns_read)
     if isinstance(posterior, ExactPosterior | BasisPosterior):
         return reads(posterior.kernel)
@@ -51,7 +51,7 @@ def moments(graph: Graph, x: str, process: Process, variance: bool) -> Moments:
 
 def _like(posterior: Any) -> Any:
     """Those that are alike are asked at once: a kernel and as many points, or as many frequencies."""
-    if isinstance(posterior, SupportsOnnx):
+    if isinstance(posterior, SupportsOnnxMoments):
         return type(posterior), posterior.alike
     return posterior.kernel, _points(posterior).shape
 
@@ -69,7 +69,7 @@ def in_order(graph: Graph, values: Sequence[str], order: Any) -> str:
 
 
 def _together(graph: Graph, x: str, own: Sequence[Any], variance: bool) -> Moments:
-    if isinstance(own[0], SupportsOnnx):
+    if isinstance(own[0], SupportsOnnxMoments):
         return own[0].onnx_moments(graph, x, own, variance)
     theta, Z = np.stack([p.theta for p in own]), np.stack([_points(p) for p in own])
     k = covariance(graph, x, own[0].kernel, theta, Z)

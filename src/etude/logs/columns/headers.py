@@ -23,6 +23,7 @@ from etude.logs.columns.vocabulary import (
 from etude.types import Channel
 
 NUMBERED = (
+    r"(?P<word>[a-z_]*?)_?(?:joint_?|j)?(?P<number>\d{1,4})_(?P<rest>[a-z_]+)",
     r"(?P<word>[a-z_]*?)_?(?:joint_?|j)?(?P<number>\d{1,4})",
     r"(?:joint_?|j)(?P<number>\d{1,4})_(?P<word>[a-z_]+)",
 )
@@ -117,6 +118,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
     channel is whole with it: such a column is no reason to refuse what is whole without it.
     """
     known = _Known(_named(channels), _words(channels), _bare(channels))
+    described = {channel.name: channel for channel in channels}
     again, found, left = doubles(headers), Found(), []
     own = {name: (c.name, p) for c in channels for name, p in zip(column_names(c), c.parts, strict=True)}
     for header in headers:
@@ -125,6 +127,7 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
             continue
         text, unit = split_unit(header)
         claims = () if header in again else known.claims(text)
+        claims = tuple(claim for claim in claims if _may_be(unit, described[claim.channel]))
         if claims and unit not in UNITS:
             raise DataError(
                 f"unknown unit '{unit}'", where=f"{where}, column '{header}'", next_step=UNITS_TO_USE
@@ -132,15 +135,26 @@ def read_headers(headers: Sequence[str], channels: Sequence[Channel], where: str
         for claim in claims:
             found.note(claim, header, unit)
         left += [] if claims else [header]
-    _add_suffixed(found, [h for h in left if h not in again and not split_unit(h)[1]], known, channels)
+    _add_suffixed(found, [h for h in left if h not in again and not split_unit(h)[1]], known, described)
     taken = {column.name for column in found.columns()}
     found.ignored += [header for header in left if header not in taken]
     return found
 
 
-def _add_suffixed(found: Found, headers: Sequence[str], known: _Known, channels: Sequence[Channel]) -> None:
+def _may_be(unit: str, channel: Channel) -> bool:
+    """Whether a header in brackets may be of a channel: a desired torque is no desired position."""
+    if channel.role != "plan" or unit not in UNITS:
+        return True
+    own = dict.fromkeys(channel.units)
+    alike = [one for name in own for one in (*ALIKE.get(name, ()), name, name.replace("^", ""))]
+    return unit in ("", "1", "°", "°/s", *alike)
+
+
+def _add_suffixed(
+    found: Found, headers: Sequence[str], known: _Known, described: Mapping[str, Channel]
+) -> None:
     """Columns whose headers end with a unit; of two of a part that in SI."""
-    more, described = Found(), {channel.name: channel for channel in channels}
+    more = Found()
     for header in sorted(headers, key=lambda h: UNITS.get(split_suffix(h)[1]) != 1.0):
         text, unit = split_suffix(header)
         for claim in known.claims(text) if unit else ():
@@ -188,13 +202,20 @@ def _named(channels: Sequence[Channel]) -> dict[str, tuple[str, str, int]]:
     ranked = [(rank, word, c) for c in channels for rank, word in enumerate(words_of(c))]
     for rank, word, channel in sorted(ranked, key=lambda row: row[0] > 0):
         for alias, part in _aliases(channel).items():
-            for text in (f"{word}_{alias}", f"{alias}_{word}") if alias else (word,):
+            for text in _around(word, alias) if alias else [word]:
                 named.setdefault(text, (channel.name, part, rank))
             if set(channel.parts) <= LETTERS:
                 named.setdefault(f"{word}{alias}", (channel.name, part, rank))
         if len(channel.parts) == 1:
             named.setdefault(word, (channel.name, channel.parts[0], rank))
     return named
+
+
+def _around(word: str, alias: str) -> list[str]:
+    """A word before a part, after it, and around it: `q_des_elbow`, `elbow_q_des`, `q_elbow_des`."""
+    tokens = word.split("_")
+    within = ["_".join([*tokens[:i], alias, *tokens[i:]]) for i in range(1, len(tokens))]
+    return [f"{word}_{alias}", f"{alias}_{word}", *within]
 
 
 def _aliases(channel: Channel) -> dict[str, str]:
@@ -222,8 +243,11 @@ def _number(rests: list[str], words: dict[str, str]) -> tuple[str, str] | None:
     for rest in rests:
         for pattern in NUMBERED:
             found = re.fullmatch(pattern, rest)
-            if found is not None and found["word"] in words:
-                return words[found["word"]], found["number"]
+            if found is None:
+                continue
+            word = "_".join(filter(None, (found["word"], found.groupdict().get("rest"))))
+            if word in words:
+                return words[word], found["number"]
     return None
 
 

@@ -55,7 +55,7 @@ def match_columns(headers: Sequence[str], channels: Sequence[Channel], where: st
 def _of_channel(channel: Channel, found: Found, repairs: list[str], where: str) -> tuple[Column, ...] | None:
     """The channel's columns in the order of its parts; None if the file has none, or too few of an aside."""
     mine = found.named.get(channel.name, {})
-    if channel.name in SENSORS:
+    if channel.name in SENSORS or channel.role == "plan":
         mine = _first_spelling(mine, channel)
     numbered = found.numbered.get(channel.name, {})
     if numbered and not mine and _worth(channel, numbered):

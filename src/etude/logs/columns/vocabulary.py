@@ -8,20 +8,20 @@ from collections.abc import Mapping
 
 GRAVITY = 9.81
 """m/s^2."""
+DESIRED = ("des", "desired", "ref", "reference", "target", "setpoint", "goal")
+"""Words that say of a quantity that it is asked for, before its name or after it; alone, of the position."""
+
+
+def _asked(*words: str) -> tuple[str, ...]:
+    """What the desired value of a quantity with these words is called."""
+    return tuple(text for word in words for d in DESIRED for text in (f"{word}_{d}", f"{d}_{word}"))
+
+
 # channel -> words for it, beside its own name
 SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "q_des": (
-        *("q_desired", "desired_q", "desired_position", "position_desired", "position_des"),
-        *("q_ref", "position_ref", "ref_position", "q_target", "target_q", "target_position", "q_cmd"),
-    ),
-    "qd_des": (
-        *("qd_desired", "dq_des", "desired_velocity", "velocity_desired", "velocity_des"),
-        *("qd_ref", "velocity_ref", "qd_target", "target_qd", "target_velocity"),
-    ),
-    "qdd_des": (
-        *("ddq_des", "qdd_desired", "desired_acceleration", "acceleration_desired"),
-        *("qdd_ref", "target_qdd", "target_acceleration"),
-    ),
+    "q_des": (*_asked("q", "position", "positions", "pos", "angle", "joint_position"), "q_cmd", *DESIRED),
+    "qd_des": _asked("qd", "dq", "qdot", "velocity", "velocities", "vel", "speed", "joint_velocity"),
+    "qdd_des": _asked("qdd", "ddq", "qddot", "acceleration", "acc", "joint_acceleration"),
     "command_ff": ("tau_ff", "feedforward", "effort_ff", "effort_feedforward"),
     "command_fb": ("tau_fb", "feedback", "effort_fb", "effort_feedback"),
     "q": (
@@ -41,9 +41,9 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "orientation": ("q", "quat", "quaternion", "attitude_q"),
     "attitude": ("stabilizer", "state_estimate", "stateestimate", "euler", "rpy"),
     "battery_voltage": ("vbat", "vbatt", "pm_vbat"),
-    "position_des": ("position_ref", "setpoint", "p_des", "ref_position"),
+    "position_des": ("position_ref", "setpoint", "p_des", *_asked("position", "pos", "p"), *DESIRED),
 }
-# Sensors that recorders write under several names at once: the first complete spelling is taken.
+# Sensors that recorders write under several names at once: the first complete spelling is taken, as of plans.
 SENSORS = ("specific_force", "rates", "position", "velocity", "orientation", "attitude", "position_des")
 # Words for the learned command that only one unit of it can mean.
 COMMANDS: Mapping[str, tuple[str, ...]] = {

@@ -3,6 +3,9 @@
 rosbag2 writes a folder with metadata.yaml and one or several storages (SQLite or MCAP), which may be
 compressed as a whole or message by message. A recorder that was killed leaves no metadata, and an MCAP
 without its end.
+
+Records are an opcode, a length (8 bytes) and so many bytes; https://mcap.dev/spec. Messages stand in chunks,
+of which the last is usually torn: its whole records are taken out of it.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 Text is read as numbers where it is one, else NaN. Lists, and columns that are numbered like `position[0]`,
 take the names beside them (`name`, `name[0]`), row by row: the order of joints may be any.
+
+A decoder that believes a damaged count asks for more memory than there is, which no exception tells of: the
+program ends. So footer and page headers are read here first, as far as they count something.
 """
 
 from __future__ import annotations

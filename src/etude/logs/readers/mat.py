@@ -1,4 +1,11 @@
-"""MATLAB's files (version 4 to 7.2) as raw logs: vectors are columns, matrices several, structs paths."""
+"""MATLAB's files (version 4 to 7.2) as raw logs: vectors are columns, matrices several, structs paths.
+
+The format is published by MathWorks ("MAT-File Format", level 4): of each variable five integers (type, rows,
+columns, whether it is complex, length of the name), the name, and its numbers column by column.
+
+Read here since SciPy's reader ends the program on some damaged files. The format is published by MathWorks
+("MAT-File Format"): elements of a type, a length and data, padded to 8 bytes; variables are elements of such.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""ROS messages as rows of columns: joint states by the names beside them, all else field by field."""
+"""ROS messages as rows of columns: joint states by the names beside them, all else field by field.
+
+rosbag2 stores definitions in every MCAP, and in SQLite since ROS 2 Iron. What is older is of Foxy, Galactic
+or Humble, which differ in what a controller's state holds (control_msgs, branches of these names).
+"""
 
 from __future__ import annotations
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from etude.models.contracts import HasKernel
+from etude.models.protocols import HasKernel
 from etude.protocols import FitData, Process
 from etude.types import Array, Index
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
     from etude.models.gp.exact import ExactGP
-    from etude.models.gp.priors import Prior
+    from etude.models.gp.training import Prior
 
 LENGTH_FACTORS = (1.0, 3.0, 1.0 / 3.0, 10.0, 0.1)
 """Starts of a training: half ranges of the inputs as lengths, times these."""
@@ -82,7 +82,7 @@ def trained_process(fit: FitData) -> ExactGP:
 
 def weak(fit: FitData, X: Array, y: Array) -> Prior | None:
     """The weak prior of these data, if the configuration has one."""
-    from etude.models.gp.priors import weak_prior
+    from etude.models.gp.training import weak_prior
 
     return weak_prior(fit.kernels[0], X, y) if fit.config.prior == "weak" else None
 

@@ -15,8 +15,8 @@ from etude.models.gp.cholesky import factorise, inverse_lower, triangular_invers
 from etude.models.gp.covariance_factors import CovarianceFactors
 from etude.models.gp.kernel_algebra import Against, Of
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.one_pass import solved
-from etude.models.gp.rest import mean_signal
+from etude.models.gp.likelihood_algebra import solved
+from etude.models.gp.stiction import mean_signal
 from etude.threads import threads_for
 from etude.types import Array
 

@@ -12,8 +12,16 @@ from etude.models.gp.exact import checked_data, checked_outputs
 from etude.models.gp.inducing import Form, InducingGP
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.minimize import Objective
-from etude.models.gp.priors import Prior, data_scales, weak_prior
-from etude.models.gp.training import Method, check_method, initial_gp, joint_likelihood, optimise
+from etude.models.gp.training import (
+    Method,
+    Prior,
+    check_method,
+    data_scales,
+    initial_gp,
+    joint_likelihood,
+    optimise,
+    weak_prior,
+)
 from etude.threads import threads_for
 from etude.types import Array
 

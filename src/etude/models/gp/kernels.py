@@ -1,17 +1,16 @@
-"""The kernels that compose (`kernel_algebra` adds and multiplies them), and the structured default."""
+"""The kernels that compose: squared exponential, linear, and the structured default."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from etude.errors import UsageError
-from etude.models.gp import lower_half
-from etude.models.gp.inputs import active, check_dims, places
+from etude.models.gp import cholesky
 from etude.models.gp.kernel_algebra import Against, Kernel, Of, Product, Pull, Role, Sum
-from etude.models.gp.squared_exponential import SquaredExponential
 from etude.types import Array, Column
 
 OWN_SHARE = 0.25
@@ -21,6 +20,193 @@ AT_REST = ("memory", "rest")
 """Ops of inputs that say what holds a joint at rest, for kernels of standing joints (`rest.standing`)."""
 
 __all__ = ["Kernel", "Linear", "Product", "SquaredExponential", "Sum", "ard_se", "structured"]
+
+
+BLOCK = 512
+"""Columns of a weighted Gram matrix handled at once: a few megabytes instead of one more n x n array."""
+
+
+def active(X: Array, dims: tuple[int, ...]) -> Array:
+    """The columns `dims` of X (n, D); UsageError if there are fewer."""
+    own = places(dims)
+    if X.ndim != 2 or X.shape[1] <= (max(dims) if isinstance(own, list) else dims[-1]):
+        raise UsageError(f"a kernel on column {max(dims)} needs more than inputs of shape {X.shape}")
+    return X[:, own]
+
+
+@cache
+def places(dims: tuple[int, ...]) -> slice | list[int]:
+    """The columns as an index: consecutive ones as a slice, whose columns are a view, and no copy."""
+    first, count = dims[0], len(dims)
+    return slice(first, first + count) if dims == tuple(range(first, first + count)) else list(dims)
+
+
+def with_ones(U: Array) -> Array:
+    """[U, 1], (n, D + 1)."""
+    out = np.empty((len(U), U.shape[1] + 1))
+    out[:, :-1], out[:, -1] = U, 1.0
+    return out
+
+
+def check_dims(dims: tuple[int, ...]) -> None:
+    """UsageError if these cannot be columns."""
+    if not dims or len(set(dims)) != len(dims) or min(dims) < 0:
+        raise UsageError(f"active dimensions must be distinct and not negative, got {dims}")
+
+
+@dataclass(frozen=True)
+class SquaredExponential(Kernel):
+    """ARD squared exponential s0² exp(-1/2 Σ_d (x_d - z_d)² / ℓ_d²), thesis (2.3), over the columns `dims`.
+
+    theta = log s0 (absent with `unit=True`, where s0 = 1: for a factor of a product), then log ℓ_d.
+    `share` is the part of an input's half range that training starts from as its length.
+    """
+
+    dims: tuple[int, ...]
+    unit: bool = False
+    share: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_dims(self.dims)
+        if not (np.isfinite(self.share) and self.share > 0.0):
+            raise UsageError(f"a length starts at a positive share of its half range, not {self.share}")
+
+    def names(self) -> tuple[str, ...]:
+        lengths = [f"length[{d}]" for d in self.dims]
+        return tuple(lengths if self.unit else ["amplitude", *lengths])
+
+    def roles(self) -> tuple[Role, ...]:
+        lengths: list[Role] = ["length"] * len(self.dims)
+        return tuple(lengths if self.unit else ["amplitude", *lengths])
+
+    def initial(self, half_range: Array, scale: float) -> Array:
+        lengths = np.log(self.share * half_range[list(self.dims)])
+        return lengths if self.unit else np.concatenate([[np.log(scale)], lengths])
+
+    def _split(self, theta: Array) -> tuple[float, Array]:
+        theta = self.check(theta)
+        return (0.0, np.exp(theta)) if self.unit else (float(theta[0]), np.exp(theta[1:]))
+
+    def gram(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        log_s0, lengths = self._split(theta)
+        own = active(X, self.dims)
+        U = (own - own.mean(axis=0)) / lengths
+        K = _scaled_exponential(U, U, log_s0).T  # symmetric: its transposed view is itself in Fortran order
+        np.fill_diagonal(K, np.exp(2.0 * log_s0))
+
+        def pull(G: Array) -> Array:
+            TU, columns = _weighted_sums(G, K, with_ones(U))
+            return self._slopes(U, TU, columns)
+
+        return K, pull
+
+    def gram_lower(self, theta: Array, X: Array) -> tuple[Array, Pull]:
+        log_s0, lengths = self._split(theta)
+        own = active(X, self.dims)
+        U = (own - own.mean(axis=0)) / lengths
+        left, right = _both_sides(U, log_s0)
+        K = cholesky.exponentials(left, right, 2.0 * log_s0)
+
+        def pull(G: Array) -> Array:
+            return self._slopes(U, *cholesky.weighted_sums(G, K, left))
+
+        return K, pull
+
+    def _slopes(self, U: Array, products: Array, others: Array) -> Array:
+        """Of T = G * K: T [U, ..., 1] or its transposed's, and the sums of T along the other side."""
+        TU, sums = products[:, : U.shape[1]], products[:, -1]
+        # sum_ij T_ij (u_i - u_j)^2 for every dimension without an n x n x D array
+        along = (sums + others) @ (U * U) - 2.0 * np.einsum("nd,nd->d", U, TU)
+        return along if self.unit else np.concatenate([[2.0 * sums.sum()], along])
+
+    def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
+        return self.against(theta, Z)(X)
+
+    def values(self, theta: Array, Z: Array) -> Of:
+        log_s0, lengths = self._split(theta)
+        fixed = active(Z, self.dims)
+        centre = fixed.mean(axis=0)
+        right = _right((fixed - centre) / lengths)
+        return lambda X: _exponential(_left((active(X, self.dims) - centre) / lengths, log_s0), right, log_s0)
+
+    def against(self, theta: Array, Z: Array) -> Against:
+        log_s0, lengths = self._split(theta)
+        fixed = active(Z, self.dims)
+        centre = fixed.mean(axis=0)
+        V = (fixed - centre) / lengths
+        right, beside = _right(V), with_ones(V)
+
+        def crossed(X: Array) -> tuple[Array, Pull]:
+            U = (active(X, self.dims) - centre) / lengths
+            K = _exponential(_left(U, log_s0), right, log_s0)
+
+            def pull(G: Array) -> Array:
+                GV = (G * K) @ beside
+                out = np.zeros(X.shape)
+                out[:, places(self.dims)] = (GV[:, :-1] - GV[:, -1:] * U) / lengths  # -(u - v)/ℓ k
+                return out
+
+            return K, pull
+
+        return crossed
+
+    def diagonal(self, theta: Array, X: Array) -> Array:
+        log_s0, _ = self._split(theta)
+        return np.full(len(X), np.exp(2.0 * log_s0))
+
+    def diagonal_gradient(self, theta: Array, X: Array, g: Array) -> Array:
+        self.check(theta)
+        return np.zeros_like(X * g[:, None])
+
+
+def _scaled_exponential(U: Array, V: Array, log_s0: float) -> Array:
+    """exp(2 log_s0 - |u - v|²/2) (n, m): the exponent comes from one matrix product of width D + 2."""
+    return _exponential(_left(U, log_s0), _right(V), log_s0)
+
+
+def _both_sides(U: Array, log_s0: float) -> tuple[Array, Array]:
+    """[U, a, 1] and [U, 1, a], so that the product of one with the other transposed is the exponent."""
+    left = np.empty((len(U), U.shape[1] + 2))
+    left[:, :-2], left[:, -1] = U, 1.0
+    left[:, -2] = log_s0 - 0.5 * np.einsum("nd,nd->n", U, U)
+    right = left.copy()
+    right[:, -2:] = left[:, :-3:-1]
+    return left, right
+
+
+def _left(U: Array, log_s0: float) -> Array:
+    out = np.empty((len(U), U.shape[1] + 2))
+    out[:, :-2], out[:, -1] = U, 1.0
+    out[:, -2] = 2.0 * log_s0 - 0.5 * np.einsum("nd,nd->n", U, U)
+    return out
+
+
+def _right(V: Array) -> Array:
+    out = np.empty((len(V), V.shape[1] + 2))
+    out[:, :-2], out[:, -2] = V, 1.0
+    out[:, -1] = -0.5 * np.einsum("nd,nd->n", V, V)
+    return out
+
+
+def _exponential(left: Array, right: Array, log_s0: float) -> Array:
+    K: Array = left @ right.T
+    most = 2.0 * log_s0
+    # rounding may lift a near-zero distance below zero; far outside the data it could even overflow. That is
+    # seldom and looking for it is cheap; a minimum with a number, not a row, takes as long as the exponential
+    if K.max(initial=most) > most:
+        np.minimum(K, np.full(K.shape[1], most), out=K)
+    return np.exp(K, out=K)
+
+
+def _weighted_sums(G: Array, K: Array, U: Array) -> tuple[Array, Array]:
+    """T U and the column sums of T = G * K, by blocks of columns so that T is never there as a whole."""
+    TU, columns = np.zeros_like(U), np.empty(len(K))
+    for first in range(0, len(K), BLOCK):
+        block = slice(first, first + BLOCK)
+        T = G[:, block] * K[:, block]
+        TU += T @ U[block]
+        columns[block] = T.sum(axis=0)
+    return TU, columns
 
 
 @dataclass(frozen=True)
@@ -56,9 +242,9 @@ class Linear(Kernel):
         A = active(X, self.dims) * np.exp(self.check(theta))
 
         def pull(G: Array) -> Array:
-            return np.asarray(2.0 * np.einsum("nd,nd->d", A, lower_half.transposed_times(G, A)))
+            return np.asarray(2.0 * np.einsum("nd,nd->d", A, cholesky.transposed_times(G, A)))
 
-        return lower_half.squared(A), pull
+        return cholesky.squared(A), pull
 
     def cross(self, theta: Array, X: Array, Z: Array) -> tuple[Array, Pull]:
         return self.against(theta, Z)(X)

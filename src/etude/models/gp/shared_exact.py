@@ -13,9 +13,8 @@ from etude.errors import DataError, NumericalError
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_outputs, posterior_given
 from etude.models.gp.kernels import Kernel
-from etude.models.gp.one_pass import solved
-from etude.models.gp.priors import Prior
-from etude.models.gp.training import Method, negative_posterior, optimise
+from etude.models.gp.likelihood_algebra import solved
+from etude.models.gp.training import Method, Prior, negative_posterior, optimise
 from etude.threads import threads_for
 from etude.types import Array
 

@@ -1,15 +1,25 @@
-"""The mean of several outputs at one input, as fast as Python allows: for a controller's tick."""
+"""Means and covariances at one input, compiled: what a controller's tick asks of a process.
+
+A kernel made of squared exponentials and linear parts is a sum of terms lin(x, z) · exp(log s² - Σ_d c_d
+(x_d - z_d)² / 2), either factor perhaps absent. `Kernel.value` answers for matrices and spends most of a
+single row on its bookkeeping; here the members lie in columns, so that every loop runs over members and
+vectorises. All compiled code is in this file because numba's cache watches only the file of the function it
+stores.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from etude.compilation import compiled
 from etude.errors import UsageError
-from etude.models.gp.kernel_algebra import Kernel
-from etude.models.gp.point_kernel import Terms, kernel_terms, means_at, pointwise_parts
+from etude.models.gp.kernel_algebra import Kernel, Product, Sum
+from etude.models.gp.kernels import Linear, SquaredExponential
+from etude.models.gp.stiction import RestNoise
 from etude.types import Array
 
 
@@ -24,6 +34,204 @@ class Expansion(Protocol):
     def X(self) -> Array: ...
     @property
     def alpha(self) -> Array: ...
+
+
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+
+class Terms(NamedTuple):
+    """A kernel as a sum of S terms on D inputs.
+
+    Attributes:
+        curve: (S, D) 1/ℓ² of each input, 0 where it does not count. log_variance: (S,) log s².
+        slope: (S, D) a² of each input of the linear factor.
+        curved, linear: (S,) whether the term has that factor.
+    """
+
+    curve: Array
+    log_variance: Array
+    slope: Array
+    curved: Flags
+    linear: Flags
+
+
+def kernel_terms(kernel: Kernel, theta: Array, inputs: int) -> Terms:
+    """The terms of `kernel` with log hyperparameters theta (P,), on that many inputs.
+
+    Raises:
+        UsageError: a kernel with other parts, or a product with two linear factors.
+    """
+    rows = []
+    for factors in _summands(kernel, kernel.check(theta)):
+        curve, slope, log_variance = np.zeros(inputs), np.zeros(inputs), 0.0
+        linear = [own for part, own in factors if isinstance(part, Linear)]
+        curved = [part for part, _ in factors if isinstance(part, SquaredExponential)]
+        if len(linear) > 1 or len(linear) + len(curved) < len(factors):
+            raise UsageError(
+                f"a single point's covariances are not made for {kernel}",
+                next_step="Use the kernel's own value, or squared exponential and linear parts.",
+            )
+        for part, own in factors:
+            if isinstance(part, Linear):
+                slope[list(part.dims)] = np.exp(2.0 * own)
+            elif isinstance(part, SquaredExponential):
+                curve[list(part.dims)] += np.exp(-2.0 * (own if part.unit else own[1:]))
+                log_variance += 0.0 if part.unit else 2.0 * float(own[0])
+        rows.append((curve, log_variance, slope, bool(curved), bool(linear)))
+    return Terms(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _summands(kernel: Kernel, theta: Array) -> list[list[tuple[Kernel, Array]]]:
+    """The factors of each term, with their own hyperparameters."""
+    if isinstance(kernel, Sum):
+        pairs = [pair for pair in _split(kernel.parts, theta) if not isinstance(pair[0], RestNoise)]
+        return [term for part, own in pairs for term in _summands(part, own)]  # noise is shared with no other
+    if isinstance(kernel, Product):
+        return [_split(kernel.parts, theta)]
+    return [[(kernel, theta)]]
+
+
+def _split(parts: tuple[Kernel, ...], theta: Array) -> list[tuple[Kernel, Array]]:
+    ends = np.cumsum([part.size for part in parts])
+    return list(zip(parts, np.split(theta, ends[:-1]), strict=True))
+
+
+@runtime_checkable
+class Pointwise(Protocol):
+    """A kernel with compiled covariances of its own: x (D,) -> k(x, Z) (m,)."""
+
+    def at(self, theta: Array, Z: Array) -> Callable[[Array], Array]: ...
+
+
+def pointwise_parts(
+    kernel: Kernel, theta: Array
+) -> tuple[Kernel | None, Array, list[tuple[Pointwise, Array]]]:
+    """What `kernel_terms` is for, with its hyperparameters, and the summands that answer for themselves."""
+    terms: list[tuple[Kernel, Array]] = []
+    others: list[tuple[Pointwise, Array]] = []
+    parts = _split(kernel.parts, theta) if isinstance(kernel, Sum) else [(kernel, theta)]
+    for part, own in parts:
+        if isinstance(part, Pointwise):
+            others.append((part, own))
+        else:
+            terms.append((part, own))
+    if not terms:
+        return None, np.zeros(0), others
+    return Sum(tuple(part for part, _ in terms)), np.concatenate([own for _, own in terms]), others
+
+
+LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 6.93147180369123816490e-01, 1.90821492927058770002e-10
+ROUNDER = 6755399441055744.0  # 1.5 · 2^52: adding it leaves the nearest integer in the low bits
+LEAST = -709.0  # its k is -1023, whose 2^k comes out as 0: what is less is not a normal number
+
+
+@compiled
+def _exponential(e: Array, bits: Array, n: int) -> None:
+    """e[:n] becomes exp(e[:n]) for e <= 700, to two roundings; compiled `np.exp` does one number at a time.
+
+    exp(x) = 2^k exp(r) with |r| <= log(2)/2, Taylor to r^13/13!; 0 below LEAST; NaN stays.
+    """
+    scale = bits.view(np.int64)
+    for i in range(n):
+        x = LEAST if e[i] < LEAST else e[i]
+        bits[i] = x * LOG2E + ROUNDER
+        k = bits[i] - ROUNDER
+        e[i] = (x - k * LN2_HIGH) - k * LN2_LOW
+    for i in range(n):
+        scale[i] = (scale[i] + 1023) << 52
+    for i in range(n):
+        r = e[i]
+        p = 1.0 / 6227020800.0
+        p = p * r + 1.0 / 479001600.0
+        p = p * r + 1.0 / 39916800.0
+        p = p * r + 1.0 / 3628800.0
+        p = p * r + 1.0 / 362880.0
+        p = p * r + 1.0 / 40320.0
+        p = p * r + 1.0 / 5040.0
+        p = p * r + 1.0 / 720.0
+        p = p * r + 1.0 / 120.0
+        p = p * r + 1.0 / 24.0
+        p = p * r + 1.0 / 6.0
+        p = p * r + 0.5
+        e[i] = (1.0 + r + r * r * p) * bits[i]
+
+
+@compiled
+def covariances(x: Array, Z: Array, n: int, terms: Terms, k: Array, space: Array) -> None:
+    """k[:n] = k(x, z_i) for x (D,) and the first n columns of Z (D, >= n); `space` is (3, >= n)."""
+    e, line, bits = space[0], space[1], space[2]
+    for i in range(n):
+        k[i] = 0.0
+    for s in range(len(terms.log_variance)):
+        for i in range(n):
+            e[i] = 0.0
+            line[i] = 0.0 if terms.linear[s] else 1.0
+        for d in range(len(x)):
+            c, a, here, there = -0.5 * terms.curve[s, d], terms.slope[s, d] * x[d], x[d], Z[d]
+            if c != 0.0:
+                for i in range(n):
+                    e[i] += c * (here - there[i]) * (here - there[i])
+            if terms.slope[s, d] != 0.0:
+                for i in range(n):
+                    line[i] += a * there[i]
+        if terms.curved[s]:
+            for i in range(n):
+                e[i] += terms.log_variance[s]
+            _exponential(e, bits, n)
+            for i in range(n):
+                line[i] *= e[i]
+        for i in range(n):
+            k[i] += line[i]
+
+
+@compiled
+def mean_at(x: Array, Z: Array, alpha: Array, n: int, terms: Terms, k: Array, space: Array) -> float:
+    """Σ_i alpha_i k(x, z_i), thesis (2.5), NaN if x is not finite; arguments as for `covariances`."""
+    for value in x:
+        if not np.isfinite(value):
+            return np.nan
+    covariances(x, Z, n, terms, k, space)
+    total = 0.0
+    for i in range(n):
+        total += alpha[i] * k[i]
+    return total
+
+
+@compiled
+def means_at(
+    x: Array, Z: Array, alpha: Array, counts: Counts, terms: Terms, k: Array, space: Array, out: Array
+) -> None:
+    """`mean_at` of every output j into out (m,): Z[j], alpha[j], the first counts[j] members, terms[j]."""
+    for j in range(len(out)):
+        own = Terms(terms.curve[j], terms.log_variance[j], terms.slope[j], terms.curved[j], terms.linear[j])
+        out[j] = mean_at(x, Z[j], alpha[j], counts[j], own, k, space)
+
+
+class PointCovariances:
+    """k(x, X) of one input at a time: compiled where the kernel allows, else by its own `value`.
+
+    Args:
+        kernel: of the family. theta: (P,) its log hyperparameters. inputs: D.
+    """
+
+    def __init__(self, kernel: Kernel, theta: Array, inputs: int) -> None:
+        self._kernel, self._theta = kernel, theta
+        self._space = np.empty((3, 0))
+        try:
+            self._terms: Terms | None = kernel_terms(kernel, theta, inputs)
+        except UsageError:
+            self._terms = None
+
+    def __call__(self, x: Array, X: Array) -> Array:
+        """(n,) between x (D,) and the rows of X (n, D)."""
+        if self._terms is None:
+            return self._kernel.value(self._theta, x[None], X)[0] if len(X) else np.zeros(0)
+        if self._space.shape[1] < len(X):
+            self._space = np.empty((3, 2 * len(X)))
+        k = np.empty(len(X))
+        covariances(x, X.T, len(X), self._terms, k, self._space)
+        return k
 
 
 class PointMean:

@@ -1,23 +1,22 @@
-"""Candidates of a rung: other processes beside the default's, for the same commands and mean function.
+"""Ensembles: other processes beside the default's, averaged by how well they predict other motion.
 
-Each is a row of `recipes.CANDIDATES`. What they say is averaged for each command (`averaging`).
+Each member is a row of `CANDIDATES`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.models.data.cross_validation import Base, process_held_out
-from etude.models.data.fit import Folds, Rows, rows_of
-from etude.models.data.rows import apart
+from etude.models.config import ModelConfig
+from etude.models.data.cross_validation import Base, HeldOut, process_held_out
+from etude.models.data.fit import Folds, Rows, apart, rows_of
 from etude.models.gp.kernels import own_columns
 from etude.models.model import LearnedModel
 from etude.models.score import while_any_moves
-from etude.models.selection.member_configs import CANDIDATES
-from etude.models.selection.structures import Learned, earlier_of, with_process
+from etude.models.selection.structures import LearnedStructure, earlier_of, with_process
 from etude.progress import counted
 from etude.types import Array, Index, Mask
 
@@ -29,15 +28,96 @@ COSTS = {"default": 0.1, "all_lin": 10.0}
 """About how long one takes; others 1."""
 
 
+FEW_SAMPLES = 200
+"""Samples for the default's hyperparameters below which a prior of mechanics has something to add: logs of a
+minute or two. With four logs it was worse than the default alone."""
+INVERTED = -0.3
+"""Work of a command over its size below which its sign is wrong: friction's is positive, and conservative
+power cancels over a closed motion. Torques measured behind the gear hold no friction and come out near 0."""
+
+
+@dataclass(frozen=True)
+class MemberConfig:
+    """How a candidate learns.
+
+    Attributes:
+        kernel: name in the group etude.kernels. process: name of the member.
+        rungs: in which it takes part.
+        together: all commands in one process; else each by itself.
+        standing: samples of standing joints teach too, while another moves.
+        fit_points, steps, points: at most, of the configuration's; 0: these.
+        offered: whether it is worth its time on these data, given the default's samples of each command.
+    """
+
+    kernel: str
+    process: str = "exact"
+    rungs: tuple[str, ...] = ("gp",)
+    together: bool = False
+    standing: bool = False
+    fit_points: int = 0
+    steps: int = 0
+    points: int = 0
+    offered: Callable[[Folds, Sequence[Rows]], bool] = lambda folds, rows: True  # noqa: ARG005
+
+    def config(self, config: ModelConfig) -> ModelConfig:
+        """The configuration of this candidate."""
+        return replace(
+            config,
+            kernel=self.kernel,
+            process=self.process,
+            fit_points=min(self.fit_points or config.fit_points, config.fit_points),
+            inducing=config.inducing if self.standing else 0,  # a Lagrangian is for few samples
+            points=min(self.points or config.points, config.points),
+            steps=self.steps or config.steps,
+        )
+
+
+def _rests(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
+    """Joints stand while others move, and inputs remember how they came there."""
+    stands = while_any_moves(folds.samples) & ~folds.samples.moving
+    return bool(stands.any()) and any(op == "memory" for *_, op in folds.inputs.columns)
+
+
+def _few(folds: Folds, rows: Sequence[Rows]) -> bool:  # noqa: ARG001
+    return all(len(own.chosen) < FEW_SAMPLES for own in rows)
+
+
+def _conserves(folds: Folds, rows: Sequence[Rows]) -> bool:
+    """Few samples, and commands that can be of one energy: in one unit, none with the wrong sign."""
+    units = folds.samples.log.channels["command"].units
+    return _few(folds, rows) and len(set(units)) == 1 and bool(np.all(work_sign(folds) > INVERTED))
+
+
+CANDIDATES: dict[str, MemberConfig] = {
+    "standing": MemberConfig("standing", rungs=("gp", "identified+gp"), standing=True, offered=_rests),
+    "gip_lin": MemberConfig("gip_lin", fit_points=110, offered=_few),
+    "all_lin": MemberConfig(
+        "ard_se", "all_lin", together=True, fit_points=110, steps=60, points=300, offered=_conserves
+    ),
+}
+"""Beside "default", by the name that `model.candidates` gives."""
+
+
+def work_sign(folds: Folds) -> Array:
+    """(J,) Σ command · speed / Σ |command · speed| where the joint moves; 0 where no speed is known."""
+    samples, names = folds.samples, [channel for channel, *_ in folds.inputs.columns]
+    speeds = [n for n in dict.fromkeys(names) if samples.log.channels[n].derivative_of == names[0]]
+    if not speeds:
+        return np.zeros(len(folds.commands))
+    use = samples.usable & samples.moving
+    power = np.where(use, samples.command * samples.log[speeds[0]], 0.0)
+    return np.asarray(power.sum(axis=0) / np.maximum(np.abs(power).sum(axis=0), np.finfo(float).tiny))
+
+
 def beside_default(
     folds: Folds,
-    groups: Sequence[Mapping[str, Learned]],
+    groups: Sequence[Mapping[str, LearnedStructure]],
     bases: Mapping[str, Base],
     rng: np.random.Generator,
     previous: LearnedModel | None,
-) -> list[Learned]:
+) -> list[LearnedStructure]:
     """The candidates that `model.candidates` names and the data are good for, in every rung of theirs."""
-    found: list[Learned] = []
+    found: list[LearnedStructure] = []
     if not folds.config.averages or len(folds.numbers) < 2:
         return found
     for name in counted(folds.config.candidates, lambda name: COSTS.get(name, 1.0)):
@@ -63,7 +143,7 @@ def _learned(
     base: Base | None,
     rng: np.random.Generator,
     previous: LearnedModel | None,
-) -> Learned:
+) -> LearnedStructure:
     recipe = CANDIDATES[name]
     samples = folds.samples
     if recipe.standing:
@@ -102,7 +182,9 @@ def _beside(moving: Rows, every: Rows, folds: Folds, group: tuple[int, ...]) -> 
     return Rows(every.moving, both(moving.kept, every.kept), both(moving.chosen, every.chosen))
 
 
-def everywhere(folds: Folds, learned: Learned, base: Base | None, compared: Mask) -> tuple[Array, Array]:
+def everywhere(
+    folds: Folds, learned: LearnedStructure, base: Base | None, compared: Mask
+) -> tuple[Array, Array]:
     """Errors and calibrated variances (n, m) held out, of standing joints too; NaN where not predicted.
 
     Each candidate is conditioned on samples of its own, so that together they use more of them. What the
@@ -120,3 +202,101 @@ def everywhere(folds: Folds, learned: Learned, base: Base | None, compared: Mask
         told = np.isnan(error) & np.isfinite(more.error)
         error, variance = np.where(told, more.error, error), np.where(told, more.variance, variance)
     return error, variance * candidate.calibration
+
+
+EXPONENT = 4.0
+"""Weights go as exp(4 · mean log density): a candidate that is better by half a unit weighs seven times as
+much. It was chosen by its errors on the real logs of docs/real_logs.md, where it matters little."""
+LEAST = 0.02
+"""A candidate that weighs less for every command is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """A rung with all its candidates.
+
+    Attributes:
+        parts: the default's of each group first. shares: of each its (m,) weights within the rung.
+        held: what the average says of the samples held out, calibration included.
+    """
+
+    parts: tuple[LearnedStructure, ...]
+    shares: tuple[Array, ...]
+    held: HeldOut
+
+
+def averaged(
+    folds: Folds, defaults: Sequence[LearnedStructure], others: Sequence[LearnedStructure], base: Base | None
+) -> Average:
+    """The candidates of a rung, weighed for each command by their density over what all of them predicted."""
+    parts, J = [*defaults, *others], len(folds.commands)
+    use = _compared(defaults, (len(folds.X), J))
+    told = [everywhere(folds, part, base, use) for part in parts]
+    errors, variances = (np.full((len(parts), len(folds.X), J), np.nan) for _ in range(2))
+    for k, (part, (error, variance)) in enumerate(zip(parts, told, strict=True)):
+        columns = list(part.candidate.commands)
+        errors[k][:, columns], variances[k][:, columns] = error, variance
+    weights = np.stack([weighed(errors[:, :, j], variances[:, :, j]) for j in range(J)], axis=1)
+    needed = weights.max(axis=1) >= LEAST
+    weights = np.where(needed[:, None], weights, 0.0)
+    weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+    for own, default in zip(weights, defaults, strict=False):  # where nothing was predicted it stays in use
+        own[[j for j in default.candidate.commands if not weights[:, j].any()]] = 1.0
+    held = HeldOut(*mixed(errors, variances, weights), folds.fold).at(use)
+    kept = [k for k in range(len(parts)) if needed[k] or k < len(defaults)]
+    shares = tuple(weights[k, list(parts[k].candidate.commands)] for k in kept)
+    return Average(tuple(parts[k] for k in kept), shares, held)
+
+
+def weighed(error: Array, variance: Array) -> Array:
+    """(C,) weights of candidates by errors and variances (C, n), NaN where not predicted; 0 if nowhere.
+
+    The first alone where no sample was predicted by all.
+    """
+    there = np.isfinite(error).any(axis=1)
+    use = np.isfinite(error[there]).all(axis=0)
+    weights = np.zeros(len(error))
+    if not there.any() or not use.any():
+        weights[np.flatnonzero(there)[:1]] = 1.0
+        return weights
+    e, v = error[there][:, use], variance[there][:, use]
+    density = -0.5 * np.mean(np.log(v) + e**2 / v, axis=1)
+    share = np.exp(EXPONENT * (density - density.max()))
+    weights[there] = share / share.sum()
+    return weights
+
+
+def mixed(errors: Array, variances: Array, weights: Array) -> tuple[Array, Array]:
+    """Error and variance (n, J) of the average of those (C, n, J): sum w (v + (m - average)^2).
+
+    Where a candidate predicted nothing the others share its weight.
+    """
+    w = np.where(np.isfinite(errors), weights[:, None, :], 0.0)
+    total = w.sum(axis=0)
+    w = w / np.where(total > 0.0, total, 1.0)
+    average = np.where(total > 0.0, np.nansum(w * np.nan_to_num(errors), axis=0), np.nan)
+    spread = np.nan_to_num(variances) + (np.nan_to_num(errors) - np.nan_to_num(average)) ** 2
+    return average, np.where(total > 0.0, np.sum(w * spread, axis=0), np.nan)
+
+
+def _compared(defaults: Sequence[LearnedStructure], shape: tuple[int, int]) -> Mask:
+    """(n, J) the samples on which rungs are compared: those that the defaults were conditioned on."""
+    use = np.zeros(shape, dtype=np.bool_)
+    for part in defaults:
+        use[:, list(part.candidate.commands)] = np.isfinite(part.held.error)
+    return use
+
+
+def averages(
+    folds: Folds,
+    groups: Sequence[Mapping[str, LearnedStructure]],
+    others: Sequence[LearnedStructure],
+    bases: Mapping[str, Base],
+) -> dict[str, Average]:
+    """By rung that has other candidates, its average."""
+    found = {}
+    for rung in dict.fromkeys(other.candidate.rung for other in others):
+        defaults = [group[rung] for group in groups if rung in group]
+        beside = [other for other in others if other.candidate.rung == rung]
+        found[rung] = averaged(folds, defaults, beside, bases.get(rung.removesuffix("+gp")))
+    return found

@@ -4,34 +4,45 @@ A rung is a mean function (none, linear regression, identified or nominal physic
 leaves or without. A process can be worse than linear regression: it returns to its mean outside the data,
 where a linear trend goes on, and it can diverge where its hyperparameters were taught by too few samples. So
 linear regression is a rung like the others.
+
+Physics are fitted without the segment and the process is conditioned without it. The few hyperparameters of
+the process, and which rung is used, were chosen with all segments.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from etude.errors import DataError, UsageError
 from etude.models.change.change_detection import independence, tails
 from etude.models.config import ModelConfig
-from etude.models.contracts import Offered
-from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_numbers
-from etude.models.data.fit import Folds, Rows, rows_of
-from etude.models.data.insufficient_data import least_variance, notes
-from etude.models.data.rows import in_order
+from etude.models.data.cross_validation import Base, HeldOut, fitted_base, fold_mean, fold_numbers
+from etude.models.data.fit import Folds, Rows, in_order, rows_of
 from etude.models.model import LearnedModel
-from etude.models.score import Score, figures, score, trivial_prediction
-from etude.models.selection.averaging import Average, averages
-from etude.models.selection.ensemble import beside_default
+from etude.models.protocols import EnsembleMember
+from etude.models.score import PredictionScore, figures, score, trivial_prediction
+from etude.models.selection.ensemble import Average, averages, beside_default
 from etude.models.selection.linear import LinearPhysics
-from etude.models.selection.selection_rule import TRAJECTORIES, choices, warnings_of
-from etude.models.selection.structures import Learned, alone, base_of, earlier_of, rows_only, with_process
+from etude.models.selection.selection_rule import TRAJECTORIES, choices, least_variance, notes, warnings_of
+from etude.models.selection.structures import (
+    LearnedStructure,
+    alone,
+    base_of,
+    earlier_of,
+    rows_only,
+    with_process,
+)
+from etude.models.store import DAMAGE
 from etude.models.student_t import StudentT, fit_student
 from etude.progress import counted, part
 from etude.protocols import Inputs, Physics
-from etude.types import Array, Samples
+from etude.storage import arrays_of
+from etude.types import Array, Index, Samples
 
 OFFERED = ("gp", "identified+gp", "identified", "nominal", "linear", "linear+gp")
 """Rungs of rung = "auto", as far as there are physics for them; of equally good ones the first is taken."""
@@ -58,7 +69,7 @@ class Ladder:
     model: LearnedModel
     errors: dict[str, Array]
     held_out: dict[str, HeldOut]
-    scores: dict[str, Score]
+    scores: dict[str, PredictionScore]
     left_out: HeldOut
     samples: Samples
 
@@ -107,7 +118,9 @@ def train_ladder(
     return _assembled(folds, groups, averages(folds, groups, more, bases), baseline)
 
 
-def prequential(model: LearnedModel, new: Samples, trained: Samples | None = None) -> dict[str, Score]:
+def prequential(
+    model: LearnedModel, new: Samples, trained: Samples | None = None
+) -> dict[str, PredictionScore]:
     """Score of each rung of an earlier model on motion that it has not seen.
 
     Args:
@@ -175,12 +188,12 @@ def _train_group(
     bases: Mapping[str, Base],
     rng: np.random.Generator,
     previous: LearnedModel | None,
-) -> dict[str, Learned]:
+) -> dict[str, LearnedStructure]:
     """Every rung of a group, the first the one that is taken if nothing was held out."""
     auto = folds.config.rung == "auto"
-    found: dict[str, Learned] = {}
+    found: dict[str, LearnedStructure] = {}
 
-    def process(rung: str) -> Learned:
+    def process(rung: str) -> LearnedStructure:
         base = bases.get(base_of(rung))
         start = earlier_of(previous, rung, group, folds)
         return with_process(folds, group, rows, rung, base, start, rng)
@@ -205,7 +218,7 @@ def _loses(
     folds: Folds,
     group: tuple[int, ...],
     rows: Rows,
-    found: Mapping[str, Learned],
+    found: Mapping[str, LearnedStructure],
     bases: Mapping[str, Base],
 ) -> bool:
     """Whether linear regression predicts a command of the group better than everything else."""
@@ -221,7 +234,7 @@ def _loses(
 
 def _assembled(
     folds: Folds,
-    groups: Sequence[Mapping[str, Learned]],
+    groups: Sequence[Mapping[str, LearnedStructure]],
     averaged: Mapping[str, Average],
     baseline: HeldOut,
 ) -> Ladder:
@@ -267,14 +280,14 @@ def _assembled(
     return Ladder(model, errors, held, scores, HeldOut(error, spread, folds.fold), samples)
 
 
-def _weighed(candidate: Offered, share: Array, chosen: Sequence[str]) -> Offered:
+def _weighed(candidate: EnsembleMember, share: Array, chosen: Sequence[str]) -> EnsembleMember:
     """With its part of the answer of the commands that were given its rung."""
     weights = share * np.array([float(chosen[j] == candidate.rung) for j in candidate.commands])
     return replace(candidate, weights=weights, share=share)
 
 
 def _joined(
-    folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, Learned]]]
+    folds: Folds, pairs: Sequence[tuple[tuple[int, ...], Mapping[str, LearnedStructure]]]
 ) -> tuple[dict[str, HeldOut], dict[str, Array]]:
     """By rung, what it says of all commands, and its calibrated variances; NaN where it was not trained."""
     held: dict[str, HeldOut] = {}
@@ -290,13 +303,90 @@ def _joined(
     return held, calibrated
 
 
-def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> Score:
+def _score(samples: Samples, error: Array, variance: Array, trivial: Array) -> PredictionScore:
     """Of predictions that were held out; those that stood still were not."""
     use = np.isfinite(error)
     found = figures(samples.command, np.where(use, samples.command - error, 0.0), variance, use, trivial)
-    return Score(**vars(found), usable=found)
+    return PredictionScore(**vars(found), usable=found)
 
 
 def _student(error: Array, variance: Array) -> StudentT | None:
     told = np.isfinite(error)
     return fit_student(error[told] / np.sqrt(variance[told]))
+
+
+PHYSICS = ("identified", "nominal", "linear")
+"""Rungs that stand for physics alone, the first that a robot has."""
+CONSTANT = "constant"
+"""What stands for it where a model is no more than that: a command that does not depend on the motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidationResiduals:
+    """Errors of n samples, NaN where a command was not predicted.
+
+    Attributes:
+        rows: (n,) places among the samples in order (`rows.in_order`).
+        group: (n,) segment.
+        error: (n, J) command less prediction, command units.
+        variance: (n, J) predicted, noise and calibration included.
+        physics: (n, J) error of physics alone; of a model that is no more than these, of what there was
+            before: the model file's physics, else a constant command.
+        rung: what stands for physics: one of `PHYSICS`, or `CONSTANT`.
+    """
+
+    rows: Index
+    group: Index
+    error: Array
+    variance: Array
+    physics: Array
+    rung: str
+
+    def to_bytes(self) -> bytes:
+        """The file."""
+        file = io.BytesIO()
+        np.savez_compressed(file, **vars(self))
+        return file.getvalue()
+
+
+def residuals_of(ladder: Ladder) -> CrossValidationResiduals:
+    """Those samples of a training of which something was said."""
+    found = ladder.left_out
+    rung, physics = _before(ladder)
+    rows = np.flatnonzero(np.isfinite(found.error).any(axis=1))
+    own = found.error[rows], found.variance[rows]
+    return CrossValidationResiduals(rows, ladder.samples.group[rows], *own, physics[rows], rung)
+
+
+def _before(ladder: Ladder) -> tuple[str, Array]:
+    """What the choice is compared with, and its errors (n, J): a model is not held against itself."""
+    first = next(name for name in PHYSICS if name in ladder.held_out)
+    for rung in dict.fromkeys((first, "nominal")):
+        held = ladder.held_out.get(rung)
+        if held is not None and not np.array_equal(held.error, ladder.left_out.error, equal_nan=True):
+            return rung, held.error
+    command, fold, error = ladder.samples.command, ladder.left_out.fold, ladder.left_out.error
+    known = np.where(np.isfinite(error), command, np.nan)
+    left = np.full_like(known, np.nan)
+    for number in np.unique(fold):
+        own = fold == number
+        means = [fold_mean(column) for column in known[~own].T]
+        left[own] = known[own] - np.array(means)
+    return CONSTANT, left
+
+
+def read_residuals(path: Path) -> CrossValidationResiduals:
+    """What `LeftOut.to_bytes` wrote.
+
+    Raises:
+        DataError: no such file, or a damaged one.
+    """
+    try:
+        found = arrays_of(path.read_bytes())
+        return CrossValidationResiduals(**{**found, "rung": str(found["rung"])})
+    except DAMAGE as error:
+        raise DataError(
+            f"what was held out cannot be read ({error})",
+            where=str(path),
+            next_step="Learn the logs again: etude untell the newest one, then tell it.",
+        ) from error

@@ -1,4 +1,4 @@
-"""One rung for one group of commands: a mean function with a process on what it leaves, or alone."""
+"""One structure for one group of commands: a mean function with a process on what it leaves, or alone."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.models.contracts import Offered
 from etude.models.data.cross_validation import Base, HeldOut, process_held_out
 from etude.models.data.fit import Folds, Rows, fit_data, floor_of, units_of
 from etude.models.data.hyperparameters import is_held, on_schedule
 from etude.models.members import member_named
 from etude.models.model import LearnedModel
 from etude.models.process import Silent
+from etude.models.protocols import EnsembleMember
 from etude.protocols import Candidate
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class LearnedStructure:
     """A rung of one group of commands, and what it says of samples held out."""
 
-    candidate: Offered
+    candidate: EnsembleMember
     held: HeldOut
     rows: Rows
 
@@ -61,14 +61,14 @@ def with_process(
     base: Base | None,
     earlier: Candidate | None,
     rng: np.random.Generator,
-) -> Learned:
+) -> LearnedStructure:
     """A process on what the mean function leaves, with the noise floor that predicts best."""
     config, own, member = folds.config, list(group), member_named(folds.config.process)
     command = folds.samples.command[:, own]
     target = command if base is None else command - base.whole[:, own]
     start = None if earlier is None else earlier.process
     units, scale, best = units_of(target, rows, config), np.ones(len(group)), -np.inf
-    found: Learned | None = None
+    found: LearnedStructure | None = None
     for place, part in enumerate(config.floors):
         down = place > 0 and config.floor_of == "deviation"  # from the optimum of a higher floor
         floor = floor_of(folds, group, rows, units, part)
@@ -86,8 +86,10 @@ def with_process(
         if found is None or density > best:
             mean = None if base is None else base.mean
             error = held.errors("absolute")
-            candidate = Offered(rung, group, np.zeros(len(group)), mean, process, units, scale, error=error)
-            found, best = Learned(candidate, held, rows), density
+            candidate = EnsembleMember(
+                rung, group, np.zeros(len(group)), mean, process, units, scale, error=error
+            )
+            found, best = LearnedStructure(candidate, held, rows), density
         if held_fast:  # the noise is held too
             break
         if config.floor_of == "deviation":
@@ -98,7 +100,7 @@ def with_process(
 
 def alone(
     folds: Folds, group: tuple[int, ...], rows: Rows, rung: str, base: Base, twin: Candidate
-) -> Learned:
+) -> LearnedStructure:
     """A mean function by itself; the process of `twin` says where the robot has not been."""
     own, process, factor = list(group), twin.process, twin.units[1]
     assert process is not None
@@ -111,6 +113,8 @@ def alone(
     silent = Silent(process, twin.calibration, least, prior, grows=rung == "linear")
     nothing, ones = np.zeros(len(own)), np.ones(len(own))
     units = np.stack([nothing, factor])
-    return Learned(
-        Offered(rung, group, nothing, base.mean, silent, units, ones), rows_only(held, group, rows), rows
+    return LearnedStructure(
+        EnsembleMember(rung, group, nothing, base.mean, silent, units, ones),
+        rows_only(held, group, rows),
+        rows,
     )

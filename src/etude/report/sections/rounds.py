@@ -113,7 +113,7 @@ TITLE = "Proof on the robot: without and with the feedforward"
 
 def confirmation(record: Record) -> Html:
     """A table for each motion that confirms; nothing where none was run."""
-    from etude.campaign.ingest.confirmed import confirmed
+    from etude.campaign.ingest.confirmation_runs import confirmed
 
     if record.campaign is None:
         return Html("")
@@ -132,7 +132,7 @@ def confirmation(record: Record) -> Html:
 
 
 def _table(one: Mapping[str, Any]) -> Html:
-    from etude.campaign.ingest.confirmed import SHOWN
+    from etude.campaign.ingest.confirmation_runs import SHOWN
 
     columns = [one[key] or [None] * len(one["axes"]) for key in SHOWN]
     rows = [

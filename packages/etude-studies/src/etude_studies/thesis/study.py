@@ -57,7 +57,7 @@ class Listed:
 
 
 class ThesisStudy:
-    """What `etude study` offers of the thesis; see `etude.commands.studies.Room`."""
+    """What `etude study` offers of the thesis; see `etude.cli.study.StudyRoom`."""
 
     def rows(self) -> list[Listed]:
         """Every group, figure, table and claim."""

@@ -1,0 +1,175 @@
+"""Makes a campaign folder that needs nothing outside itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from etude import plugins
+from etude.campaign.record.config import preset_config
+from etude.campaign.record.config_file import CONFIG, config_text, load_config
+from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
+from etude.campaign.record.journal import JOURNAL, commit, read_events
+from etude.errors import UsageError
+from etude.protocols import Kind
+from etude.storage import write_atomic, writer_lock
+from etude.toml_tables import decoded
+from etude.trust import folder_id, trust_own
+from etude.types import Described
+
+GROUP = "etude.robots"
+
+
+@dataclass(frozen=True)
+class RobotPart:
+    """What to take of a description, for kinds that can choose; see `protocols.SupportsSelection`."""
+
+    joints: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    mesh_roots: tuple[Path, ...] = ()
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    floor: float | None = None
+
+
+WHOLE = RobotPart()
+
+
+def create_campaign(
+    path: Path, robot: str, preset_name: str = "default", seed: int = 0, part: RobotPart = WHOLE
+) -> tuple[Campaign, tuple[str, ...]]:
+    """Makes the folder: robot.toml and its files, campaign.toml, and the journal's first event.
+
+    Args:
+        path: the folder; made if missing.
+        robot: a built-in robot's name, or the path of a description that some kind of robot recognises.
+        preset_name: of the kind, "default" or "thesis"; written out in full.
+        seed: of every random number the campaign draws.
+        part: of the robot that the description holds.
+
+    Returns:
+        the campaign, and one sentence for each assumption that a person should confirm.
+
+    Raises:
+        UsageError: there is a campaign already, no folder can be made there, or the robot is unknown or
+            impossible.
+    """
+    path = Path(path)
+    if os.path.isfile(path / JOURNAL):  # before the robot is read, which takes seconds
+        _require_empty(path)
+    kind, description = find_robot(robot)
+    described = kind.described(description) if part == WHOLE else _chosen(kind, description, part)
+    if ROBOT in described.files:
+        require_plain(names_of(decoded(described.files[ROBOT].decode(), robot)), robot)
+    config = replace(preset_config(kind, preset_name), seed=seed)
+    _make_folder(path)
+    with writer_lock(path):
+        _require_empty(path)
+        files = _written(path, described)
+        spec = kind.spec(path / ROBOT)
+        axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
+        write_atomic(path / CONFIG, config_text(config, kind).encode())
+        facts = {"seed": seed, "preset": preset_name, "kind": kind.name, "robot": spec.name}
+        # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
+        commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
+    trust_own(path, folder_id(path / JOURNAL))
+    return open_campaign(path), described.confirm
+
+
+def _require_empty(path: Path) -> None:
+    """UsageError: there is a campaign already."""
+    if read_events(path):
+        raise UsageError(
+            "there is a campaign here already", where=str(path), next_step="Name another folder."
+        )
+
+
+def _chosen(kind: Kind, description: Path, part: RobotPart) -> Described:
+    if not hasattr(kind, "chosen"):
+        raise UsageError(
+            f"a robot of the kind '{kind.name}' has no joints to choose from",
+            where=str(description),
+            next_step="Leave --joints, --hold, --mesh-root, --range, --velocity, --command and --floor out.",
+        )
+    found: Described = kind.chosen(
+        description, part.joints, part.held, part.mesh_roots, part.limits, part.floor
+    )
+    return found
+
+
+def load_robot(robot: str | Path) -> Any:
+    """The description of a built-in robot's name, or of a file. Errors as `find_robot`."""
+    kind, path = find_robot(str(robot))
+    return kind.spec(path)
+
+
+def find_robot(robot: str) -> tuple[Kind, Path]:
+    """The kind and the description of a built-in name, or of a file that one kind recognises.
+
+    Raises:
+        UsageError: no such name or file, a folder, or a file that no kind, or more than one, recognises.
+    """
+    kinds, broken = _kinds()
+    names = {name: (kind, path) for kind in kinds[::-1] for name, path in kind.built_in().items()}
+    if robot in names:
+        return names[robot]
+    path = Path(robot)
+    known = f"Built-in robots: {', '.join(sorted(names))}; or name the file that describes yours."
+    if path.is_dir():
+        raise UsageError("this is a folder, not a robot's description", where=robot, next_step=known)
+    if not path.is_file():
+        raise UsageError(f"there is no robot and no file {robot!r}", next_step=known)
+    found = [kind for kind in kinds if kind.recognises(path)]
+    if not found:
+        hint = "".join(f" {name} could not be loaded: {why}." for name, why in broken.items())
+        raise UsageError(
+            f"this file describes no kind of robot that is known ({', '.join(k.name for k in kinds)})",
+            where=robot,
+            next_step=f'A TOML says which one it means: kind = "{kinds[0].name}", for example.{hint}',
+        )
+    if len(found) > 1:
+        raise UsageError(
+            f"several kinds of robot recognise this file: {', '.join(k.name for k in found)}",
+            where=robot,
+            next_step='Write kind = "..." with one of them at its top.',
+        )
+    return found[0], path
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise UsageError(
+            "this is a file, not a folder, or below one",
+            where=str(path),
+            next_step="Name another folder.",
+        ) from None
+    except OSError as error:
+        raise UsageError(
+            f"the folder cannot be made: {error.strerror or error}",
+            where=str(path),
+            next_step="Name another folder, or one above it that you may write to.",
+        ) from None
+
+
+def _kinds() -> tuple[list[Kind], dict[str, str]]:
+    """All kinds that can be loaded, and why the others cannot; a broken plug-in harms no other kind."""
+    kinds: list[Kind] = []
+    broken: dict[str, str] = {}
+    for name in plugins.names(GROUP):
+        try:
+            kinds.append(plugins.load(GROUP, name))
+        except UsageError as error:
+            broken[name] = error.fact
+    return kinds, broken
+
+
+def _written(folder: Path, described: Described) -> list[Path]:
+    """Writes the description's files, robot.toml last: without it there is no campaign."""
+    names = sorted(described.files, key=lambda name: name == ROBOT)
+    for name in names:
+        write_atomic(folder / name, described.files[name])
+    return [folder / ROBOT, *(folder / name for name in names if name != ROBOT)]

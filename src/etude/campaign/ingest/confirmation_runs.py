@@ -1,0 +1,197 @@
+"""Runs of a motion that confirms: measured, kept, and shown; no model learns from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.evaluate.confirm import FEEDFORWARD
+from etude.campaign.evaluate.expected_tracking_error import (
+    LEFT_OVER,
+    TRAINED,
+    Without,
+    errors,
+    moving,
+    without_it,
+)
+from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
+from etude.campaign.ingest.questions import Asked, answers_of
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import Round, State
+from etude.campaign.record.stored_files import RESTORE, stored_bytes, stored_trajectory
+from etude.deploy.trajectory_files import read_table
+from etude.errors import DataError, UsageError
+from etude.logs.readers.log_file import log_bytes
+from etude.protocols import Trajectory
+from etude.storage import write_atomic
+from etude.types import Array, Log
+
+RUNS = ("without", "with")
+SHOWN = {
+    "without": "without",
+    "with": "with",
+    "moving": "with, while it moves",
+    "forecast": "the same, forecast",
+}
+"""What of `confirmed` is shown to people, and what it is called."""
+
+
+def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: int | None, how: How) -> Told:
+    """Measures and stores a run of a motion that confirms. The caller holds the lock. Errors as `tell`."""
+    run = how["confirm"]
+    if run not in RUNS:
+        raise UsageError(f"--confirm {run}: no such run", next_step=f"Runs: {', '.join(RUNS)}.")
+    known = [r.number for r in reversed(state.confirmations)]
+    if not known or (number is not None and number not in known):
+        raise UsageError(
+            "no such motion to confirm was asked for",
+            where=str(campaign.path),
+            next_step=f"etude ask {campaign.path} --confirm.",
+        )
+    again = [n for n in known if state.rounds[n].runs.get(run, {}).get("sha256") == digest]
+    if again:
+        return Told(again[0], True, False, (), (), run=run)
+    answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
+    asked = Asked(campaign.kind, campaign.spec, answers)
+    log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
+    number, aligned = _confirming(campaign, log, known if number is None else [number])
+    sent = Sent.of(campaign, number)
+    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, sent)
+    place = campaign.run_file(number).with_suffix(f".{run}.parquet")
+    write_atomic(place, log_bytes(replace(aligned, source=path.name)))
+    more = {"sha256": digest, "source": path.name, "repairs": list(aligned.repairs)}
+    campaign.commit("confirmed", number, [place], **facts, **more)
+    return Told(number, False, False, aligned.repairs, (), findings=tuple(asked.accepted), run=run)
+
+
+def _confirming(campaign: Campaign, log: Log, numbers: Sequence[int]) -> tuple[int, Log]:
+    """The first of these motions that the log is of. DataError: it is of none."""
+    refused: DataError | None = None
+    for number in numbers:
+        try:
+            return number, aligned_with(campaign, log, stored_trajectory(campaign, number))
+        except DataError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
+
+
+def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path) -> None:
+    """DataError: it is a run of a motion that confirms, from which nothing may be learned."""
+    known = [r.number for r in reversed(state.confirmations)]
+    if not known or campaign.kind.path not in log:
+        return
+    try:
+        number = _confirming(campaign, log, known)[0]
+    except DataError:
+        return
+    raise DataError(
+        f"this is a run of trajectory {number}, which confirms and is never learned from",
+        where=str(path),
+        next_step="Say which run: --confirm without, or --confirm with the feedforward.",
+    )
+
+
+def run_facts(
+    campaign: Campaign, log: Log, trajectory: Trajectory, run: str, sent: Sent | None = None
+) -> dict[str, Any]:
+    """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
+
+    With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
+    and of the run without it what a lag and noise are of that (`foretold.Without`).
+
+    Raises:
+        DataError: the log has no positions along the motion.
+    """
+    path = campaign.kind.path
+    inside = (log.t >= 0.0) & (log.t <= trajectory.duration)
+    if path not in log or not inside.any():
+        raise DataError("a log that confirms needs positions", where=log.source, next_step=f"Log {path}.")
+    log = log.take(inside)
+    units = campaign.channel(path).units
+    found = {"error": errors(log, path, trajectory, np.ones((len(log), len(units)), dtype=bool))}
+    if sent is not None:
+        use = moving(trajectory, log.t, sent.trained)
+        found["moving"] = errors(log, path, trajectory, use)
+        found |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
+    shown = {name: _shown(values, units) for name, values in found.items()}
+    return {"run": run, **shown, "units": ["deg" if u == "rad" else u for u in units]}
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """The feedforward of a motion: t (T,) s, command (T, k); top speeds in training, trained (k,)."""
+
+    t: Array
+    command: Array
+    trained: Array
+
+    @classmethod
+    def of(cls, campaign: Campaign, number: int) -> Sent | None:
+        """None of a motion that has no forecast."""
+        trained = (campaign.round(number).asked or {}).get(TRAINED)
+        if trained is None:
+            return None
+        rows = read_table(_fed(campaign, number))[1]
+        return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
+
+    def at(self, t: Array) -> Array:
+        """(T, k) commands."""
+        return np.stack([np.interp(t, self.t, own) for own in self.command.T], axis=1)
+
+
+def _fed(campaign: Campaign, number: int) -> bytes:
+    """The table that was sent. UsageError: it is missing or was changed."""
+    path = campaign.proposal(number) / FEEDFORWARD
+    try:
+        return stored_bytes(campaign, path)
+    except FileNotFoundError as error:
+        raise UsageError(str(error), where=str(campaign.path), next_step=RESTORE) from None
+
+
+def _shown(values: Array, units: Sequence[str]) -> list[float | None]:
+    """In degrees where the unit is rad; None for NaN."""
+    scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
+    return [None if math.isnan(v) else v for v in scaled]
+
+
+def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
+    """What is known of a motion that confirms, for `status` and the report; lists per axis, None if open.
+
+    "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
+    the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
+    """
+    asked, runs = one.asked or {}, one.runs
+    without, fed = runs.get("without") or {}, runs.get("with") or {}
+    units = next((list(facts["units"]) for facts in runs.values()), None)
+    return {
+        "number": one.number,
+        "axes": list(campaign.axes),
+        "units": units,
+        "without": without.get("error"),
+        "with": fed.get("error"),
+        "moving": fed.get("moving"),
+        "forecast": _forecast(asked, without) or None,
+        "left_over": asked.get(LEFT_OVER),
+        "model_sha256": asked.get("model_sha256"),
+    }
+
+
+def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[tuple[float, float] | None]:
+    left = asked.get(LEFT_OVER)
+    if left is None or "late" not in without:
+        return []
+    parts = (np.array(without[name], dtype=float) for name in ("moving", "late", "noise"))
+    return Without(*parts).expected(left)
+
+
+def in_words(value: float | Sequence[float] | None) -> str:
+    """A figure of `confirmed`, or the two that it lies between; "-" for None."""
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, int | float) else " .. ".join(f"{v:.2g}" for v in value)

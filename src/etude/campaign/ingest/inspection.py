@@ -1,0 +1,263 @@
+"""inspect: what can be said of a log before any campaign, of a robot that is described or of none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.create import find_robot
+from etude.campaign.ingest.questions import Answers, Asked, judged_commands
+from etude.campaign.record.config_file import CONFIG
+from etude.campaign.record.folder import Campaign, open_campaign
+from etude.errors import EtudeError
+from etude.logs.checks.filtered_motion import Seen, seen
+from etude.logs.checks.plausibility import judge_commands, judge_motion
+from etude.logs.checks.recording_quality import clock_findings, column_findings, motion_findings
+from etude.logs.cleaning import read as logs
+from etude.logs.cleaning.read import clean_log, matched_log
+from etude.logs.cleaning.repairs import drop_unreadable, order_rows
+from etude.logs.columns.guess import guessed_of
+from etude.logs.columns.mapping import LogConfig, mapped, mapping_text
+from etude.logs.columns.units import Limits, check_lengths, from_degrees, read_time
+from etude.logs.columns.vocabulary import is_time
+from etude.logs.readers.registry import cut_sentences, end_findings, read_raw, with_rest_told
+from etude.protocols import Kind
+from etude.types import Channel, Finding, Log
+
+USUAL_RATE = 200.0
+"""Hz: of a robot that nobody described, to tell the unit of its times."""
+UNEXPECTED = (ValueError, ArithmeticError, LookupError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """What was found of a log.
+
+    Attributes:
+        log: as it was read, to be drawn; rows in order. None where it could not be read.
+        findings: in the order in which they were asked.
+    """
+
+    log: Log | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def refused(self) -> bool:
+        """Whether `tell` would refuse it, or ask."""
+        return any(f.light == "red" or f.flag for f in self.findings)
+
+
+@dataclass(frozen=True)
+class _KnownRobot:
+    """What is known of the robot: described by its kind, or guessed from the headers; why: no channels."""
+
+    channels: Sequence[Channel]
+    limits: Limits
+    rate: float
+    path: str
+    kind: Kind | None = None
+    spec: Any = None
+    config: LogConfig = field(default_factory=LogConfig)
+    why: str = ""
+
+
+def inspect(
+    path: str | Path, robot: str | Path | None = None, *, degrees: bool = False, topics: Sequence[str] = ()
+) -> Inspected:
+    """Every check of the log in a file, without keeping anything.
+
+    Args:
+        path: as `read_log` takes it.
+        robot: a built-in name, the path of a description, or the folder of a campaign, whose table [log] then
+            holds too; None: joints are guessed from the headers, and
+            what limits or a model file would tell is left out.
+        degrees: the file's angles are degrees.
+        topics: of a file that holds several.
+
+    Raises:
+        UsageError: there is no such robot.
+    """
+    path = Path(path)
+    known = None if robot is None else _described(str(robot))
+    try:
+        with np.errstate(all="ignore"):
+            known = known or _guessed(path, topics)
+            log, stated = _read(path, known, topics)
+            if degrees:
+                log = from_degrees(log, stated)
+            return _checked(log, known, stated)
+    except EtudeError as error:
+        return Inspected(None, (_refused("columns", error),))
+
+
+def mapping_of(path: Path, robot: str, topics: Sequence[str] = ()) -> str:
+    """The table [log] that says which of the file's columns is what; see `logs.mapping`. Errors as there."""
+    known = _described(robot)
+    return mapping_text(list(read_raw(path, topics).values), known.channels, path.name)
+
+
+def _described(robot: str) -> _KnownRobot:
+    config = LogConfig()
+    if (Path(robot) / CONFIG).is_file():
+        campaign = open_campaign(Path(robot))
+        kind, spec, config = campaign.kind, campaign.spec, campaign.config.log
+    else:
+        kind, place = find_robot(robot)
+        spec = kind.spec(place)
+    expected = kind.expected(spec)
+    return _KnownRobot(
+        tuple(kind.channels(spec)), expected.limits, expected.rate, kind.path, kind, spec, config
+    )
+
+
+def _guessed(path: Path, topics: Sequence[str]) -> _KnownRobot:
+    channels, why = guessed_of(read_raw(path, topics))
+    return _KnownRobot(channels, {}, USUAL_RATE, "q", why=why)
+
+
+def _read(path: Path, known: _KnownRobot, topics: Sequence[str]) -> tuple[Log, set[str]]:
+    """The log with its columns in place; of a file whose headers tell nothing, its columns as they are."""
+    if known.channels:
+        return matched_log(path, known.channels, known.rate, topics, known.config)
+    raw = mapped(read_raw(path, topics), known.config)
+    t, said = read_time(raw, known.rate, path.name)
+    names = [name for name in raw.values if not is_time(name)]
+    channels, values = ({n: part[n] for n in names} for part in (raw.channels, raw.values))
+    log = Log(t, channels, values, path.name, (*raw.repairs, *said))  # type: ignore[arg-type]
+    return with_rest_told(log), set()
+
+
+def _checked(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
+    health = [_columns(log, known), *end_findings(log), *_tried("clock", lambda: clock_findings(log))]
+    health += _tried("columns", lambda: column_findings(log, known.limits))
+    judged = _judged(log, known, stated)
+    if known.kind and not judged.refused:  # tell mends it, with a sentence below
+        health = [replace(f, light="yellow") if f.light == "red" else f for f in health]
+    return Inspected(judged.log, (*health, *judged.findings))
+
+
+def _judged(log: Log, known: _KnownRobot, stated: set[str]) -> Inspected:
+    """What `tell` asks, in its order."""
+    found: list[Finding] = []
+    try:
+        rows = order_rows(drop_unreadable(replace(log, repairs=())))
+    except EtudeError as error:
+        return Inspected(None, (_refused("rows", error),))
+    motion = seen(rows, rows.channels[known.path]) if known.path in rows else None
+    told = _tried("motion", lambda: _motion(rows, known, motion))
+    found += told
+    if any(f.light == "red" for f in told):
+        later = "Ranges and commands are looked at when the motion is right."
+        return Inspected(rows, (*found, Finding("commands", "cannot tell", later)))
+    found += _tried("commands", lambda: _commands(rows, known, motion))
+    clean, ranges = _ranges(rows, known, stated)
+    found += [*ranges, *_tried("robot", lambda: _own(clean, known))]
+    return Inspected(rows, tuple(found))
+
+
+def _columns(log: Log, known: _KnownRobot) -> Finding:
+    """Which columns were matched, and how."""
+    if not known.channels:
+        fact = f"{known.why}: columns are looked at one by one."
+        return Finding("columns", "yellow", fact, "Name the robot with --robot, or see docs/inspect.md.")
+    matched = ", ".join(f"{n} ({', '.join(c.parts)})" for n, c in log.channels.items())
+    guessed = "" if known.kind else "guessed from the headers, "
+    said = [sentence for sentence in log.repairs if sentence not in cut_sentences(log)]
+    return Finding("columns", "green", " ".join([f"Matched: {guessed}{matched}.", *said]))
+
+
+def _motion(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
+    if not known.channels:
+        return (Finding("motion", "cannot tell", "Without --robot nobody knows which columns move."),)
+    if motion is None:
+        what = "joint positions" if known.path == "q" else known.path
+        fact = f"The log has no {what} to look at, or is too short."
+        return (Finding("motion", "cannot tell", fact),)
+    usual = known.rate if known.kind else None
+    truth = judge_motion(log, known.path, known.channels, known.limits, usual, motion)
+    return (*motion_findings(log, log.channels[known.path], motion, known.limits), *truth)
+
+
+def _ranges(log: Log, known: _KnownRobot, stated: set[str]) -> tuple[Log, tuple[Finding, ...]]:
+    """The cleaned log, or the same one where it would be refused; and what was done or refused."""
+    if not known.channels:
+        return log, ()
+    if known.kind is None:
+        return log, _tried("units", lambda: _units(log, stated))
+    try:
+        clean = clean_log(log, known.channels, known.limits, stated, lambda log: log)
+    except EtudeError as error:
+        return log, (_refused("units and ranges", error),)
+    if clean.repairs:
+        return clean, (Finding("units and ranges", "yellow", " ".join(clean.repairs)),)
+    return clean, (Finding("units and ranges", "green", "Units and ranges are those of the robot."),)
+
+
+def _units(log: Log, stated: set[str]) -> tuple[Finding, ...]:
+    check_lengths(log, stated)
+    said = "Nothing speaks against SI units; a robot's limits would tell more (--robot)."
+    return (Finding("units", "green", said),)
+
+
+def _commands(log: Log, known: _KnownRobot, motion: Seen | None) -> tuple[Finding, ...]:
+    if known.kind is None:
+        return judge_commands(log, motion=motion)
+    return judged_commands(known.kind, known.spec, log, motion)
+
+
+def _own(log: Log, known: _KnownRobot) -> Sequence[Finding]:
+    """What the kind of robot looks for."""
+    return () if known.kind is None else known.kind.checks(known.spec, log)
+
+
+def _tried(check: str, action: Callable[[], Sequence[Finding]]) -> tuple[Finding, ...]:
+    """The findings of a check; what no log ought to do to it is a finding too."""
+    try:
+        return tuple(action())
+    except EtudeError as error:
+        return (_refused(check, error),)
+    except UNEXPECTED as error:
+        return (Finding(check, "cannot tell", f"This could not be computed: {error}."),)
+
+
+def _refused(check: str, error: EtudeError) -> Finding:
+    where = f" ({error.where})" if error.where else ""
+    return Finding(check, "red", f"{error.fact[:1].upper()}{error.fact[1:]}{where}.", error.next_step)
+
+
+def read_log(
+    path: str | Path, robot: Campaign | str | Path, *, degrees: bool = False, topics: Sequence[str] = ()
+) -> Log:
+    """The log in a file: columns matched by name, units checked, rows repaired, a sentence for each repair.
+
+    Args:
+        path: a file or folder of a format that `etude plugins` lists under etude.readers.
+        robot: whose log it is: an open campaign, a built-in name, or the path of a description.
+        degrees: the file's angles are degrees.
+        topics: of a file that holds several; none: those that the campaign names, or that look right.
+
+    Raises:
+        DataError: the log cannot be used; says what, where, and what to do.
+        UsageError: there is no such robot.
+    """
+    if isinstance(robot, Campaign):
+        kind, spec, config = robot.kind, robot.spec, robot.config.log
+    else:
+        config = None
+        kind, place = find_robot(str(robot))
+        spec = kind.spec(place)
+    known = kind.expected(spec)
+    return logs.read_log(
+        path,
+        kind.channels(spec),
+        rate=known.rate,
+        degrees=degrees,
+        limits=known.limits,
+        settle=Asked(kind, spec, Answers()).motion,
+        topics=topics,
+        config=config,
+    )

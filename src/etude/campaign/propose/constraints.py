@@ -1,0 +1,327 @@
+"""What limits are held with, now: margins from what logs tell of tracking, of each control and form of motion
+by itself; and the facts of logs that they are made of.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from etude.campaign.record.controls import (
+    CONTROL,
+    CONTROLS,
+    FEEDBACK,
+    LEARNED,
+    asked_under,
+    in_words,
+    run_under,
+    speaks_of,
+)
+from etude.campaign.record.folder import Campaign
+from etude.campaign.record.state import State
+from etude.campaign.record.stored import require_stored, stored_model
+from etude.campaign.record.stored_files import FULL, stored_trajectory
+from etude.errors import DataError, UsageError
+from etude.limits.commands import after_run
+from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room
+from etude.logs.alignment.tracking_errors import tracked
+from etude.protocols import Limit, Model, Trajectory
+from etude.trajectories.json_text import SINGLE
+from etude.types import Array, Log, Margins
+
+MARGINS, UNHELD, MODEL = "margins", "unheld", "model"
+"""Facts of an `asked` event: what was kept, what was not, and the round whose model said what the drives must
+give.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """What is kept of the limits for tracking, what is not, and whose word counts for commands.
+
+    Attributes:
+        margins: by form of motion.
+        unheld: sentences: margins that would have left no room, and accelerations.
+        by_form: the same sentences, by the form of motion that they are about.
+        number: of the round whose model says what drives must give; None before any log.
+        controls: that the margins are of; none of proposals that are older than this.
+    """
+
+    margins: Margins
+    unheld: tuple[str, ...] = ()
+    by_form: Mapping[str, tuple[str, ...]] | None = None
+    number: int | None = None
+    controls: tuple[str, ...] = ()
+    _limits: dict[bool, Sequence[Limit]] = field(default_factory=dict, repr=False)
+    _models: dict[int, Model | None] = field(default_factory=dict, repr=False)
+
+    def using(self, model: Model) -> Constraints:
+        """With the model of `number`, which is at hand."""
+        return replace(self, _models={self.number: model} if self.number is not None else {}, _limits={})
+
+    @property
+    def control(self) -> str:
+        """The controls in words, for the rows of certificates."""
+        return in_words(self.controls)
+
+    def model(self, campaign: Campaign) -> Model | None:
+        """The model of `number`; None before any log, or where it is gone. UsageError: it was changed."""
+        if self.number is not None and self.number not in self._models:
+            self._models[self.number] = None
+            require_stored(campaign, self.number)
+            with contextlib.suppress(UsageError, DataError):
+                self._models[self.number] = stored_model(campaign, self.number)
+        return None if self.number is None else self._models[self.number]
+
+    def limits(self, campaign: Campaign, *, described: bool = False) -> Sequence[Limit]:
+        """The robot's, less the margins; made once, since they remember what they proved.
+
+        described: of the description alone, which a proposal that is open already is held against.
+        """
+        if described not in self._limits:
+            self._limits[described] = self._made(campaign, self.margins, described)
+        return self._limits[described]
+
+    def _made(self, campaign: Campaign, margins: Margins, described: bool) -> Sequence[Limit]:
+        of = campaign.described_limits if described else campaign.limits
+        limits, ran = of(margins, self.model(campaign)), self._ran(campaign)
+        return limits if ran is None else after_run(limits, ran)
+
+    def _ran(self, campaign: Campaign) -> Trajectory | None:
+        """The motion that taught the model last, if it is known; a slower copy asks for less."""
+        if self.number is None or self.model(campaign) is None:
+            return None
+        with contextlib.suppress(UsageError):
+            told = campaign.round(self.number).told or {}
+            if not told.get("foreign", True) and told.get("speed") == FULL:
+                return stored_trajectory(campaign, self.number)
+        return None
+
+    def of(self, trajectory: Trajectory) -> Constraints:
+        """With the sentences about this motion, one piece after the other."""
+        forms = dict.fromkeys(piece.form for _, _, piece in trajectory.pieces())
+        own = [sentence for form in forms for sentence in (self.by_form or {}).get(form, ())]
+        return replace(self, unheld=tuple(dict.fromkeys(own)), _limits=self._limits, _models=self._models)
+
+    def margins_of_chain(self, trajectory: Trajectory) -> Margins:
+        """With one for the whole of a chain, the least of its pieces': a receiver knows no pieces."""
+        own = [self.margins[p.form] for _, _, p in trajectory.pieces() if p.form in self.margins]
+        if trajectory.form in self.margins or not own:
+            return self.margins
+        table, sure = (np.min([np.asarray(pair[i]) for pair in own], axis=0) for i in range(2))
+        return {**self.margins, trajectory.form: (table, sure)}
+
+    def limits_as_played(
+        self, campaign: Campaign, trajectory: Trajectory, *, described: bool = False
+    ) -> Sequence[Limit]:
+        """The robot's, less the margins of a motion whose receiver knows no pieces."""
+        return self._made(campaign, self.margins_of_chain(trajectory), described)
+
+    def as_facts(self) -> dict[str, Any]:
+        """For the `asked` event; no margins where nothing is kept."""
+        facts: dict[str, Any] = {} if self.number is None else {MODEL: self.number}
+        facts |= {CONTROLS: list(self.controls)} if self.controls else {}
+        if not self.margins:
+            return facts
+        margins = {form: [as_lists(own) for own in pair] for form, pair in self.margins.items()}
+        return {**facts, MARGINS: margins, UNHELD: list(self.unheld)}
+
+
+def kept_then(asked: Mapping[str, Any] | None) -> Constraints:
+    """What was kept when a proposal was made; nothing of proposals that are older than margins."""
+    facts = asked or {}
+    margins = {
+        form: (as_table(table), as_table(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()
+    }
+    return Constraints(
+        margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL), controls=asked_under(facts)
+    )
+
+
+def as_lists(table: Array | float) -> Any:
+    """A table (O, k) for the journal, null for NaN."""
+    return [[None if np.isnan(v) else float(v) for v in row] for row in np.atleast_2d(table)]
+
+
+def as_table(table: Sequence[Sequence[float | None]]) -> Array:
+    """(O, k) of the journal's lists."""
+    return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)
+
+
+TRACKED, START = "tracked", "start"
+"""Facts of a `told` event: largest errors by form; s until tracking had settled, and the errors before."""
+SETTLED = 4
+"""Logs under a feedforward that is learned anew after each of them, with which a margin counts as measured:
+what one model left of the error says little of the next. A vehicle then erred by five times as much.
+"""
+ACCELERATION = 2
+IN_WORDS = {"fourier": "Fourier motions", "moves": "moves from pose to pose"}
+"""Forms of motion as sentences call them; others by their own name."""
+QUANTITIES = ("position", "velocity")
+
+
+def kept_now(campaign: Campaign, state: State, *controls: str) -> Constraints:
+    """What is kept of the limits of a motion that is asked for now.
+
+    Args:
+        campaign: the folder. state: what is known.
+        controls: that it may be run under, of each of which the margins are kept; none: feedback alone.
+    """
+    controls = controls or (FEEDBACK,)
+    found = [_under(campaign, state, own) for own in controls]
+    margins = {form: _largest([own[form] for own, _ in found]) for form in found[0][0]}
+    by_form = {form: tuple(dict.fromkeys(s for _, own in found for s in own[form])) for form in margins}
+    number = state.trained[-1].number if state.trained else None
+    return Constraints(margins, by_form=by_form, number=number, controls=controls)
+
+
+def _under(
+    campaign: Campaign, state: State, control: str
+) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
+    """Margins, and the sentences about them, by form, of motions under one control."""
+    errors, ranges = seen_errors(state, control), ranges_of(campaign)
+    forms = list(dict.fromkeys([*SINGLE, *(form for r in state.told for form in _tables(r.told))]))
+    wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
+    young = {form for form, own in errors.items() if control == LEARNED and len(own) < SETTLED}
+    margins, by_form = {}, {}
+    last_start = _last_start(campaign, state, control)
+    for form, (table, confidence) in wanted.items():
+        sure = np.full_like(table, ASSUMED) if form in young else np.asarray(confidence)
+        kept = within_room(table, sure, ranges, campaign.config.tracking.most)
+        margins[form] = kept
+        by_form[form] = (
+            *_short(campaign, table, kept[0]),
+            *_accelerations(campaign, form, errors.get(form, ())),
+            *(last_start if form in errors else ()),
+        )
+    return margins, by_form
+
+
+def _largest(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The largest of several margins (O, k), each as sure as the one that it is taken from."""
+    if len(pairs) == 1:
+        return pairs[0]
+    tables, sure = (np.stack(parts) for parts in zip(*pairs, strict=True))
+    most = np.fmax.reduce(tables)
+    return most, np.where(tables == most, sure, np.inf).min(axis=0, initial=1.0)
+
+
+def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
+    """What is kept of a proposal that is run under that control, asked for it or not.
+
+    Where it was asked for another one, and not written for this one yet, what logs of this one have told by
+    now; before any its own margins, which are then assumed.
+    """
+    asked = campaign.round(number).asked
+    if not asked_under(asked) or control in asked_under(asked):
+        return kept_then(asked)
+    written = [e.facts for e in campaign.events() if (e.event, e.number) == ("exported", number)]
+    for facts in reversed(written):
+        if asked_under(facts) == (control,):
+            return kept_then(facts)
+    if seen_errors(campaign.state(), control):
+        return kept_now(campaign, campaign.state(), control)
+    kept = kept_then(asked)
+    assumed = {form: (table, np.full_like(table, ASSUMED)) for form, (table, _) in kept.margins.items()}
+    return replace(kept, margins=assumed, controls=(control,), _limits={})
+
+
+def errors_told(
+    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, speed: int, control: str
+) -> dict[str, Any]:
+    """The facts of the log of a proposal: its control, if it is known (`run_under`), and the largest errors
+    by form; none of a run below full speed, which errs less.
+    """
+    under = run_under(campaign, number, control)
+    facts: dict[str, Any] = {} if under is None else {CONTROL: under}
+    if speed != FULL:
+        return facts
+    found = tracked(log, trajectory, campaign.kind.path)
+    facts |= (
+        {TRACKED: {form: as_lists(table) for form, table in found.errors.items()}} if found.errors else {}
+    )
+    start = found.start
+    return facts | ({START: [start.until, as_lists(start.errors)]} if start is not None else {})
+
+
+def start_in_words(campaign: Campaign, told: Mapping[str, Any] | None) -> str:
+    """A sentence about the start transient of a log, which is in no margin; "" without one."""
+    if START not in (told or {}):
+        return ""
+    until, errors = (told or {})[START]
+    units, table = campaign.channel(campaign.kind.path).units, as_table(errors)
+    rows = zip(campaign.axes, units, table[0], table[1], strict=True)
+    text = ", ".join(f"{axis} by {e:.3g} {unit} and {v:.3g} {unit}/s" for axis, unit, e, v in rows)
+    return f"Start: in the first {until:.3g} s tracking had not settled, which no margin holds: {text}."
+
+
+def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
+    """By form, the largest errors (orders, k) of each log of that control that is used, oldest first."""
+    found: dict[str, list[Array]] = {}
+    for one in sorted(state.told, key=lambda r: str((r.told or {}).get("time", ""))):
+        if speaks_of(one.told or {}, control):
+            for form, table in _tables(one.told).items():
+                found.setdefault(form, []).append(as_table(table))
+    return found
+
+
+def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
+    """What the newest log of that control that began with a transient says of it."""
+    own = [r.told for r in state.told if speaks_of(r.told or {}, control) and START in (r.told or {})]
+    newest = max(own, key=lambda told: str((told or {}).get("time", "")), default=None)
+    return () if newest is None else (start_in_words(campaign, newest),)
+
+
+def _tables(told: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    return (told or {}).get(TRACKED) or {}
+
+
+def ranges_of(campaign: Campaign) -> Ranges:
+    """Of the path and its rate, as the robot's description limits them."""
+    limits, path = campaign.kind.expected(campaign.spec).limits, campaign.kind.path
+    rate = next((c.name for c in campaign.channels if c.derivative_of == path), "")
+    home = campaign.kind.home(campaign.spec)
+    return Ranges.of(limits[path], limits.get(rate), home, campaign.channel(path).units)
+
+
+def _meeting(margins: Margins, errors: Mapping[str, Sequence[Array]]) -> Margins:
+    """The same for forms that logs have shown in turn: where one ends and the next begins, both are kept."""
+    own = [margins[form][0][0] for form in errors if form in margins]
+    out = {}
+    for form, (table, confidence) in margins.items():
+        most = np.max(own, axis=0) if form in errors else table[0]
+        out[form] = np.concatenate([most[None], table[1:]]), confidence
+    return out
+
+
+def _known(campaign: Campaign) -> Array | None:
+    """(k,) largest position errors that the gains allow; None of kinds that know no gains."""
+    largest = getattr(campaign.kind, "largest_error", None)
+    return None if largest is None else np.asarray(largest(campaign.spec))
+
+
+def _short(campaign: Campaign, wanted: Array, kept: Array) -> list[str]:
+    """A sentence for each margin that would have left no room."""
+    units = campaign.channel(campaign.kind.path).units
+    return [
+        f"Tracking: {QUANTITIES[order]} of {axis} may be left by {wanted[order, j]:.3g} {units[j]}"
+        f"{'/s' * order}, of which {kept[order, j]:.3g} is kept: more would leave too little room."
+        for order in range(len(wanted))
+        for j, axis in enumerate(campaign.axes)
+        if kept[order, j] < wanted[order, j]
+    ]
+
+
+def _accelerations(campaign: Campaign, form: str, errors: Sequence[Array]) -> list[str]:
+    """What the last logs say of accelerations, which have no margin; a sentence for each form."""
+    last = [own[ACCELERATION] for own in errors[-LAST:] if len(own) > ACCELERATION]
+    if not last:
+        return []
+    units = campaign.channel(campaign.kind.path).units
+    most = zip(campaign.axes, np.max(last, axis=0), units, strict=True)
+    text = ", ".join(f"{axis} up to {value:.3g} {unit}/s^2" for axis, value, unit in most)
+    return [f"Acceleration is not held by the robot: it was left by {text} in {IN_WORDS.get(form, form)}."]

@@ -1,0 +1,258 @@
+"""etude ask"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    from etude.campaign.propose.approach import Approached
+    from etude.campaign.propose.ask import Proposal
+    from etude.campaign.propose.export import Exported
+    from etude.campaign.propose.proposal import Swept
+    from etude.campaign.record.folder import Campaign
+    from etude.limits.certificate import Certificate
+    from etude.types import Proof
+
+ROW = ["axis", "limit of", "asked", "tracked within", "limit", "used"]
+FILES = ("trajectory.csv", "trajectory.json", "certificate.json")
+FEEDFORWARD = "feedforward.csv"
+SLOWLY = "First slowly: the same with --speed 50; no log shows that its margins are enough."
+NEAREST = 6
+"""Distances that are shown one by one; an arm has dozens."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask(Common):
+    """Write the next trajectory, certified inside the limits; the same one until its log is told."""
+
+    folder: Folder
+    speed: Literal[25, 50, 100] = 100
+    """Per cent. Below 100 the same path is written slowed down, for a first careful run."""
+    tasks: Path | None = None
+    """What the robot will do with the model: a trajectory.json, or a CSV with the time and a
+    column for each axis."""
+    format: tuple[str, ...] = ()
+    """Also write the motion for what plays it: ros2, ros2_sqlite, ros2_yaml, ros2_csv, px4, crazyflie,
+    lerobot, or another package's exporter; certified as its receiver reads it."""
+    effort: bool = False
+    """With the learned command in the format's effort: for controllers that add it (docs/exports.md)."""
+    start: Annotated[str, tyro.conf.arg(name="from")] = ""
+    """Where the robot stands: home, ground (of flights), joint=value,... or a CSV whose last row it is. The
+    way to the start and back is then certified and written too, of flights with take-off and landing; other
+    formats hold all of it in one."""
+    control: Literal["feedback", "file", "learned", ""] = ""
+    """What the motion will be run under: feedback alone, or beside it the feedforward of the robot file's
+    model, or of what was learned; if not given learned with --effort, else feedback. Margins of tracking are
+    those that logs of that control have shown."""
+    confirm: bool = False
+    """A motion that no model ever learns from, to be run without and with the learned feedforward; then tell
+    both logs with --confirm."""
+    new: bool = False
+    """Ask for another trajectory although one is open."""
+    go_on: Annotated[bool, tyro.conf.arg(name="continue")] = False
+    """Ask although the stop rule has fired."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.propose.proposal import as_facts
+
+        campaign = opened(self.folder, say)
+        found = self._found(campaign, say)
+        unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
+        files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
+        lines = [
+            *(f"! {sentence}" for sentence in found.certificate.warnings),
+            f"Trajectory {found.number}, {found.duration:g} s: {found.status}",
+            *_renewed(found),
+            table(ROW, [_row(row) for row in found.certificate.seen if row.upper < math.inf], keys=2),
+            *_distances([row for row in found.certificate.seen if row.upper == math.inf]),
+            *_swept(found.swept),
+            *_control(found.certificate),
+            f"Proved for all times{_sampled(found.certificate)}; {_ends(found.certificate)}.",
+            *_to_confirm(campaign.spec),
+            "Not looked at:",
+            *(f"  - {sentence}" for sentence in unseen),
+            "Written:",
+            *(f"  {name}" for name in files),
+            *([] if found.way is None else _way(found.way)),
+            *(line for one in found.exported for line in _exported(one)),
+            *([] if self.start else _offered(campaign)),
+            *([SLOWLY] if slowly else []),
+            *_then(self.folder, self.confirm),
+        ]
+        data = {
+            "number": found.number,
+            "new": found.new,
+            "status": found.status,
+            "duration": found.duration,
+            "speed": self.speed,
+            "files": files,
+            "certified": found.certificate.ok,
+            "exported": {one.format: [str(path) for path in one.files] for one in found.exported},
+            "margins": _spared(found.certificate.seen),
+            "way": [] if found.way is None else [str(path) for path in found.way.files],
+            "renewed": _renewed(found),
+            "to_confirm": list(getattr(campaign.spec, "confirm", ())),
+            "not_looked_at": unseen,
+            "warnings": list(found.certificate.warnings),
+            "swept": as_facts(found.swept),
+        }
+        return Outcome("\n".join(lines), data)
+
+    def _found(self, campaign: Campaign, say: Say) -> Proposal:
+        if self.confirm:
+            from etude.campaign.evaluate.confirm import ask_to_confirm
+
+            if self.tasks or self.start or self.control or self.speed != 100:
+                raise UsageError(
+                    "a motion that confirms takes no --tasks, --from, --control or --speed",
+                    where="--confirm",
+                )
+            return ask_to_confirm(campaign, new=self.new, formats=self.format, effort=self.effort, say=say)
+        from etude.campaign.propose.ask import ask
+
+        return ask(
+            campaign,
+            new=self.new,
+            go_on=self.go_on,
+            speed=self.speed,
+            tasks=self.tasks,
+            formats=self.format,
+            effort=self.effort,
+            start=self.start,
+            control=self.control,
+            say=say,
+        )
+
+
+def _swept(rows: Sequence[Swept]) -> list[str]:
+    """How much of where each joint can be the segments go through, and what stands in the way of more."""
+    if not rows:
+        return []
+    body = [[r.axis, f"{100 * r.of_range:.0f} %", f"{100 * r.of_clear:.0f} %", r.held] for r in rows]
+    return [table(["segments sweep", "of the range", "of where it is clear", "farther on"], body)]
+
+
+def _then(folder: Path, confirm: bool) -> list[str]:
+    if not confirm:
+        return [f"Run it, then: etude tell {folder} LOG"]
+    return [
+        f"Run trajectory.csv, the feedback alone: etude tell {folder} LOG --confirm without",
+        f"Run {FEEDFORWARD}, which adds the model's commands: etude tell {folder} LOG --confirm with",
+    ]
+
+
+def _renewed(found: Proposal) -> list[str]:
+    """Which files were written anew, and why."""
+    own = [*found.renewed, *(() if found.way is None else found.way.renewed)]
+    return [*own, *(sentence for one in found.exported for sentence in one.renewed)]
+
+
+def _unseen(found: Proposal) -> list[str]:
+    """What nobody looked at; the way is proved where it was asked for."""
+    from etude.limits.certificate import WAY
+
+    return [one for one in found.certificate.not_looked_at if found.way is None or one != WAY]
+
+
+def _way(way: Approached) -> list[str]:
+    """The files to the start and back, and what is not in one file."""
+    lines = [f"To the start and back, proved alike: {way.folder}", *(f"  {path}" for path in way.files)]
+    if way.whole is None:
+        lines.append("The plan is in motion at its ends: approach, plan and return are not one motion.")
+    return lines
+
+
+def _to_confirm(spec: Any) -> list[str]:
+    """What was assumed of the robot and nobody has confirmed."""
+    assumed = getattr(spec, "confirm", ())
+    head = "Assumed of the robot; take a line out of confirm in robot.toml once you know that it is right:"
+    return [head, *(f"  - {sentence}" for sentence in assumed)] if assumed else []
+
+
+def _control(certificate: Certificate) -> list[str]:
+    """What the margins of tracking are of."""
+    under = next((row.control for row in certificate.seen if row.control), "")
+    return [f"Tracked within: under {under}."] if under else []
+
+
+def _assumed(certificate: Certificate) -> bool:
+    """Whether a margin of tracking is somebody's word alone."""
+    return any(row.margin > 0.0 and row.confidence == 0.0 for row in certificate.seen)
+
+
+def _row(row: Proof) -> list[str]:
+    """What is asked, what tracking may add, and the limit of both together."""
+    from etude.limits.certificate import tracked_in_words, use
+
+    asked = f"{row.proved_lower:.3g}..{row.proved_upper:.3g}"
+    limit = f"{row.lower - row.margin:.3g}..{row.upper + row.margin:.3g}"
+    return [row.axis, row.quantity, asked, tracked_in_words(row), limit, f"{100 * use(row):.0f} %"]
+
+
+def _spared(rows: Sequence[Proof]) -> dict[str, float]:
+    """The least that each axis spares of a limit, by both names."""
+    from etude.limits.certificate import spare
+
+    found: dict[str, float] = {}
+    for row in rows:
+        name = f"{row.axis} {row.quantity}"
+        found[name] = min(spare(row), found.get(name, math.inf))
+    return found
+
+
+def _distances(rows: Sequence[Proof]) -> list[str]:
+    """The least distances, the nearest one by one."""
+    from etude.limits.certificate import use
+
+    rows = sorted(rows, key=use, reverse=True)
+    near = [[row.axis, f"{row.proved_lower:.4g}", f"{row.lower:.4g}"] for row in rows[:NEAREST]]
+    if not near:
+        return []
+    lines = [table(["distance (m) of", "proved at least", "to keep"], near), "Where they come nearest:"]
+    lines += [f"  - {row.axis}: {row.where}" for row in rows[:NEAREST] if row.where]
+    rest = rows[NEAREST:]
+    if rest:
+        least = min(row.proved_lower for row in rest)
+        lines.append(f"{len(rest)} more distances, all at least {least:.4g} m.")
+    return lines
+
+
+def _sampled(certificate: Certificate) -> str:
+    """Of what was only looked at in samples: which, and how near these are."""
+    rows = {row.quantity: row.method for row in certificate.rows if row.status == "sampled"}
+    return "".join(f", except {quantity}: {method.split(';')[0]}" for quantity, method in rows.items())
+
+
+def _offered(campaign: Campaign) -> list[str]:
+    """Where else robots of this kind stand, from which a way can be had too: the ground."""
+    from etude.campaign.propose.approach import HOME, poses_of
+
+    names = [name for name in poses_of(campaign) if name != HOME]
+    return [f"With take-off and landing, proved alike: the same with --from {name}." for name in names]
+
+
+def _ends(certificate: Certificate) -> str:
+    if certificate.at_rest:
+        return "at rest at both ends"
+    return f"the plan is in motion at its ends, at {100 * certificate.end_speed:.0f} % of the speed limit"
+
+
+def _exported(one: Exported) -> list[str]:
+    """The files, and what is proved of what their receiver plays."""
+    missing = [row for row in one.certificate.rows if row.status == "not looked at"]
+    but = (
+        f"; not looked at: {', '.join(row.quantity for row in missing)} ({missing[0].method})"
+        if missing
+        else ""
+    )
+    head = f"For {one.format}, proved as its receiver plays it{but}:"
+    return [head, *(f"  {path}" for path in one.files), *one.certificate.notes]

@@ -1,0 +1,228 @@
+"""etude doctor: one function a concern, each a list of `Check`"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+
+from etude import __version__
+from etude.cli.entrance import OWN_ENVIRONMENT, conflict
+from etude.cli.outcome import Common, Outcome, Say
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor(Common):
+    """Say what this machine has for Étude: versions, threads, compilers, extras, a browser, folders.
+
+    Exit code 1 if something is missing without which Étude does not work.
+    """
+
+    def run(self, _: Say) -> Outcome:
+
+        found = examined()
+        first = max(len(one.name) for one in found)
+        lines = [f"{one.sign:<6} {one.name:<{first}}  {one.sentence}" for one in found]
+        needed = [one for one in found if one.light == "red"]
+        lines += ["", "Something that is needed is missing." if needed else "All that is needed is there."]
+        data = {"checks": [asdict(one) for one in found], "ok": not needed}
+        return Outcome("\n".join(lines), data, 1 if needed else 0)
+
+
+SIGNS = {"green": "ok", "yellow": "none", "red": "WRONG"}
+TOOLS: Mapping[str, str] = {
+    "gcc": "an exported C file can be tried here",
+    "clang": "a second compiler for exported C",
+    "cmake": "builds what an export's CMakeLists.txt describes",
+}
+EXTRAS_NOT_OF_USERS = ("test", "docs")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
+ANSWER_S = 10.0
+"""A compiler that takes longer to say its version is not working."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at.
+
+    Attributes:
+        name: of it. light: "green", "yellow" (it is optional, and not there), "red" (Étude needs it).
+        sentence: what was found, or what to do.
+    """
+
+    name: str
+    light: str
+    sentence: str
+
+    @property
+    def sign(self) -> str:
+        """For people."""
+        return SIGNS[self.light]
+
+
+def examined() -> list[Check]:
+    """Everything, what is needed first."""
+    return [*versions(), *threads(), *places(), *compilers(), browser(), *extras()]
+
+
+def versions() -> list[Check]:
+    """Of Étude, Python and every library that it needs."""
+    system = f"{platform.system()} {platform.machine()}"
+    found = [
+        Check("etude", "green", f"{__version__}, Python {platform.python_version()}, {system}"),
+        *_name(),
+    ]
+    for library in _needs(""):
+        try:
+            found.append(Check(library, "green", metadata.version(library)))
+        except metadata.PackageNotFoundError:
+            found.append(Check(library, "red", f"not installed: pip install {library}"))
+    return found
+
+
+def _name() -> list[Check]:
+    """A red one where another distribution's files lie in the package."""
+    told = conflict()
+    return [Check("name", "red", f"{told}. {OWN_ENVIRONMENT}")] if told else []
+
+
+def threads() -> list[Check]:
+    """Cores, and the pools of the linear algebra."""
+    import numpy as np
+    import scipy.linalg  # noqa: F401 - brings a library of its own
+    from threadpoolctl import threadpool_info
+
+    np.linalg.inv(np.eye(2))
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    limits = [f"{name}={os.environ[name]}" for name in sorted(os.environ) if name.endswith("_NUM_THREADS")]
+    pools = {
+        f"{own['internal_api']} {own['version']}, {own['num_threads']} thread{'s' * (own['num_threads'] > 1)}"
+        for own in threadpool_info()
+        if own["user_api"] == "blas"
+    }
+    return [
+        Check("cores", "green", f"{usable} usable{''.join(f', {limit}' for limit in limits)}"),
+        Check("BLAS", "green", "; ".join(sorted(pools)) or "unknown to threadpoolctl"),
+    ]
+
+
+def places() -> list[Check]:
+    """Where campaigns and compiled code would be written."""
+    here = Path.cwd()
+    told = Check("this folder", "green", f"can be written: {here}")
+    if not _writable(here):
+        told = Check("this folder", "yellow", f"cannot be written: {here}; campaigns need another one")
+    cache = _cache_folder()
+    if cache is None:
+        words = "no folder for compiled code: every command compiles again; set NUMBA_CACHE_DIR"
+        return [told, Check("numba cache", "yellow", words)]
+    return [told, Check("numba cache", "green", f"in {cache}")]
+
+
+def compilers() -> list[Check]:
+    """Of C, for what is exported."""
+    found = []
+    for tool, what in TOOLS.items():
+        path = shutil.which(tool)
+        version = _version_of(path) if path else ""
+        if version:
+            found.append(Check(tool, "green", version))
+        else:
+            found.append(Check(tool, "yellow", f"{'does not run' if path else 'not installed'}: {what}"))
+    return found
+
+
+def browser() -> Check:
+    """To open reports with."""
+    there = next((name for name in BROWSERS if shutil.which(name)), "")
+    if there or sys.platform in ("darwin", "win32"):
+        return Check("browser", "green", there or "the system's")
+    return Check("browser", "yellow", "none on this machine: copy report.html to one, it needs nothing else")
+
+
+def extras() -> list[Check]:
+    """Each extra with the one line that installs it."""
+    found = []
+    for extra in sorted(set(_stated("Provides-Extra")) - set(EXTRAS_NOT_OF_USERS)):
+        missing = [own for own in _requirements(extra) if not _there(_name_of(own))]
+        if missing:
+            # by the libraries' names: the extra's would fetch a stranger's package, docs/decisions/0048
+            asked = " ".join(f"'{own}'" for own in missing)
+            words = f"{', '.join(_name_of(own) for own in missing)} missing: pip install {asked}"
+            found.append(Check(f"extra {extra}", "yellow", words))
+        else:
+            found.append(Check(f"extra {extra}", "green", ", ".join(_needs(extra))))
+    return found
+
+
+def _needs(extra: str) -> list[str]:
+    """Libraries that the package asks for, of one extra or ("") always."""
+    return [_name_of(line) for line in _requirements(extra)]
+
+
+def _requirements(extra: str) -> list[str]:
+    """The same with their bounds, as pip takes them: "rosbags>=0.10.9"."""
+    found = []
+    for line in _stated("Requires-Dist"):
+        own = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
+        if (own[1] if own else "") == extra:
+            found.append(line.partition(";")[0].replace(" ", ""))
+    return found
+
+
+def _name_of(requirement: str) -> str:
+    named = re.match(r"[\w.-]+", requirement)
+    return named[0] if named else requirement
+
+
+def _stated(what: str) -> list[str]:
+    """Lines of the installed package's metadata; none where it runs from its sources alone."""
+    try:
+        return [str(line) for line in metadata.metadata("etude").get_all(what) or ()]
+    except metadata.PackageNotFoundError:
+        return []
+
+
+def _there(library: str) -> bool:
+    try:
+        metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _version_of(path: str) -> str:
+    try:
+        done = subprocess.run(
+            [path, "--version"], capture_output=True, text=True, check=True, timeout=ANSWER_S
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.partition("\n")[0].strip()
+
+
+def _writable(folder: Path) -> bool:
+    """Tried, since permissions do not tell of full or read-only disks."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _cache_folder() -> Path | None:
+    """Where numba keeps what it compiled, by its own rules: as given, beside the source, the user's."""
+    import etude
+
+    beside = Path(etude.__file__).parent / "__pycache__"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    candidates = [Path(given)] if given else [beside, Path.home() / ".cache"]
+    return next((folder for folder in candidates if folder.is_dir() and _writable(folder)), None)

@@ -1,0 +1,254 @@
+"""The entrance: reads the command line, runs one command, prints its outcome or its error.
+
+Other projects on the package index use the name `etude` and install a package `etude` (`etude-sdk`).
+Installed into one environment, their files and ours share one folder and pip warns of nothing:
+docs/decisions/0048-name-on-the-index.md.
+
+Python's own answer, a KeyboardInterrupt out of whatever runs, is not safe here. Compiled code calls Python to
+pack its results, and an exception there came out as a SystemError or a segmentation fault; callbacks of the
+compiler swallow it, and the command goes on. Nothing needs the exception: what a campaign commits survives a
+kill at any system call, so ending at once loses nothing that an orderly retreat would keep.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import re
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from types import FrameType
+
+from etude import __version__
+from etude.errors import EtudeError
+
+MACHINE = "Nothing committed was lost; check the permissions and the disk, and run the command again."
+KEPT = "Interrupted. Everything that was committed is kept; run the same command again to go on."
+
+SELDOM = 50_000
+"""More objects than before, at which Python looks for circles among them. A program that loads modules makes
+many that stay, and was looked through two hundred times; matrices are not in circles."""
+
+
+INTERRUPTED = 130
+"""The exit code, as a shell gives it."""
+CURSOR = b"\r\x1b[K\x1b[?25h"
+"""Clears the line of a progress bar, which is never finished now, and shows the cursor that it hid."""
+
+
+def end_on_interrupt(words: str, line: str = "") -> None:
+    """From now on Ctrl-C prints `words` on stderr and `line`, if any, on stdout, and ends with code 130.
+
+    Does nothing where the signal is ignored (a job in the background), is handled already, or cannot be
+    handled (outside the main thread).
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        return
+    owner, screen = os.getpid(), _screen()
+
+    def end(_: int, __: FrameType | None) -> None:
+        try:  # noqa: SIM105 - suppress() would be a call outside of it
+            # C code may let us in with an error of its own pending: the first call then fails for it, and
+            # takes it away. Without this line the words would be lost.
+            os.getpid()
+        except BaseException:
+            pass
+        try:
+            if os.getpid() == owner:  # a forked child ends silently
+                _end_children()
+                _say(screen, words, line)
+        finally:
+            os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, end)
+
+
+def ignore_from_now() -> None:
+    """All is done and printed: Ctrl-C while the interpreter packs up comes too late to change anything."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _screen() -> int:
+    """Standard error as it is now: who reads a damaged file sends the one in place nowhere for a moment."""
+    try:
+        return os.dup(2)
+    except OSError:  # there is none
+        return 2
+
+
+def _say(screen: int, words: str, line: str) -> None:
+    # not by print: the signal may have come in the middle of one, and then it refuses to be entered again
+    with contextlib.suppress(Exception):
+        sys.stdout.flush()
+    with contextlib.suppress(OSError):
+        if os.isatty(screen):
+            os.write(screen, CURSOR)
+        os.write(screen, f"{words}\n".encode())
+        if line:
+            os.write(1, f"{line}\n".encode())
+
+
+def _end_children() -> None:
+    """Workers of a study would wait for ever for the next piece of work."""
+    processes = sys.modules.get("multiprocessing")
+    if processes is not None:
+        with contextlib.suppress(Exception):
+            for child in processes.active_children():
+                child.terminate()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code.
+
+    0 ok, 1 a bug or a failing machine, 2 wrong usage, 3 unusable data, 4 unsafe or infeasible trajectory
+    (no file is written), 5 stop rule reached, 6 the robot has changed, 130 interrupted. As a program (without
+    `arguments`) Ctrl-C ends the process itself; who calls with arguments gets the KeyboardInterrupt turned
+    into 130.
+    """
+    if arguments is not None:
+        return _guarded(list(arguments))
+    gc.set_threshold(SELDOM)
+    given = sys.argv[1:]
+    line = _error_line("Interrupted", KEPT, "", "", INTERRUPTED) if "--json" in given else ""
+    end_on_interrupt(_block(KEPT), line)
+    code = _guarded(given)
+    ignore_from_now()
+    gc.freeze()  # Python looks for circles once more at the end, among all that was loaded; nobody needs that
+    return code
+
+
+OURS = "etude"
+OWN_ENVIRONMENT = (
+    "Install Étude into an environment of its own: python3 -m venv .venv && .venv/bin/pip install ."
+)
+
+
+def strangers() -> list[str]:
+    """Other installed distributions whose files lie in the package `etude`: "etude-sdk 0.2.6".
+
+    The list of files (RECORD) tells, since the name of a distribution does not say which packages it has.
+    """
+    from importlib import metadata  # here: every command imports this module, few need it
+
+    found = []
+    for own in metadata.distributions():
+        name = re.sub(r"[-_.]+", "-", own.name or "").lower()  # as PEP 503 compares names
+        if name != OURS and f"\n{OURS}/" in f"\n{own.read_text('RECORD') or ''}":
+            found.append(f"{own.name} {own.version}")
+    return sorted(found)
+
+
+def conflict() -> str:
+    """One sentence on who else installed a package `etude` here; "" if nobody did."""
+    found = strangers()
+    if not found:
+        return ""
+    names = ", ".join(found)
+    return f"another distribution here installs a package etude too ({names}): its files lie over ours"
+
+
+def _guarded(given: list[str]) -> int:
+    as_json = "--json" in given
+    try:
+        return _run(given)
+    except SystemExit as exit:  # tyro has printed the help (0) or what is wrong with the arguments (2)
+        if exit.code and as_json:
+            _print_error("UsageError", "wrong arguments", "", "See etude --help.", 2)
+        return 2 if exit.code else 0
+    except EtudeError as error:
+        return _report(
+            as_json, type(error).__name__, error.fact, error.where, error.next_step, error.exit_code
+        )
+    except KeyboardInterrupt:
+        return _report(as_json, "Interrupted", KEPT, "", "", INTERRUPTED)
+    except BrokenPipeError:
+        # the reader of our output went away (`etude status lab | head`); there is nobody left to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:  # a file or folder nobody foresaw: the machine's failing, whose words help more
+        where = "" if error.filename is None else str(error.filename)
+        fact = f"the machine refused: {error.strerror or error}"
+        return _report(as_json, "MachineError", fact, where, MACHINE, 1)
+    except Exception as error:
+        if isinstance(error, ImportError | AttributeError) and (told := conflict()):
+            return _report(as_json, "MachineError", f"{error}: {told}", "", OWN_ENVIRONMENT, 1)
+        traceback.print_exc()
+        fact = f"this is a bug in etude: {type(error).__name__}: {error}"
+        return _report(as_json, "Bug", fact, "", "Nothing committed was lost; please report it.", 1)
+
+
+def _run(given: list[str]) -> int:
+    if given == ["--version"]:
+        print(f"etude {__version__}", flush=True)
+        if told := conflict():
+            _tell(f"Warning: {told}.\n{OWN_ENVIRONMENT}")
+        return 0
+    from etude.cli.outcome import to_json
+    from etude.cli.parse import command as command_of
+    from etude.cli.terminal import fitted, progress_shown
+
+    command = command_of(given)
+    if getattr(command, "trust", False):
+        _trust(command)
+    with progress_shown(silent=command.json):
+        outcome = command.run(_tell)
+    line = fitted(outcome.text, sys.stdout)
+    if command.json:
+        line = to_json(outcome.data) if outcome.data else ""
+    if line:
+        print(line, flush=True)
+    return outcome.exit_code
+
+
+def _trust(command: object) -> None:
+    """Puts the command's folder on this user's list."""
+    from etude.errors import UsageError
+
+    folder = getattr(command, "folder", None)
+    if folder is None:
+        raise UsageError(
+            "--trust is of commands that have a campaign's folder", next_step="etude status FOLDER --trust."
+        )
+    from etude.campaign.record.config_file import trust_campaign
+
+    trust_campaign(folder)
+    _tell(f"Trusted from now on, by you: code that the files in {folder} name.")
+
+
+def _tell(text: str) -> None:
+    from etude.cli.terminal import fitted
+
+    print(fitted(text, sys.stderr), file=sys.stderr, flush=True)
+
+
+def _report(as_json: bool, kind: str, fact: str, where: str, next_step: str, exit_code: int) -> int:
+    _tell(_block(fact, where, next_step))
+    if as_json:
+        _print_error(kind, fact, where, next_step, exit_code)
+    return exit_code
+
+
+def _block(fact: str, where: str = "", next_step: str = "") -> str:
+    named = "/" in fact.partition(" ")[0]  # a file keeps its name
+    lines = [f"etude: {fact if named else fact[:1].upper() + fact[1:]}"]
+    lines += [f"  where: {where}"] if where else []
+    lines += [f"  next:  {next_step}"] if next_step else []
+    return "\n".join(lines)
+
+
+def _print_error(kind: str, fact: str, where: str, next_step: str, exit_code: int) -> None:
+    print(_error_line(kind, fact, where, next_step, exit_code), flush=True)
+
+
+def _error_line(kind: str, fact: str, where: str, next_step: str, exit_code: int) -> str:
+    from etude.cli.outcome import to_json
+
+    error = {"kind": kind, "fact": fact, "where": where, "next_step": next_step, "exit_code": exit_code}
+    return to_json({"error": error})

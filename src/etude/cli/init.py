@@ -1,0 +1,124 @@
+"""etude init"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from etude.cli.outcome import Common, Folder, Outcome, Say
+
+if TYPE_CHECKING:
+    from etude.campaign.record.folder import Campaign
+
+
+HOLD = "--hold", "joint=position", "finger=0.02"
+VELOCITY = "--velocity", "joint=limit", "wrist=2.1"
+COMMAND = "--command", "joint=limit", "wrist=40"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Init(Common):
+    """Start a campaign: a folder that holds the robot, the configuration and everything to come."""
+
+    folder: Folder
+    robot: str
+    """A built-in robot's name, or the file that describes it (TOML, URDF, MJCF); copied into the folder."""
+    preset: str = "default"
+    """The configuration to start from, "default" or "thesis"; written out in full in campaign.toml."""
+    seed: int = 0
+    """Of every random number the campaign draws."""
+
+    joints: tuple[str, ...] = ()
+    """Of a URDF or MJCF: the joints that move, by name or pattern ("arm_*"); the others are held."""
+    hold: tuple[str, ...] = ()
+    """Where others are held, joint=position in rad or m; at 0, or their limit next to it, if not said."""
+    range: tuple[str, ...] = ()
+    """How far joints may go, joint=lower:upper in rad or m: of joints that turn without end, or less than the
+    file allows."""
+    velocity: tuple[str, ...] = ()
+    """How fast joints may go, joint=limit in rad/s or m/s ("*=2.1" for all), in place of the file's; an MJCF
+    has none."""
+    command: tuple[str, ...] = ()
+    """The largest commands, joint=limit in N m or N ("*=40" for all), in place of the file's."""
+    floor: float | None = None
+    """Height of the floor in m, the base at 0; if not said, the model file's, or one at 0 is assumed."""
+    mesh_root: tuple[Path, ...] = ()
+    """Folders to look for meshes in first, with their package's name or without."""
+
+    def run(self, _: Say) -> Outcome:
+        from etude.campaign.create import RobotPart, create_campaign
+        from etude.errors import UsageError
+
+        if self.seed < 0:
+            raise UsageError(f"the seed must be 0 or more, not {self.seed}")
+        part = RobotPart(
+            _split(self.joints), _numbers(self.hold, HOLD), self.mesh_root, self._limits(), self.floor
+        )
+        campaign, confirm = create_campaign(self.folder, self.robot, self.preset, self.seed, part)
+        lines = [f"Campaign {self.folder} for {campaign.name}: {_moves(campaign)}."]
+        if confirm:
+            lines += [
+                "Please confirm, and take out of confirm in robot.toml:",
+                *(f"  - {sentence}" for sentence in confirm),
+            ]
+        lines.append(f"Next: etude ask {self.folder}, or etude tell {self.folder} LOG if you have one.")
+        data = {"folder": str(self.folder), "robot": campaign.name, "axes": campaign.axes, "confirm": confirm}
+        return Outcome("\n".join(lines), {**data, "preset": self.preset, "seed": self.seed})
+
+    def _limits(self) -> dict[str, dict[str, float]]:
+        """By joint or pattern, in place of the file's."""
+        found: dict[str, dict[str, float]] = {}
+        for joint, (low, high) in _ranges(self.range).items():
+            found[joint] = {"lower": low, "upper": high}
+        for name, given, form in (("velocity", self.velocity, VELOCITY), ("command", self.command, COMMAND)):
+            for joint, value in _numbers(given, form).items():
+                found.setdefault(joint, {})[name] = value
+        return found
+
+
+def _split(given: tuple[str, ...]) -> tuple[str, ...]:
+    """Words with commas between them are several."""
+    return tuple(word for one in given for word in one.split(",") if word)
+
+
+def _numbers(given: tuple[str, ...], form: tuple[str, str, str]) -> dict[str, float]:
+    """Numbers by joint of joint=number. UsageError, in the words of `form`, if one is no such thing."""
+    from etude.errors import UsageError
+
+    found, (option, wanted, example) = {}, form
+    for one in _split(given):
+        joint, _, number = one.rpartition("=")
+        try:
+            found[joint] = float(number)
+        except ValueError:
+            joint = ""
+        if not joint:
+            raise UsageError(f"{one!r} is no {wanted}", where=option, next_step=f"Write {option} {example}.")
+    return found
+
+
+def _ranges(given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Ends by joint of joint=lower:upper. UsageError if one is no such thing."""
+    from etude.errors import UsageError
+
+    found = {}
+    for one in _split(given):
+        joint, _, ends = one.rpartition("=")
+        try:
+            low, high = (float(end) for end in ends.split(":"))
+        except ValueError:
+            joint, low, high = "", 0.0, 0.0
+        if not joint or not low < high:
+            raise UsageError(
+                f"{one!r} is no joint=lower:upper", where="--range", next_step="Write --range wrist=-3.1:3.1."
+            )
+        found[joint] = (low, high)
+    return found
+
+
+def _moves(campaign: Campaign) -> str:
+    """What moves, and what is commanded where that is something else."""
+    axes, commands = campaign.axes, campaign.command.parts
+    what = f"{len(axes)} axes ({', '.join(axes)})"
+    return what if axes == commands else f"{what}; commands {', '.join(commands)}"

@@ -1,0 +1,96 @@
+"""etude inspect"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from etude.cli.outcome import Common, Outcome, Say
+from etude.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from etude.campaign.ingest.inspection import Inspected
+    from etude.types import Finding
+
+SIGNS = {"green": "ok", "yellow": "look", "red": "WRONG", "cannot tell": "?"}
+REFUSED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspect(Common):
+    """Say how a log was recorded and whether it can be true, before any campaign. Exit code 0: tell would
+    take it as it is; 3: tell would refuse it, or ask.
+    """
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """A file of any format that tell takes."""
+    robot: str = ""
+    """A built-in robot, its description, or a campaign's folder; without one, joints are guessed from the
+    headers."""
+    degrees: bool = False
+    """All angles and rates of the log are in degrees."""
+    topic: tuple[str, ...] = ()
+    """Topics of a bag to read, joined by time; none: those with joint states."""
+    picture: Path | None = None
+    """Write positions, commands and marked spans as SVG to this file."""
+    write_mapping: bool = False
+    """Print the table [log] for campaign.toml, which says what each column is; takes --robot."""
+
+    def run(self, _: Say) -> Outcome:
+        from etude.campaign.ingest.inspection import inspect, mapping_of
+
+        if not self.log.exists():
+            raise DataError("there is no such log", where=str(self.log), next_step="Check the path.")
+        if self.write_mapping:
+            if not self.robot:
+                raise UsageError(
+                    "a mapping is of a robot's columns",
+                    where="--write-mapping",
+                    next_step="Give --robot too.",
+                )
+            text = mapping_of(self.log, self.robot, self.topic)
+            return Outcome(text.rstrip(), {"mapping": text})
+        found = inspect(self.log, self.robot or None, degrees=self.degrees, topics=self.topic)
+        if self.picture is not None:
+            _draw(found, self.picture, self.log)
+        data = {
+            "log": str(self.log),
+            "findings": [asdict(f) for f in found.findings],
+            "refused": found.refused,
+        }
+        return Outcome(_text(found, bool(self.robot)), data, REFUSED if found.refused else 0)
+
+
+def _draw(found: Inspected, path: Path, source: Path) -> None:
+    from etude.report.pictures import recording_picture
+    from etude.storage import write_atomic
+
+    if found.log is None:
+        raise DataError("there are no rows to draw", where=str(source), next_step=found.findings[-1].sentence)
+    write_atomic(path, recording_picture(found.log, found.findings).encode())
+
+
+def _text(found: Inspected, described: bool) -> str:
+    width = max(len(f.check) for f in found.findings)
+    lines = [line for f in found.findings for line in _lines(f, width)]
+    counts = Counter(f.light for f in found.findings)
+    told = ", ".join(f"{counts[light]} {light}" for light in ("green", "yellow", "red", "cannot tell"))
+    asked = " ".join(dict.fromkeys(f"--accept {f.flag}" for f in found.findings if f.flag))
+    end = "tell would take this log as it is."
+    if not described:
+        end = "nothing speaks against this log; what tell would say depends on the robot (--robot)."
+    if any(f.light == "red" and not f.flag for f in found.findings):
+        end = "tell would refuse this log."
+    elif asked:
+        end = f"tell would ask first; {asked} takes it as it is."
+    return "\n".join([*lines, "", f"{told}: {end}"])
+
+
+def _lines(finding: Finding, width: int) -> list[str]:
+    margin = " " * (8 + width)
+    step = [f"{margin}next: {finding.step}"] if finding.step and finding.light != "green" else []
+    return [f"{SIGNS[finding.light]:<5}  {finding.check:<{width}} {finding.sentence}", *step]

@@ -1,0 +1,236 @@
+"""The command line as types: one dataclass a command, read by tyro, with help as people read it."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import importlib
+import inspect
+import operator
+import re
+import sys
+import textwrap
+import types
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import fields
+from functools import cache
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+
+import tyro
+
+from etude.cli.outcome import Command
+from etude.cli.terminal import coloured, width
+
+DESCRIPTION = (
+    "Composes the motions that teach a robot's inverse dynamics in as little robot time as possible. "
+    "Étude never commands a robot: it writes trajectory files and reads logs. "
+    "etude --version says which one this is."
+)
+
+COMMANDS = {
+    "init": "etude.cli.init:Init",
+    "ask": "etude.cli.ask:Ask",
+    "tell": "etude.cli.tell:Tell",
+    "inspect": "etude.cli.inspect:Inspect",
+    "untell": "etude.cli.untell:Untell",
+    "abandon": "etude.cli.untell:Abandon",
+    "promote": "etude.cli.promote:Promote",
+    "rollback": "etude.cli.promote:Rollback",
+    "watch": "etude.cli.watch:Watch",
+    "status": "etude.cli.status:Status",
+    "report": "etude.cli.report:Report",
+    "predict": "etude.cli.predict:Predict",
+    "export": "etude.cli.export:Export",
+    "simulate": "etude.cli.simulate:Simulate",
+    "demo": "etude.cli.demo:Demo",
+    "bench": "etude.cli.study:Bench",
+    "study": "etude.cli.study:Study",
+    "plugins": "etude.cli.plugins:Plugins",
+    "doctor": "etude.cli.doctor:Doctor",
+}
+"""Their classes, in the order of the help."""
+AT_ONCE = ("UseAppendAction", "Positional")
+"""Marks of tuples that a second time adds to, or that have no name."""
+
+
+WORDS = {Path: "PATH", int: "N", float: "NUMBER", str: "NAME", bool: ""}
+"""What stands for a value of a type."""
+SAYS_NOTHING = ("", "None", "False", "''", "()")
+"""Defaults that are not worth a reader's time: the option is simply not given."""
+ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
+USAGE = re.compile(r"^(\S*usage:[^\n]* etude \[-h\] )\{[\w,-]+\}")
+
+
+@cache
+def in_words(command: type) -> type:
+    """The same class, its annotations completed for tyro: metavars, helps in one piece, useful defaults."""
+    texts = _field_texts(command)
+    hints = get_type_hints(command, include_extras=True)
+    command.__annotations__ = {
+        own.name: Annotated[_quickly_read(hints[own.name]), _told(hints[own.name], texts.get(own.name))]
+        for own in fields(cast(Any, command))
+    }
+    return command
+
+
+def _quickly_read(hint: Any) -> Any:
+    """The same hint as tyro can hold a default against without loading a library of a twentieth of a second.
+
+    It reads a bare `tuple` as `tuple[str, ...]`, and of unions only `Union` is looked into.
+    """
+    if get_origin(hint) is Annotated:
+        return Annotated[(_quickly_read(hint.__origin__), *hint.__metadata__)]
+    if get_origin(hint) is types.UnionType:
+        return Union[tuple(_quickly_read(own) for own in get_args(hint))]  # noqa: UP007
+    return tuple if hint == tuple[str, ...] else hint
+
+
+def _told(hint: Any, text: str | None) -> Any:
+    given = [own for own in getattr(hint, "__metadata__", ()) if getattr(own, "metavar", None)]
+    metavar = None if given else _metavar(hint)
+    return tyro.conf.arg(metavar=metavar or None, help=text, help_behavior_hint=_default)
+
+
+def _default(label: str) -> str:
+    return "" if label in SAYS_NOTHING else f"(default: {label})"
+
+
+def _metavar(hint: Any) -> str:
+    """In a word what one writes: of `tuple[str, ...]` "NAME ...", of a Literal its words in braces."""
+    if get_origin(hint) is Annotated:
+        again = tyro.conf.UseAppendAction[int].__metadata__[0] in hint.__metadata__  # type: ignore[attr-defined]
+        return _metavar(get_args(hint)[0]).removesuffix(" ..." if again else "\0")
+    if get_origin(hint) in (Union, types.UnionType):
+        return next(_metavar(own) for own in get_args(hint) if own is not types.NoneType)
+    if get_origin(hint) is Literal:
+        return "{" + ",".join(str(own) for own in get_args(hint) if own != "") + "}"
+    if get_origin(hint) is tuple:
+        return f"{_metavar(get_args(hint)[0])} ..."
+    return WORDS.get(hint, "VALUE")
+
+
+def _field_texts(command: type) -> dict[str, str]:
+    """The string below each field of a class and its bases, its lines joined."""
+    found: dict[str, str] = {}
+    for owner in reversed(command.__mro__[:-1]):
+        body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            told = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and told:
+                found[field.target.id] = " ".join(str(cast(Any, text).value.value).split())
+    return found
+
+
+class Page(StringIO):
+    """Stands in for stdout while tyro prints a help; it is coloured where stdout would be."""
+
+    def isatty(self) -> bool:
+        """As tyro asks it."""
+        return coloured(cast(Any, self.stdout))
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """That of stdout: boxes are drawn where it has them."""
+        return str(self.stdout.encoding)
+
+    def __init__(self, stdout: Any) -> None:
+        super().__init__()
+        self.stdout = stdout
+
+    def printed(self) -> None:
+        """Prints the page, nothing wider than the terminal: tyro breaks lines in its boxes only."""
+        text = self.getvalue()
+        if "usage:" in text[:20]:
+            text = "\n".join(_broken(USAGE.sub(r"\1COMMAND", text, count=1).rstrip().splitlines())) + "\n"
+        self.stdout.write(text)
+        self.stdout.flush()
+
+
+def _broken(lines: Sequence[str]) -> list[str]:
+    found: list[str] = []
+    for line in lines:
+        fits = len(ESCAPE.sub("", line)) <= width()
+        indent = "    " if "usage:" in line else ""
+        found += (
+            [line] if fits else textwrap.wrap(line, width(), subsequent_indent=indent, break_on_hyphens=False)
+        )
+    return found
+
+
+def command(arguments: Sequence[str]) -> Command:
+    """The command that the arguments name. Exits with 2 (wrong usage) or 0 (--help) as tyro does.
+
+    Of a command that stands first only its own module is loaded.
+    """
+    first = arguments[0] if arguments else ""
+    known = [first] if first in COMMANDS else list(COMMANDS)
+    classes = {name: class_of(name) for name in known}
+    of_one = len(known) == 1
+    given = gathered(arguments[1:], _several(classes[first])) if of_one else list(arguments)
+    for own in classes.values():
+        in_words(own)
+    page = Page(sys.stdout)
+    try:
+        with redirect_stdout(page):
+            found = tyro.cli(
+                classes[first] if of_one else _any_of(classes),
+                prog=f"etude {first}" if of_one else "etude",
+                description=None if of_one else DESCRIPTION,
+                args=given,
+                config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
+            )
+    finally:
+        page.printed()
+    return cast(Command, found)
+
+
+def gathered(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
+    """The arguments, those of an option of several words that stands twice as if it stood once, last.
+
+    argparse, and so tyro, would keep the words of the last one only and say nothing.
+    """
+    names = [word.partition("=")[0] for word in arguments]
+    if all(names.count(name) < 2 for name in several):
+        return list(arguments)
+    rest: list[str] = []
+    own: dict[str, list[str]] = {}
+    current = rest
+    for word, name in zip(arguments, names, strict=True):
+        if name in several:
+            current = own.setdefault(name, [name])
+            if "=" in word:  # takes this one word alone
+                current.append(word.partition("=")[2])
+                current = rest
+            continue
+        current = rest if word.startswith("--") else current
+        current.append(word)
+    return [*rest, *(word for words in own.values() for word in words)]
+
+
+def _several(command: type) -> list[str]:
+    """Options of a command that take several words at once."""
+    found = []
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        marks = getattr(hint, "__metadata__", ())
+        bare = get_args(hint)[0] if marks else hint
+        if tuple in (bare, get_origin(bare)) and not {*AT_ONCE} & {repr(mark) for mark in marks}:
+            called = [mark.name for mark in marks if getattr(mark, "name", None)]
+            found.append(f"--{called[0] if called else name.replace('_', '-')}")
+    return found
+
+
+def class_of(name: str) -> type:
+    """The class of a command."""
+    module, _, attribute = COMMANDS[name].partition(":")
+    found: type = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def _any_of(classes: Mapping[str, type]) -> Any:
+    """The union of all commands, each under its name."""
+    own = [Annotated[found, tyro.conf.subcommand(name)] for name, found in classes.items()]
+    return functools.reduce(operator.or_, own)

@@ -1,0 +1,90 @@
+"""etude promote, etude rollback"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+
+if TYPE_CHECKING:
+    from etude.campaign.deployment.promote import Promotion
+
+REFUSED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Promote(Common):
+    """Put the newest model in use, if it beats the one in use and physics alone unseen. Exit code 3:
+    it does not, or nothing is decided.
+    """
+
+    folder: Folder
+    force: bool = False
+    """Put it in use whatever was measured; recorded in the journal, with the reason."""
+    reason: str = ""
+    """Why; needed with --force."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.deployment.promote import promote
+        from etude.campaign.record.known_faults import affected
+        from etude.cli.status import faults
+
+        campaign = opened(self.folder, say)
+        found = promote(campaign, force=self.force, reason=self.reason, say=say)
+        data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
+        lines = _lines(found, campaign.command.parts)
+        left = affected(campaign, campaign.state())
+        data |= {"known_faults": [asdict(one) for one in left]}
+        lines += faults([asdict(one) | {"sentence": one.sentence} for one in left])
+        if found.promoted:
+            lines.append(f"Next: etude export {self.folder} --to c, and etude watch {self.folder} LOG.")
+        text = "\n".join(lines)
+        return Outcome(text, data, 0 if found.promoted else REFUSED)
+
+
+def _lines(found: Promotion, commands: Sequence[str]) -> list[str]:
+    model = f"The model of log {found.number} ({found.sha256[:12]})"
+    if found.repeated:
+        return [f"{model} is in use already."]
+    rows = [
+        [
+            one.against,
+            str(one.segments),
+            f"{one.ratio:.3f}",
+            f"{one.lower:.3f} .. {one.upper:.3f}",
+            *("-" if math.isnan(ratio) else f"{ratio:.3f}" for ratio in one.by_command),
+            one.decision,
+        ]
+        for one in found.compared
+    ]
+    lines = ["Errors on segments that neither has seen, over those of:"] if rows else []
+    lines += [table(["", "segments", "ratio", "95 %", *commands, ""], rows)] if rows else []
+    if found.wide:
+        parts = [
+            [name, *("-" if part is None else f"{100 * part:.0f} %" for part in own)]
+            for name, own in (("50 %", found.narrow), ("95 %", found.wide))
+        ]
+        lines += ["Held-out commands inside its intervals:", table(["interval", *commands], parts)]
+    lines += [f"{sentence[:1].upper()}{sentence[1:]}." for sentence in found.refused]
+    if not found.promoted:
+        return [*lines, f"{model} is not promoted. --force --reason WHY puts it in use all the same."]
+    return [*lines, f"{model} is in use now{', forced' if found.forced else ''}."]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollback(Common):
+    """Go back to the model that was in use before the last promotion; nothing is deleted."""
+
+    folder: Folder
+    reason: str = ""
+    """Kept in the journal."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.deployment.promote import rollback
+
+        left, back = rollback(opened(self.folder, say), reason=self.reason)
+        text = f"The model of log {left} is no longer in use; that of log {back} is."
+        return Outcome(text, {"left": left, "in_use": back})

@@ -1,0 +1,47 @@
+"""etude report, and --serve: pages until Ctrl-C"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened
+from etude.errors import UsageError
+
+if TYPE_CHECKING:
+    from etude.report.live import Pages
+
+
+def served(pages: Pages, port: int | None, as_json: bool, say: Say) -> Outcome:
+    """Serves until it is interrupted. UsageError: the port is in use, or an outcome is waited for."""
+    from etude.report.live import HOST, server
+
+    if as_json:
+        step = "Leave --json out, or --serve."
+        raise UsageError("--serve ends by Ctrl-C, and has no outcome", where="--json", next_step=step)
+    with server(pages, port) as found:
+        say(f"Served to this machine: http://{HOST}:{found.server_address[1]}/ (Ctrl-C ends it)")
+        found.serve_forever()
+    return Outcome("")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report(Common):
+    """Write report.html: one file, opens offline, made from the campaign's facts alone."""
+
+    folder: Folder
+    serve: bool = False
+    """Show it in a browser of this machine instead, renewed as things happen, until Ctrl-C; nothing is
+    written."""
+    port: int | None = None
+    """Of --serve; a free one if not given."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.report.build import build_report, live_report
+
+        opened(self.folder, say)
+        if self.serve:
+            return served(live_report(self.folder), self.port, self.json, say)
+        say("Drawing the report.")
+        path = build_report(self.folder)
+        return Outcome(f"Written: {path}", {"report": str(path)})

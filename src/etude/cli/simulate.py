@@ -1,0 +1,158 @@
+"""etude simulate"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import tyro
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from etude.campaign.record.rounds import SimulatedRound
+    from etude.campaign.record.state import State
+    from etude.campaign.simulate.simulation import Adaptation
+
+BY_AXIS = {"deg": "joints_deg", "m": "xyz_and_distance_m"}
+"""What the errors along the axes are called, by their unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulate(Common):
+    """Close the loop with a simulated robot, and test what was learned after every trajectory. Exit code 6: a
+    log waits for an answer, since the robot has changed.
+    """
+
+    folder: Folder
+    rounds: int = 4
+    """Trajectories to ask for, run and learn."""
+    engine: Literal["compiled", "mujoco", ""] = ""
+    """Of an arm: two independent implementations of the same physics; compiled if not given, mujoco is
+    slower."""
+    change: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What is another robot in these rounds: payload=0.5 (kg), friction=1.5 (times), sensor_elbow=20 (more in
+    that joint's logged command); of a vehicle payload, drag, sag, wind. The log that is noticed waits for an
+    answer. May be given again."""
+
+    feedforward: bool = False
+    """Run the motions that teach with what was learned beside the feedback, as a robot does that is sent `ask
+    --effort`; else under feedback alone."""
+    online: bool = False
+    """Test each model also while it goes on learning, behind its guard."""
+    method: str = "variance"
+    """With --online: variance, error, ssgp or sogp."""
+    confirm: bool = False
+    """Then run a motion that is never trained on, without and with the learned feedforward."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.simulate.simulation import simulate, simulate_confirmation
+        from etude.errors import UsageError
+
+        if self.rounds < 0:
+            raise UsageError(f"the number of rounds must be 0 or more, not {self.rounds}")
+        rounds: list[SimulatedRound] = []
+        campaign = opened(self.folder, say)
+        learning = _learning(self.method) if self.online else None
+        change = _changes(self.change)
+        for done in simulate(
+            campaign, self.rounds, self.engine, say, change, learning, feedforward=self.feedforward
+        ):
+            errors = ", ".join(f"{name} {e:.3f} {done.unit}" for name, e in done.mean_errors().items())
+            say(f"After {done.robot_seconds:.0f} s of robot time: {errors}.")
+            rounds.append(done)
+        confirmed = None
+        if self.confirm:
+            confirmed = simulate_confirmation(campaign, self.engine, say, change)
+        state = campaign.state()
+        baselines, unit = _baselines(state.evaluated, len(campaign.axes))
+        data = {
+            "robot": campaign.name,
+            "seed": state.seed,
+            "rounds": [_figures(done) for done in rounds],
+            "baselines": baselines,
+            "waiting": [r.number for r in state.held],
+            "confirmed": confirmed,
+        }
+        told = [] if confirmed is None else [_confirmed(confirmed)]
+        text = "\n".join([_table(baselines, rounds, unit), *told, _next(self.folder, state)])
+        return Outcome(text, data, code_of(changed=bool(state.held)))
+
+
+def _next(folder: Path, state: State) -> str:
+    """What a person may do now."""
+    if state.held:
+        return f"Next: etude tell {folder} --changed new (or forget, or same)."
+    if not state.trained:
+        return f"Next: etude simulate {folder} --rounds 1"
+    return f"Next: etude status {folder}, etude report {folder}, etude promote {folder}"
+
+
+def _confirmed(found: Mapping[str, Any]) -> str:
+    """What both runs of the motion that confirms left."""
+    from etude.campaign.ingest.confirmation_runs import SHOWN, in_words
+
+    none = [None] * len(found["axes"])
+    rows = [[name, *map(in_words, found[key] or none)] for key, name in SHOWN.items()]
+    unit = found["units"][0]
+    return table([f"trajectory {found['number']}, feedforward, {unit}", *found["axes"]], rows)
+
+
+def _learning(method: str) -> Adaptation:
+    """UsageError: there is no such method."""
+    from etude import plugins
+
+    made: Adaptation = plugins.load("etude.adaptations", "online")(method)
+    return made
+
+
+def _changes(words: Sequence[str]) -> dict[str, float]:
+    """By name, of name=value. UsageError if one is not."""
+    from etude.errors import UsageError
+
+    found = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise UsageError(
+                f"{word!r} is no change",
+                where="--change",
+                next_step="Write name=value, such as friction=1.5.",
+            ) from None
+    return found
+
+
+def _figures(done: SimulatedRound) -> dict[str, Any]:
+    return {
+        "number": done.number,
+        "robot_seconds": done.robot_seconds,
+        f"tracking_error_{done.unit}": done.mean_errors(),
+        BY_AXIS.get(done.unit, f"axes_{done.unit}"): done.errors,
+    }
+
+
+def _table(baselines: dict[str, dict[str, float]], rounds: Sequence[SimulatedRound], unit: str) -> str:
+    rows = [[name, "", *(f"{e:.3f}" for e in errors.values())] for name, errors in baselines.items()]
+    rows += [
+        [f"after {r.number}", f"{r.robot_seconds:.0f}", *(f"{e:.3f}" for e in r.mean_errors().values())]
+        for r in rounds
+    ]
+    return table([f"tracking error, {unit}", "robot s", *next(iter(baselines.values()), {})], rows)
+
+
+def _baselines(evaluated: Sequence[dict[str, Any]], axes: int) -> tuple[dict[str, dict[str, float]], str]:
+    """Newest error by baseline and test, and its unit."""
+    from etude.campaign.record.rounds import measured, summary
+
+    found: dict[str, dict[str, float]] = {}
+    unit = ""
+    for event in evaluated:
+        if event.get("baseline"):
+            errors, unit = measured(event)
+            found.setdefault(event["baseline"], {})[event["test"]] = summary(errors, axes)
+    return found, unit

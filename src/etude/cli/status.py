@@ -1,0 +1,202 @@
+"""etude status"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, opened, table
+
+NO_MATTER = 0.05
+"""Part of the variance below which the choice of a motion is not worth a thought."""
+LARGEST = 1000.0
+MEND = "Next: restore these files from a copy; a command that needs one of them says what else mends it."
+BASES = {
+    "identified": "physics identified from this log",
+    "nominal": "physics of the description",
+    "linear": "linear regression on this log",
+}
+"""What a rung's mean is, in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status(Common):
+    """Say how well the model predicts, and whether another trajectory is worth its robot time."""
+
+    folder: Folder
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.evaluate.status import status
+
+        found = status(opened(self.folder, say))
+        return Outcome("\n".join(_lines(found)), found)
+
+
+def _lines(found: Mapping[str, Any]) -> list[str]:
+    lines = [
+        *_news(found),
+        f"{found['robot']} ({', '.join(found['axes'])}), preset {found['preset']}, seed {found['seed']}",
+        *_trajectories(found),
+        *_held_out(found),
+        *_prequential(found),
+        *_in_words(found),
+    ]
+    lines += [*_model_in_use(found), *_confirmed(found)]
+    if found["calibration_factor"] is not None:
+        factor = found["calibration_factor"]
+        lines.append(f"Calibration factor {factor:.2f} (held-out z^2 of the last logs; 1 is right).")
+    if found["forecast_fraction"] is not None:
+        fraction = found["forecast_fraction"]
+        told = f"{100 * fraction:.2g} %" if fraction < 1.0 else "as large as the limit, or larger"
+        lines.append(f"Forecast command error: {told} {'of the limit ' * (fraction < 1.0)}(worst axis).")
+    if found["next_gain"] is not None:
+        lines.append(
+            f"The next trajectory is to remove {100 * found['next_gain']:.0f} % of the variance left."
+        )
+    if found["choice"] is not None and found["choice"] < NO_MATTER:
+        lines.append(
+            "Which motion you run next no longer matters: the best leaves "
+            f"{100 * found['choice']:.1f} % less variance than the median random one."
+        )
+    if found["trajectories"]:
+        verdict = found["verdict"]
+        go_on = "Go on: " if verdict["usable"] else "First see to what is red. "
+        lines.append(("Stop: " if verdict["stop"] else go_on) + verdict["reason"])
+    lines += faults(found["known_faults"])
+    lines += [f"Look: {sentence}." for sentence in found["proved_otherwise"]]
+    lines += [f"Edited: {sentence}" for sentence in found["edited"]]
+    lines += [f"Problem: {problem}." for problem in found["problems"]]
+    lines += [MEND] * bool(found["problems"])
+    return lines
+
+
+def faults(found: Sequence[Mapping[str, str]]) -> list[str]:
+    """What earlier versions left that is known to be unsafe, with what makes it again."""
+    return [f"UNSAFE [{one['code']}]: {one['sentence']}Make it again: {one['command']}" for one in found]
+
+
+def _news(found: Mapping[str, Any]) -> list[str]:
+    """What is bad, and what to do, before any figure."""
+    lights = {"red": "RED", "yellow": "Look"}
+    return [f"{lights[n['light']]}: {n['sentence']}. {n['step']}".rstrip() for n in found["news"]]
+
+
+def _trajectories(found: Mapping[str, Any]) -> list[str]:
+    if not found["trajectories"]:
+        return [f"Nothing asked for yet. Next: etude ask {found['folder']}"]
+    rows = [
+        [
+            str(t["number"]),
+            t["standing"] + (" (no proposal)" if t["foreign"] else ""),
+            "" if t["robot_seconds"] is None else f"{t['robot_seconds']:.1f} s",
+            t["source"] or "",
+        ]
+        for t in found["trajectories"]
+    ]
+    return [table(["trajectory", "standing", "motion", "log"], rows)]
+
+
+def _held_out(found: Mapping[str, Any]) -> list[str]:
+    held_out = found["held_out"]
+    if held_out is None:
+        return []
+    blocks = ", ".join(map(str, held_out["blocks"]))
+    newest = held_out["number"] == found["scored_log"]  # later logs have chosen since
+    used = f" (in use: {_in_use(found)})" if newest and not found["prequential"] else ""
+    return [
+        f"Held-out nMSE, log {held_out['number']}, blocks {blocks} of {held_out['of']}{used}:",
+        _by_output(found, held_out["nmse"]),
+        *_standing(found, held_out["nmse"], held_out.get("nmse_all") or {}),
+    ]
+
+
+def _in_words(found: Mapping[str, Any]) -> list[str]:
+    """After the first log: what each output's model is made of, where."""
+    rungs = found["rungs"]
+    if not rungs or found["prequential"]:
+        return []
+    own = {
+        rung: [o for o, r in zip(found["outputs"], rungs, strict=True) if r == rung]
+        for rung in dict.fromkeys(rungs)
+    }
+    return [f"{', '.join(outputs)}: {_made_of(rung)}." for rung, outputs in own.items()]
+
+
+def _made_of(rung: str) -> str:
+    base, plus, _ = rung.partition("+")
+    physics = BASES.get(base, f"{base} physics")
+    if base == "gp":
+        return "the process alone, where the log went; outside what was visited it knows nothing"
+    if plus:
+        return f"{physics}, with the process where the log went; outside what was visited physics alone"
+    return f"{physics}, everywhere"
+
+
+def _prequential(found: Mapping[str, Any]) -> list[str]:
+    scores = {kind: score.get("nmse") or [] for kind, score in found["prequential"].items()}
+    if not scores:
+        return []
+    return [
+        f"nMSE of log {found['scored_log']}, predicted before it was learned (in use: {_in_use(found)}):",
+        _by_output(found, scores),
+        *_standing(
+            found, scores, {kind: score.get("nmse_all") for kind, score in found["prequential"].items()}
+        ),
+    ]
+
+
+def _model_in_use(found: Mapping[str, Any]) -> list[str]:
+    used = found["in_use"]
+    if used is None:
+        return []
+    forced = ", by force" if used["forced"] else ""
+    newer = "" if used["number"] == used["newest"] else f"; newest: of log {used['newest']}, not promoted"
+    return [f"Promoted: the model of log {used['number']} ({used['sha256'][:12]}){forced}{newer}."]
+
+
+def _confirmed(found: Mapping[str, Any]) -> list[str]:
+    """Tracking errors of the motions that confirm, beside the forecast."""
+    from etude.campaign.ingest.confirmation_runs import SHOWN, in_words
+
+    lines = []
+    for one in found["confirmed"]:
+        if one["units"] is None:
+            continue
+        none = [None] * len(one["axes"])
+        unit = one["units"][0] if len(set(one["units"])) == 1 else "own units"
+        rows = [[name, *map(in_words, one[key] or none)] for key, name in SHOWN.items()]
+        lines += [
+            f"Trajectory {one['number']}, never learned from: mean tracking error ({unit}), feedforward",
+            table(["", *one["axes"]], rows),
+        ]
+    return lines
+
+
+def _standing(found: Mapping[str, Any], moving: Mapping[str, Any], every: Mapping[str, Any]) -> list[str]:
+    """The same with the samples of standing joints, if there were any."""
+    told = {kind: values for kind, values in every.items() if values}
+    if not told or all(values == moving.get(kind) for kind, values in told.items()):
+        return []
+    return ["The same, joints at rest included while others move:", _by_output(found, told)]
+
+
+def _in_use(found: Mapping[str, Any]) -> str:
+    """The rung of all outputs, or of each."""
+    rungs = found["rungs"] or [found["chosen"]]
+    if len(set(rungs)) == 1:
+        return str(rungs[0])
+    return ", ".join(f"{output} {rung}" for output, rung in zip(found["outputs"], rungs, strict=True))
+
+
+def _by_output(found: Mapping[str, Any], scores: Mapping[str, Any]) -> str:
+    rows = [
+        [kind, *("-" if value is None else _figure(value) for value in values)]
+        for kind, values in scores.items()
+    ]
+    return table(["model", *found["outputs"]], rows)
+
+
+def _figure(value: float) -> str:
+    """Where a model is wrong by orders of magnitude, digits say nothing."""
+    return f"{value:.4f}" if abs(value) < LARGEST else f"over {LARGEST:g}"

@@ -1,0 +1,154 @@
+"""etude tell"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened
+
+if TYPE_CHECKING:
+    from etude.campaign.ingest.ingest_many import ToldFile, ToldMany
+    from etude.campaign.ingest.ingest_result import Told
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tell(Common):
+    """Take in logs and learn them in one training. Any order, any delay; the same log twice changes nothing.
+
+    Of several files, one that cannot be used does not stop the others: the table says what became of each,
+    and the exit code is then 3. Exit code 6: a log waits for an answer, since the robot has changed.
+    """
+
+    folder: Folder
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
+    """CSV, Parquet, a ROS 2 bag, a PX4 log, ... with the time and, by name, what the robot measures: of an
+    arm positions and commands of every joint; of a quadrotor accelerometer, gyroscope and commands, and if
+    known position and attitude."""
+    number: int | None = None
+    """The trajectory that was run; else the newest open one that the motion fits. For one log."""
+    foreign: bool = False
+    """The log answers no proposal."""
+    degrees: bool = False
+    """All angles and rates of the log are in degrees."""
+    accept: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: take the log as it is. Can be given several times."""
+    repair: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A check whose question is answered with: put it right. Can be given several times."""
+    topic: tuple[str, ...] = ()
+    """Topics of a bag to read, joined by time; none: those with joint states."""
+    changed: Literal["new", "forget", "same", ""] = ""
+    """The answer for a log that is not of the robot that the model knows: new learns from it and those to
+    come alone, forget sets it aside, same learns it with the others. Without a log: for those that wait."""
+
+    confirm: Literal["without", "with", ""] = ""
+    """The log is of a motion that confirms (etude ask --confirm), run without or with the feedforward: it is
+    measured, and nothing learns from it."""
+
+    control: Literal["feedback", "file", "learned", ""] = ""
+    """What the motion was run under: feedback alone, or beside it the feedforward of the robot file's model,
+    or of what was learned; if not given what it was asked for. Each has its own margins of tracking."""
+
+    def run(self, say: Say) -> Outcome:
+        from etude.campaign.ingest.ingest_many import tell, tell_many
+        from etude.errors import UsageError
+
+        if not self.logs and not self.changed:
+            raise UsageError("there is no log to tell", next_step="Name one or more files.")
+        campaign = opened(self.folder, say)
+        options: dict[str, Any] = {
+            "foreign": self.foreign,
+            "degrees": self.degrees,
+            "accept": self.accept,
+            "repair": self.repair,
+            "topics": self.topic,
+            "changed": self.changed,
+            "confirm": self.confirm,
+            "control": self.control,
+            "say": say,
+        }
+        following = f"Next: etude status {self.folder}, etude ask {self.folder}"
+        if len(self.logs) == 1:
+            told = tell(campaign, self.logs[0], number=self.number, **options)
+            return Outcome("\n".join([*_lines(told), following]), _data(told), code_of(changed=told.held))
+        if self.number is not None:
+            raise UsageError("--number belongs to one log", next_step="Tell that log by itself.")
+        many = tell_many(campaign, self.logs, **options)
+        data = {
+            "files": [_file(file) for file in many.files],
+            "learned": many.learned,
+            "warnings": many.warnings,
+        }
+        held = any(file.told is not None and file.told.held for file in many.files)
+        code = code_of(changed=held, refused=bool(many.refused))
+        return Outcome("\n".join([*_table(many), following]), data, code)
+
+
+def _lines(found: Told) -> list[str]:
+    if found.run:
+        told = " was told before" if found.repeated else ""
+        return [f"Run {found.run} the feedforward of trajectory {found.number}{told}: measured, not learned."]
+    what = "a recording of its own" if found.foreign else "the answer to that proposal"
+    first = f"Log {found.number} ({what}) was told before." if found.repeated else ""
+    lines = [first or f"Log {found.number} stored, {what}."]
+    if found.repairs:
+        lines += ["Repairs:", *(f"  - {sentence}" for sentence in found.repairs)]
+    lines += [found.start] if found.start else []
+    lines += _held(found)
+    lines += [f"Log {found.number} is set aside: nothing learns from it."] if found.aside else []
+    return [*lines, *_learned(found.learned), *(f"Warning: {sentence}" for sentence in found.warnings)]
+
+
+def _held(found: Told) -> list[str]:
+    """What is to be answered before the log is learned."""
+    if not found.held:
+        return []
+    parts = [f"{f.sentence[:1].upper()}{f.sentence[1:]}. {f.step}" for f in found.findings if f.flag]
+    return [f"Log {found.number} is not learned yet.", *parts]
+
+
+def _learned(numbers: tuple[int, ...]) -> list[str]:
+    return [f"Learned: {', '.join(map(str, numbers))}."] if numbers else []
+
+
+def _table(many: ToldMany) -> list[str]:
+    width = max((len(file.path.name) for file in many.files), default=0)
+    lines = [f"{file.path.name.ljust(width)}  {file.sentence}" for file in many.files]
+    for file in many.files:
+        told = file.told
+        lines += [f"{file.path.name}: {sentence}" for sentence in (told.repairs if told else ())]
+        lines += [f"{file.path.name}: {sentence}" for sentence in (_held(told) if told else ())]
+        if file.refused is not None and file.refused.next_step:
+            lines.append(f"{file.path.name}: {file.refused.next_step}")
+    return [*lines, *_learned(many.learned), *(f"Warning: {sentence}" for sentence in many.warnings)]
+
+
+def _data(found: Told) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "number": found.number,
+        "repeated": found.repeated,
+        "foreign": found.foreign,
+        "repairs": found.repairs,
+        "learned": found.learned,
+        "warnings": found.warnings,
+        "held": found.held,
+        "aside": found.aside,
+        "run": found.run,
+        "start": found.start,
+        "findings": [asdict(finding) for finding in found.findings],
+    }
+
+
+def _file(file: ToldFile) -> dict[str, Any]:
+    refused = None
+    if file.refused is not None:
+        error = file.refused
+        refused = {"fact": error.fact, "where": error.where, "next_step": error.next_step}
+    told = {} if file.told is None else _data(file.told)
+    own = {name: value for name, value in told.items() if name not in ("learned", "warnings")}
+    return {"path": str(file.path), "outcome": file.sentence, "refused": refused, **own}

@@ -1,1 +1,0 @@
-"""One file per command: a frozen dataclass filled from the command line, with `run`."""

@@ -1,1 +1,0 @@
-"""Inverse models of flying vehicles."""
