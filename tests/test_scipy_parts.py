@@ -12,12 +12,12 @@ from scipy.linalg import blas as public_blas
 from scipy.linalg import lapack as public_lapack
 from scipy.optimize import minimize
 
-from etude import blas, lbfgs
+from etude._runtime import blas, lbfgs
 
 LIGHT = """
 import sys, numpy as np
-from etude.blas import dpotrf, dtrmm
-from etude.lbfgs import minimise
+from etude._runtime.blas import dpotrf, dtrmm
+from etude._runtime.lbfgs import minimise
 seen = []
 minimise(lambda x: (seen.append(x), (float(x @ x), 2.0 * x))[1], np.array([1.0, 2.0]), steps=5)
 assert seen and abs(seen[-1]).max() < 1e-6

@@ -19,9 +19,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etude._runtime.trust import FULL_NAME as FULL_NAME
+from etude._runtime.trust import require_trusted
 from etude.errors import UsageError
-from etude.trust import FULL_NAME as FULL_NAME
-from etude.trust import require_trusted
 
 _MEMBERS = ("exact", "fitc", "vfe")
 _SPARSE = (
@@ -57,9 +57,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.forms": {
         "exact": "etude.models.forms:EXACT",
         "basis": "etude.models.forms:BASIS",
-        "spectrum": "etude_sparse.forms:SPECTRUM",
-        "local": "etude_sparse.forms:LOCAL",
-        "lwpr": "etude_sparse.forms:LWPR",
+        "spectrum": "etude_sparse.members:SPECTRUM",
+        "local": "etude_sparse.members:LOCAL",
+        "lwpr": "etude_sparse.members:LWPR",
         "Lagrangian": "etude_lagrangian.kernel:FORM",
     },
     "etude.criteria": {name: f"etude.design.criteria:{name}" for name in _CRITERIA},

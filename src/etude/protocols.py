@@ -39,7 +39,7 @@ from etude.types import (
 )
 
 if TYPE_CHECKING:
-    from etude.operators import Piece
+    from etude._runtime.operators import Piece
 
 
 class Trajectory(Protocol):

@@ -18,6 +18,10 @@ from typing import Any
 
 from etude.errors import EtudeError, UsageError
 
+GENERATION = 2
+"""Of what Étude writes: it grows when a fault of safety is mended, whatever the version says. Files without
+one are of generation 1. The faults of earlier ones: `campaign.record.known_faults`, docs/known_faults.md."""
+
 LARGEST_ARRAYS = 2**30
 """Bytes in memory, of all arrays of one file."""
 TEMPORARY_PREFIX = ".partial-"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from etude.shown import Picture
+    from etude._runtime.pictures import Picture
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class Log:
 
     def plot(self, path: str | Path | None = None) -> Picture:
         """States and commands over time: shown by a notebook, and saved as SVG if there is a path."""
-        from etude.shown import picture_of
+        from etude._runtime.pictures import picture_of
 
         return picture_of("log", self, path)
 

@@ -1,4 +1,4 @@
 """Robots of joints: arms, gantries, legs with a fixed base."""
 
-PUBLIC = ("adaptive", "controller", "recipe", "spec")
+PUBLIC = ("adaptive_control", "controller", "preprocessing", "spec")
 """Modules that may be used from outside."""

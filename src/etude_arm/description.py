@@ -1,9 +1,15 @@
-"""Brings a robot of joints into a campaign folder, so that the folder needs nothing outside itself."""
+"""Brings a robot of joints into a campaign folder, so that the folder needs nothing outside itself.
+
+Command limits are held against the robot's weight. Files state placeholders: 0, 1 or 1000 N m on every joint,
+numbers of another robot, or in another unit. One that is too small for the arm to stand still would leave no
+motion; one that is far too large lets every motion pass. Both are said when the robot is read, for a person
+to put right.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -11,9 +17,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from etude.errors import UsageError
-from etude.types import Described
+from etude.types import Array, Described, Mask
+from etude_arm.command_limits import NO_MOTION
+from etude_arm.physics.geometry import has_masses, read_geometry
+from etude_arm.physics.newton_euler import nominal_commands
+from etude_arm.physics.transmission import Geometry
 from etude_arm.robot_file import read_robot, robot_to_toml
-from etude_arm.spec import ArmSpec
+from etude_arm.spec import FORCES, ArmSpec
 
 if TYPE_CHECKING:
     from etude_arm.clearance.surroundings import Floor
@@ -42,10 +52,193 @@ def read(
                 next_step="Change its [[axis]] and [held] tables, or give the URDF or MJCF to --robot.",
             )
         return read_robot(path), ()
-    from etude_arm.urdf import spec_from_model
+    from etude_arm.model_file import spec_from_model
 
     found = spec_from_model(path, joints=joints, held=held, given=limits)
     return found.spec, found.confirm
+
+
+POSES, SEED = 2048, 0
+"""Random poses from which the heaviest is looked for: a robot is always the same."""
+GRID, ROUNDS = 33, 3
+"""Positions of a joint that are tried, and how often each joint has its turn."""
+QUANTILE = 0.95
+"""Of what the limits of speed and acceleration ask over random poses, in any direction."""
+STRONG = 10.0
+"""Times that: no arm carries several times its own weight, so no drive is as strong as that throughout."""
+APART, FAR = 10.0, 100.0
+"""Times the nearest limit of another joint: joints of few arms differ by the first, of none by the second."""
+FEW = 2
+"""Joints of one unit among which nobody can tell by numbers alone which of them is odd."""
+MOST = 0.75
+"""Of the joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """What the masses ask of the drives, in command units.
+
+    Attributes:
+        home: (J,) |command| at rest at home.
+        most: (J,) the largest at rest that was found within the position limits, and `at` (J, J): the pose.
+        moving: (J,) at the limits of speed and acceleration, which few poses exceed.
+    """
+
+    home: Array
+    most: Array
+    at: Array
+    moving: Array
+
+
+def weight_of(spec: ArmSpec, home: Array) -> Weight | None:
+    """At home (J,) and elsewhere; None where no model file says masses, or commands are no forces."""
+    if not has_masses(spec) or spec.command_unit not in FORCES:
+        return None
+    geometry = read_geometry(spec)
+    assert geometry is not None
+    rng = np.random.default_rng(SEED)
+    poses = rng.uniform(spec.lower, spec.upper, (POSES, spec.dof))
+    signs = rng.choice((-1.0, 1.0), poses.shape)
+    moving = np.abs(nominal_commands(geometry, poses, signs * spec.velocity, signs * spec.acceleration))
+    most, at = _heaviest(geometry, spec, np.concatenate([home[None], poses]))
+    return Weight(_at_rest(geometry, home[None])[0], most, at, np.quantile(moving, QUANTILE, axis=0))
+
+
+def sentences(spec: ArmSpec, home: Array) -> tuple[str, ...]:
+    """What a person should confirm: joints that cannot hold the arm, or limits that hold nothing back."""
+    weight = weight_of(spec, home)
+    if weight is None:
+        return ()
+    limit = np.minimum(spec.command, spec.torque)
+    weak, loaded = weight.most > limit, weight.moving > 0.0
+    found = [_weak(spec, limit, weight)] if weak.any() else []
+    factors = np.divide(spec.command, weight.moving, out=np.full(spec.dof, np.inf), where=loaded)
+    factor = float(factors.min()) if loaded.any() else 0.0
+    found += [_strong(factor)] if factor > STRONG else _same(spec, factors)
+    found += _odd(spec, factors, weak)
+    return (*found, *(_slides(spec, factors) if factor <= STRONG else ()))
+
+
+def _weak(spec: ArmSpec, limit: Array, weight: Weight) -> str:
+    """At home no motion is left; where the arm is held at home, some are."""
+    pose = ", ".join(f"{value:.2g}" for value in weight.at[int(np.argmax(weight.most / limit))].tolist())
+    ever = _joints(spec, weight.most, limit, f" (at [{pose}])")
+    if np.all(weight.home <= limit):
+        return (
+            "By the masses of the model file the arm cannot be held in all of its range: at worst "
+            f"{ever}. Motions stay where it can: correct command of [[axis]] in robot.toml if a limit is "
+            "wrong."
+        )
+    return (
+        f"{NO_MOTION}: at rest at home {_joints(spec, weight.home, limit)}; at worst {ever}. Correct "
+        "command (or torque) of [[axis]] in robot.toml and take this line out; that alone, if the limits are "
+        "not real (a placeholder, a weight that springs carry): forces are then not looked at."
+    )
+
+
+def _joints(spec: ArmSpec, asked: Array, limit: Array, of_first: str = "") -> str:
+    """Those that are asked for more than their limit, the worst of them first, and more of that one."""
+    order = np.argsort(-asked / limit, kind="stable")
+    words = [
+        f"{spec.names[j]} takes {asked[j]:.4g} {spec.command_units[j]} of {limit[j]:.4g}"
+        for j in order
+        if asked[j] > limit[j]
+    ]
+    return ", ".join([words[0] + of_first, *words[1:]])
+
+
+def _strong(factor: float) -> str:
+    return (
+        f"The command limits are at least {factor:.3g} times what the arm asks for at its limits of speed "
+        "and acceleration: placeholders, or in another unit? They hold back no motion, and scales of "
+        "friction and noise follow them: correct command of [[axis]] in robot.toml."
+    )
+
+
+def _same(spec: ArmSpec, factors: Array) -> list[str]:
+    """One number for joints of all sizes, far above what most of them ask for."""
+    same = spec.dof > 2 and np.ptp(spec.command) == 0.0 and np.quantile(factors, 1.0 - MOST) > STRONG
+    return [
+        f"All joints state the same command limit, {limit:.4g}, of which most ask for less than a tenth at "
+        "their limits of speed and acceleration: a placeholder? Correct command of [[axis]] in robot.toml."
+        for limit in spec.command[:1]
+        if same
+    ]
+
+
+def _odd(spec: ArmSpec, factors: Array, weak: Mask) -> list[str]:
+    """Limits that lie apart from those of the other joints, and do not fit what the arm asks for either."""
+    said = []
+    for unit in dict.fromkeys(axis.unit for axis in spec.axes):
+        own = np.array([j for j, axis in enumerate(spec.axes) if axis.unit == unit])
+        for j, times in _apart(spec.command[own]):
+            k, sign = int(own[j]), "N m" if unit == "rad" else "N"
+            far = len(own) > FEW and max(times, 1.0 / times) > FAR
+            if not weak[k] and (far or _unfit(times, factors[k], factors)):
+                said.append(f"{spec.names[k]} {spec.command[k]:.4g} {sign}, {times:.3g} times the nearest")
+    if not said:
+        return []
+    return [
+        f"Command limits lie apart from those of the other joints: {'; '.join(said)}. In another unit? "
+        "Correct command of [[axis]] in robot.toml."
+    ]
+
+
+def _slides(spec: ArmSpec, factors: Array) -> list[str]:
+    """Of slides that have no others to compare with: what one is asked for follows from the mass it moves."""
+    slides = [j for j, axis in enumerate(spec.axes) if axis.unit == "m"]
+    far = [j for j in slides if len(slides) <= FEW and FAR < factors[j] < np.inf]
+    if not far:
+        return []
+    words = [f"{spec.names[j]} {spec.command[j]:.4g} N, {factors[j]:.3g} times that" for j in far]
+    return [
+        "Command limits of slides are far beyond what these are asked for at their limits of speed and "
+        f"acceleration: {'; '.join(words)}. In another unit? Correct command of [[axis]] in robot.toml."
+    ]
+
+
+def _unfit(times: float, factor: float, factors: Array) -> bool:
+    """Whether a limit that is `times` the others' does not fit what the arm asks of that joint either."""
+    return factor > STRONG if times > 1.0 else factor < min(1.0, float(np.median(factors)) / APART)
+
+
+def _apart(limits: Array) -> list[tuple[int, float]]:
+    """The fewer of the joints on either side of a gap of `APART`, and their limits by the next beyond it.
+
+    Of two joints both, where the gap is `FAR`.
+    """
+    order = np.argsort(limits, kind="stable")
+    found = []
+    for k in range(1, len(order)):
+        low, high = limits[order[k - 1]], limits[order[k]]
+        if len(order) == FEW and high > FAR * low:
+            found += [(int(order[0]), float(low / high)), (int(order[1]), float(high / low))]
+        elif high > APART * low and 2 * k != len(order):
+            fewer, nearest = (order[:k], high) if 2 * k < len(order) else (order[k:], low)
+            found += [(int(j), float(limits[j] / nearest)) for j in fewer]
+    return found
+
+
+def _at_rest(geometry: Geometry, q: Array) -> Array:
+    still = np.zeros_like(q)
+    return np.abs(nominal_commands(geometry, q, still, still))
+
+
+def _heaviest(geometry: Geometry, spec: ArmSpec, poses: Array) -> tuple[Array, Array]:
+    """(J,) the largest |command| at rest of each joint, and its pose (J, J): joints are moved in turn."""
+    dof = spec.dof
+    held = _at_rest(geometry, poses)
+    at = poses[held.argmax(axis=0)]
+    for _ in range(ROUNDS):
+        for i in range(dof):
+            tried = np.repeat(at, GRID + 1, axis=0)
+            grid = np.linspace(spec.lower[i], spec.upper[i], GRID)
+            tried[:, i] = np.concatenate([np.append(grid, at[j, i]) for j in range(dof)])
+            asked = _at_rest(geometry, tried).reshape(dof, GRID + 1, dof)
+            best = [int(asked[j, :, j].argmax()) for j in range(dof)]
+            at = np.array([tried[j * (GRID + 1) + k] for j, k in enumerate(best)])
+    found = _at_rest(geometry, at)
+    return np.diagonal(found).copy(), at
 
 
 def describe(
@@ -70,14 +263,12 @@ def describe(
         spec = replace(spec, around=replace(spec.around, floor=_floor(path, floor)))
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
+        from etude_arm.clearance.defaults import disabled
         from etude_arm.clearance.of_robot import completed
-        from etude_arm.clearance.srdf import disabled
-        from etude_arm.loading.crowded import crowded_links, crowds, hemmed_in
-        from etude_arm.loading.lengths import check_lengths
+        from etude_arm.loading.implausible import check_lengths, made_up
         from etude_arm.loading.load import load_arm
+        from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in
         from etude_arm.loading.pack import packed
-        from etude_arm.loading.placeholders import made_up
-        from etude_arm.weight import sentences as weight_sentences
 
         name, leave = f"{MODEL_NAME}{spec.model_file.suffix}", disabled(spec.model_file)
         loaded = load_arm(spec, mesh_roots=mesh_roots)
@@ -100,7 +291,7 @@ def describe(
             *made_up(loaded),
             *finer,
             *of_around,
-            *weight_sentences(whole, home),
+            *sentences(whole, home),
         )
     spec = replace(spec, confirm=tuple(dict.fromkeys((*spec.confirm, *confirm))))
     return Described({ROBOT_FILE: robot_to_toml(spec).encode(), **files}, spec.confirm)

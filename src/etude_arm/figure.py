@@ -1,16 +1,125 @@
-"""A robot of joints as sticks from joint to joint, by forward kinematics of its model file."""
+"""A robot of joints as sticks from joint to joint, and its room and load as flat faces, for pictures."""
 
 from __future__ import annotations
 
+import math
+from typing import Literal
+
 import numpy as np
 
-from etude.types import Array, Figure
-from etude_arm.drawn import carried_things, standing_things
+from etude.types import Array, Figure, Thing
+from etude_arm.clearance.surroundings import Box, Column, Surroundings, Wall
+from etude_arm.loading.attached import Mounting
 from etude_arm.loading.load import load_arm
+from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.rotations import turn_of
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.rehearsal.body import tips
 from etude_arm.spec import ArmSpec
+
+FAR = 100.0
+"""m to each side that is shown of a plane, at most: a picture cuts it."""
+SIDES = 16
+"""Of the prism that a round shape is drawn as."""
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+CUBE_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+ABOVE = 1e-3
+"""m by which a base has to stand above the floor for that to be drawn."""
+
+Faces = tuple[tuple[int, ...], ...]
+
+
+def standing_things(around: Surroundings, mounting: Mounting | None) -> tuple[Thing, ...]:
+    """Floor, walls, boxes, room and column, and the line from a mounted base down to the floor."""
+    base = np.zeros(3) if mounting is None else np.array(mounting.position)
+    found = (
+        [_plane("floor", Wall("", (0.0, 0.0, around.floor.height), (0, 0, 1)), base)] if around.floor else []
+    )
+    found += [_plane(wall.name, wall, base) for wall in around.wall]
+    found += [_box(box) for box in around.box]
+    if around.room is not None:
+        low, high = np.array(around.room.lower), np.array(around.room.upper)
+        found.append(_still("room", "inside", 0.5 * (low + high) + 0.5 * (high - low) * CUBE, CUBE_FACES))
+    if around.column is not None:
+        found.append(_column(around.column))
+    height = around.floor.height if around.floor else 0.0
+    if base[2] > height + ABOVE:
+        foot = np.array([base, [base[0], base[1], height]])
+        found.append(_still(f"base, {base[2] - height:.3g} m up", "stand", foot, ((0, 1),)))
+    return tuple(found)
+
+
+def carried_things(spec: ArmSpec, loaded: Loaded, q: Array) -> tuple[Thing, ...]:
+    """Tool and payload along the poses q (T, J), as far as they have shapes."""
+    named = [(name, one) for name, one in (("tool", spec.tool), ("payload", spec.payload)) if one]
+    shaped = {name: one for name, one in named if one.shape != "none"}
+    if not shaped:
+        return ()
+    frames = _frames(loaded, q, list(shaped))
+    found = []
+    for (name, one), (places, turns) in zip(shaped.items(), frames, strict=True):
+        points, faces = _solid(one.shape, one.size)
+        found.append(Thing(name, "carried", places[:, None] + points @ turns.transpose(0, 2, 1), faces))
+    return tuple(found)
+
+
+def _frames(loaded: Loaded, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
+    """Centre (T, 3) and rotation (T, 3, 3) in the world of each shape that was added under these names."""
+    import mujoco
+
+    model = loaded.model()
+    data, columns = mujoco.MjData(model), loaded.columns(model)
+    geoms = [model.geom(f"{loaded.added[name]}#0").id for name in names]
+    places, turns = np.zeros((len(geoms), len(q), 3)), np.zeros((len(geoms), len(q), 9))
+    for k, pose in enumerate(q):
+        data.qpos[columns] = pose
+        mujoco.mj_kinematics(model, data)
+        places[:, k], turns[:, k] = data.geom_xpos[geoms], data.geom_xmat[geoms]
+    return [(place, turn.reshape(-1, 3, 3)) for place, turn in zip(places, turns, strict=True)]
+
+
+def _still(
+    name: str, kind: Literal["solid", "plane", "inside", "stand"], points: Array, faces: Faces
+) -> Thing:
+    return Thing(name, kind, points[None], faces)
+
+
+def _box(box: Box) -> Thing:
+    points = 0.5 * np.array(box.size) * CUBE @ turn_of(0.0, 0.0, box.turn).T + np.array(box.centre)
+    return _still(box.name, "solid", points, CUBE_FACES)
+
+
+def _plane(name: str, wall: Wall, base: Array) -> Thing:
+    """A square of the plane around the point of it that is nearest to the base."""
+    normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+    foot = base - normal * float((base - np.array(wall.point)) @ normal)
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    across /= np.linalg.norm(across)
+    along = np.cross(normal, across)
+    corners = [foot + FAR * (a * across + b * along) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return _still(name, "plane", np.array(corners), ((0, 1, 2, 3),))
+
+
+def _column(column: Column) -> Thing:
+    """From the floor of the world up: it has no ends, a picture cuts it."""
+    points, faces = _solid("cylinder", (column.radius, 2.0 * FAR))
+    return _still("column", "inside", points + np.array([*column.centre, 0.0]), faces[2:])
+
+
+def _solid(shape: str, size: tuple[float, ...]) -> tuple[Array, Faces]:
+    """Points (P, 3) m about its centre, and faces: a box, a cylinder along z, or three rings of a sphere."""
+    if shape == "box":
+        return 0.5 * np.array(size) * CUBE, CUBE_FACES
+    angles = 2.0 * math.pi * np.arange(SIDES) / SIDES
+    ring = size[0] * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(SIDES)])
+    if shape == "sphere":
+        rings = np.concatenate([np.roll(ring, shift, axis=1) for shift in range(3)])
+        return rings, tuple(tuple(range(k * SIDES, (k + 1) * SIDES)) for k in range(3))
+    up = np.array([0.0, 0.0, 0.5 * size[1]])
+    ends = (tuple(range(SIDES)), tuple(range(SIDES, 2 * SIDES)))
+    sides = tuple((k, (k + 1) % SIDES, SIDES + (k + 1) % SIDES, SIDES + k) for k in range(SIDES))
+    return np.concatenate([ring - up, ring + up]), (*ends, *sides)
 
 
 def figure(spec: ArmSpec, q: Array) -> Figure:

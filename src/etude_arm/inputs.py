@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from etude._runtime.operators import Piece
 from etude.errors import UsageError
-from etude.operators import Piece
 from etude.types import Array, Channel, Code, Column, Index, Log, Motion, Planned, Row, Samples
 from etude_arm.memory import MEMORY_RATE, pulled, remembered, turning
 from etude_arm.spec import FRICTION, MEMORY, ORDERS, PATH, PLAN, TURNING, ArmSpec

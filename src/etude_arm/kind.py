@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -22,17 +23,61 @@ from etude.types import (
     Reachable,
     Samples,
 )
+from etude_arm.spec import ArmSpec
 
 if TYPE_CHECKING:
     from etude_arm.controller import Fading
     from etude_arm.inputs import ArmInputs
     from etude_arm.physics.mean import ArmPhysics
     from etude_arm.plant.following import Following
-    from etude_arm.spec import ArmSpec
 
 HERE = Path(__file__).parent
 MODEL_FILES = (".urdf", ".xml", ".mjcf", ".xacro")
 """A xacro is recognised so that it can be refused with how to expand it."""
+
+
+COMMENTS: dict[str, dict[str, str]] = {
+    "trajectory": {
+        "harmonics": 'N of thesis (3.5), 2 or more (1 is possible with rest = "ramp")',
+        "duration": "s of each recording, links between its segments apart",
+        "omega0": 'rad/s: a number, a range [low, high], or "none": segments of a period that suits it',
+        "rest": 'how it starts and ends at rest: "nullspace" or "ramp"',
+        "ramp": 's of each phase ramp, for rest = "ramp"',
+    },
+    "data": {
+        "inputs": '"measured" positions, differentiated; or "desired" motion, as the thesis',
+        "cutoff_hz": 'zero-phase low-pass: Hz, "auto", or "none"',
+        "rate_hz": "samples kept per second of log",
+        "least_samples": "of a short log more are kept per second, until there are this many",
+        "stick_fraction": "a joint slower than this part of its top speed counts as stuck; 0: no mask",
+        "reversal": "periods of the cutoff around a fast reversal that teach nothing; 0: all teach",
+        "plenty": "samples a joint has to have left for that",
+        "trim_s": 's cut from both ends of a log; "auto" is one period of the cutoff',
+        "friction_fraction": "width of the friction input, fraction of the velocity limit; 0 for none",
+        "presliding": "rad over which friction turns round (m: a tenth): it is remembered; 0: it is not",
+        "offset": 'where thinning begins: "spread", elsewhere in each log, or at the "first" sample',
+    },
+}
+
+
+WORLD = "world"
+"""The name of MuJoCo's own world body, which takes no pose: a root link of that name lost its mounting."""
+
+
+def lost_mounting(spec: ArmSpec) -> bool:
+    """Whether generation 1 lost the mounting of this robot: its URDF's root link is called world."""
+    if spec.model_file is None or spec.mounting is None:
+        return False
+    if not any((*spec.mounting.position, *spec.mounting.rotation)):
+        return False
+    try:
+        root = ET.parse(spec.model_file).getroot()
+    except (OSError, ET.ParseError):
+        return False
+    below = {child.get("link") for child in root.iterfind("joint/child")}
+    return root.tag == "robot" and any(
+        link.get("name") == WORLD not in below for link in root.iterfind("link")
+    )
 
 
 class ArmKind:
@@ -49,20 +94,19 @@ class ArmKind:
     @property
     def tables(self) -> Mapping[str, type]:
         from etude.trajectories.family import FourierConfig
-        from etude_arm.recipe import ArmData
+        from etude_arm.preprocessing import ArmData
 
         return {"trajectory": FourierConfig, "data": ArmData}
 
     @property
     def presets(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-        from etude.toml_tables import decoded, read_text
+        from etude._runtime.toml_tables import decoded, read_text
 
         path = HERE / "presets.toml"
         return decoded(read_text(path), path.name)
 
     @property
     def comments(self) -> Mapping[str, Mapping[str, str]]:
-        from etude_arm.comments import COMMENTS
 
         return COMMENTS
 
@@ -74,8 +118,8 @@ class ArmKind:
         """A URDF, xacro or MJCF, or a robot file that names this kind or none."""
         if path.suffix.lower() in MODEL_FILES:
             return True
+        from etude._runtime.toml_tables import decoded, read_text
         from etude.errors import UsageError
-        from etude.toml_tables import decoded, read_text
         from etude_arm.robot_file import KINDS
 
         try:
@@ -154,7 +198,6 @@ class ArmKind:
 
     def mended(self, spec: ArmSpec) -> tuple[str, ...]:
         """Robots whose mounting was lost: see `mended.lost_mounting`."""
-        from etude_arm.mended import lost_mounting
 
         return ("mounting",) if lost_mounting(spec) else ()
 
@@ -196,7 +239,7 @@ class ArmKind:
         return findings(spec, log)
 
     def samples(self, spec: ArmSpec, config: Any, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
-        from etude_arm.recipe import samples_of
+        from etude_arm.preprocessing import samples_of
 
         return samples_of(spec, config.data, logs, groups)
 

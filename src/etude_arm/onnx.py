@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etude.operators import Piece, Value, joined
+from etude._runtime.operators import Piece, Value, joined
 from etude.types import Array
 from etude_arm.memory import MEMORY_RATE
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude.types import Array
 
 WIDTH = 32

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,6 @@ from etude.models.forms import Form, Lookup, Words
 from etude.models.gp.kernel_algebra import Kernel, Pull, Role
 from etude.models.gp.kernels import own_friction
 from etude.types import Array, Code, Column
-from etude_lagrangian.compilation import first_use
 from etude_lagrangian.joints import Joints, joints_of
 from etude_lagrangian.parameters import Parameters
 
@@ -127,6 +127,32 @@ class Lagrangian(Kernel):
         dF, dp = np.zeros_like(F), np.zeros_like(p)
         sweep(self.own, p, F, Z, pairs, G, True, dF, dp)
         return dF, dp
+
+
+SENTENCE = "Compiling the Lagrangian prior: half a minute, once for this installation."
+
+
+def first_use() -> str:
+    """A sentence for who waits, if the sweeps still have to be compiled; else ""."""
+    from etude_lagrangian import all_outputs, one_output
+
+    sweeps = (one_output.sweep, all_outputs.sweep_all, all_outputs.means_all)
+    return "" if all(map(_compiled, sweeps)) else SENTENCE
+
+
+def _compiled(function: object) -> bool:
+    """In this process, or by an earlier one since the file was written."""
+    if getattr(function, "signatures", ()):
+        return True
+    stats, source = getattr(function, "stats", None), getattr(function, "py_func", None)
+    if stats is None or source is None or stats.cache_path is None:
+        return False
+    path = Path(source.__code__.co_filename)
+    entries = Path(stats.cache_path).glob(
+        f"{path.stem}.{source.__name__}-{source.__code__.co_firstlineno}.*.nbi"
+    )
+    written = path.stat().st_mtime if path.is_file() else 0.0
+    return any(entry.stat().st_mtime >= written for entry in entries)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The member that learns all commands of a robot together: one Lagrangian, and additions for each command."""
+"""The member that learns all commands of a robot together: one Lagrangian, additions for each command."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etude.errors import UsageError
+from etude.errors import DataError, UsageError
+from etude.models.data.fit import LEAST_FIT, Folds, Rows, floor_of, seconds_of, spread_points
 from etude.models.gp.kernels import own_friction
-from etude.protocols import FitData, KernelFactory
-from etude.types import Array, Column, Index
-from etude_lagrangian.compilation import first_use
+from etude.protocols import FitData, KernelFactory, Process
+from etude.types import Array, Column, Index, Mask
 from etude_lagrangian.joints import joints_of
+from etude_lagrangian.kernel import first_use
 from etude_lagrangian.likelihood import JointHyperparameters, fit_joint, initial_hyperparameters
 from etude_lagrangian.prior import JointPrior
 from etude_lagrangian.process import JointProcess
@@ -108,3 +109,56 @@ def thinned(rows: Index, most: int) -> Index:
 
 all_lin = AllOutputs()
 """With friction: the joint prior that real arms are learned with."""
+
+
+def data_together(
+    folds: Folds, floor: float, start: Process | None, rng: np.random.Generator
+) -> tuple[FitData, Array]:
+    """What a joint member learns all commands from, and the units (2, J) of its outputs.
+
+    Outputs are centred and in the commands' own unit, since they share one energy; entries that say nothing
+    are there, and left out by the member one by one.
+
+    Args:
+        floor: least noise deviation, a part of each command's limit.
+
+    Raises:
+        DataError: a command never says anything.
+    """
+    samples, config = folds.samples, folds.config
+    counts = samples.usable & samples.moving
+    silent = [name for name, own in zip(folds.commands, counts.T, strict=True) if np.count_nonzero(own) < 2]
+    if silent:
+        raise DataError(
+            "the axis hardly moves, so nothing of it can be learned",
+            where=", ".join(silent),
+            next_step="Excite it, or learn each command by itself.",
+        )
+    t, group = samples.t, samples.group
+    use: Mask = np.asarray(counts.any(axis=1))
+    kept = spread_points(t, group, use, min(config.points, INSTANTS), 0.0, rng)
+    spacing = min(config.fit_spacing_s, seconds_of(samples) / LEAST_FIT)
+    chosen = spread_points(t, group, use, min(config.fit_points, FIT_INSTANTS), spacing, rng)
+    offset = np.array([samples.command[own, j].mean() for j, own in enumerate(counts.T)])
+    units = np.stack([offset, np.ones_like(offset)])
+    floors = [
+        floor_of(folds, (j,), Rows(np.flatnonzero(own), kept, chosen), units[:, [j]], floor)[0]
+        for j, own in enumerate(counts.T)
+    ]
+    return FitData(
+        X=folds.X,
+        Y=samples.command - offset,
+        usable=samples.usable,
+        moving=samples.moving,
+        group=group,
+        fold=folds.fold,
+        chosen=chosen,
+        kept=kept,
+        columns=folds.inputs.columns,
+        commands=folds.commands,
+        kernels=(),
+        floor=np.array(floors),
+        start=start,
+        config=config,
+        rng=rng,
+    ), units

@@ -1,4 +1,4 @@
-"""One command that goes on learning: from which rung it comes, what judges it, and what still waits."""
+"""One command that goes on learning: its structure, what judges it, checkpoints, and what still waits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,15 +17,113 @@ from etude.models.gp.single_point import PointMean
 from etude.models.model import LearnedModel
 from etude.protocols import Candidate
 from etude.types import Array, Log
-from etude_online.checkpoints import Checkpoints
-from etude_online.evidence import Evidence
 from etude_online.learner import OnlineConfig, OnlineOutput
 from etude_online.methods import begin
+from etude_online.state import put_back, taken
 
 FAILURES = (ArithmeticError, NumericalError, np.linalg.LinAlgError, ValueError, IndexError)
 """What arithmetic on numbers that make no sense may end in."""
 FIRST_S, STAGGER_S = 5.0, 0.2
 """When a learner's first checkpoint is kept, and how much later that of the next command."""
+
+
+EVERY_S = 10.0
+"""Between two checkpoints. One goes back to the older of two: the newest may hold the first bad samples."""
+AGAIN_S = 30.0
+"""A learner that has to go back again within this time begins anew."""
+
+
+class Checkpoints:
+    """States of one learner: its first, and two on the way.
+
+    Args:
+        learner: at its beginning.
+        first: s after which the first one is kept, so that not all learners are copied in one tick.
+    """
+
+    MOVES = ("_kept", "_due", "_back")
+
+    def __init__(self, learner: OnlineOutput, first: float) -> None:
+        self._learner = learner
+        self._begin: Any = taken(learner)
+        self._kept: list[Any] = []
+        self._due: float | None = None
+        self._first, self._back = first, -float("inf")
+
+    def keep(self, now: float) -> None:
+        """Keeps the learner as it is, if it is time."""
+        if self._due is None:
+            self._due = now + self._first
+        if now >= self._due:
+            self._kept, self._due = [*self._kept[-1:], taken(self._learner)], now + EVERY_S
+
+    def back(self, now: float) -> bool:
+        """Sets the learner back; returns whether it begins anew."""
+        anew = now - self._back < AGAIN_S or not self._kept
+        put_back(self._learner, self._begin if anew else self._kept[0])
+        self._kept, self._due, self._back = [], now + EVERY_S, now
+        return anew
+
+
+NEEDED = 10.0
+"""Squared noise deviations by which both models must have differed in sum before evidence outweighs doubt."""
+MOST = 1e50
+"""An error beyond it is no number to reckon with: its square is none."""
+
+
+class Evidence:
+    """The weight of an updated model beside the frozen one it started from.
+
+    With errors e_f and e_u of both on a sample before it is learned, the combination f + w (u - f) has the
+    error e_f - w (e_f - e_u). The w in [0, 1] of least squared error over the remembered samples, drawn
+    towards 0 until the models have differed by more than noise, is
+
+        w* = Σ e_f (e_f - e_u) / (Σ (e_f - e_u)² + NEEDED sn²).
+
+    It is above 1/2 where the updated model by itself errs less than the frozen one. The weight is the smooth
+    step w*² (3 - 2 w*), nearer to 0 where that is the worse model and to 1 where it is the better: without
+    it, a model that is wrong by far would serve, with a tiny weight, as an estimate of the other's bias.
+    On the remembered samples either of the two errs no more than the frozen model.
+
+    An updated model that gets no weight goes on learning and may come back.
+
+    Args:
+        memory: samples after which a comparison counts 1/e.
+        noise_variance: sn² of the output.
+
+    Attributes:
+        weight: in [0, 1], after the last comparison. noise: sn of the output.
+    """
+
+    MOVES = ("_along", "_apart", "weight")
+
+    def __init__(self, memory: float, noise_variance: float) -> None:
+        self._keep = math.exp(-1.0 / memory)
+        self.noise = math.sqrt(noise_variance)
+        self._doubt = NEEDED * noise_variance
+        self._along, self._apart = 0.0, 0.0
+        self.weight = 0.0
+
+    def forget(self) -> None:
+        """As at the beginning: the updated model is another one now."""
+        self._along = self._apart = self.weight = 0.0
+
+    def judge(self, frozen_error: float, updated_error: float) -> None:
+        """Take in one sample; one with an error that is not finite counts fully against the updated model."""
+        if not abs(frozen_error) < MOST:
+            return
+        if abs(updated_error) < MOST:
+            gap = frozen_error - updated_error
+            self._along = self._keep * self._along + frozen_error * gap
+            self._apart = self._keep * self._apart + gap * gap
+        else:
+            self._along = min(self._along, 0.0)
+        self.weight = self._step()
+
+    def _step(self) -> float:
+        below = self._apart + self._doubt
+        best = min(max(self._along / below, 0.0), 1.0) if below > 0.0 else 0.0
+        return best * best * (3.0 - 2.0 * best)
 
 
 @dataclass(eq=False)

@@ -12,14 +12,14 @@ import msgspec
 import numpy as np
 
 from etude import __version__
+from etude._runtime.options import taken
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.models.store import model_bytes
-from etude.options import taken
 from etude.progress import counted
 from etude.protocols import Kind
 from etude.types import Delivered, Log, Motion
-from etude_online import guard_hedge as hedge
+from etude_online import guard as hedge
 from etude_online.command import learning_command
 from etude_online.guard_effort import (
     Feedback,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.operators import Piece, Value, cross, joined
+from etude._runtime.operators import Piece, Value, cross, joined
 from etude_quadrotor.vehicle import GRAVITY
 
 FORCE, RATES, TURNING = "specific_force", "rates", "angular_acceleration"

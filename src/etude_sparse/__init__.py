@@ -8,6 +8,6 @@ PUBLIC = (
     "sogp",
     "sparse_spectrum",
     "sparse_spectrum_training",
-    "spectral_features",
+    "spectral_posterior",
 )
 """Modules that may be used from outside."""

@@ -10,7 +10,7 @@ import numpy as np
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import ExactGP, ExactPosterior, checked_data
 from etude.types import Array, Index
-from etude_sparse.dictionary_config import DictionaryConfig
+from etude_sparse.dictionary_stream import DictionaryConfig
 
 if TYPE_CHECKING:
     from etude_sparse.dictionary_stream import DictionaryStream

@@ -11,14 +11,14 @@ from typing import Protocol
 
 import numpy as np
 
-from etude.blas import dtrsv
+from etude._runtime.blas import dtrsv
+from etude._runtime.compilation import compiled
 from etude.errors import DataError, UsageError
 from etude.models.gp.cholesky import factorise
 from etude.threads import threads_for
 from etude.types import Array
 from etude_sparse.sparse_spectrum import SparseSpectrumGP
-from etude_sparse.spectral_features import SpectralFeatures
-from etude_sparse.spectral_posterior import SparseSpectrumPosterior
+from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures
 
 REFACTOR_EVERY = 10_000
 """Updates after which R is made anew from A."""
@@ -49,6 +49,34 @@ class LinearProcess(Protocol):
     def signal_variance(self) -> float: ...
     @property
     def ridge(self) -> float: ...
+
+
+@compiled
+def add_outer_product(A: Array, x: Array, forgetting: float) -> None:
+    """The upper triangle of A (q, q), C order, becomes that of forgetting A + x xᵀ, in place."""
+    for k in range(len(x)):
+        for j in range(k, len(x)):
+            A[k, j] = forgetting * A[k, j] + x[k] * x[j]
+
+
+@compiled
+def rank_one_update(R: Array, x: Array, forgetting: float) -> None:
+    """R (q, q) becomes the factor of forgetting RᵀR + x xᵀ, in place, forgetting > 0; x (q,) is overwritten.
+
+    R is upper triangular in C order, so that the rotations run along rows.
+    """
+    scale = np.sqrt(forgetting)
+    for k in range(len(x)):
+        if x[k] == 0.0 and scale == 1.0:
+            continue
+        old = scale * R[k, k]
+        new = np.hypot(old, x[k])
+        c, s = old / new, x[k] / new
+        R[k, k] = new
+        for j in range(k + 1, len(x)):
+            r = scale * R[k, j]
+            R[k, j] = c * r + s * x[j]
+            x[j] = c * x[j] - s * r
 
 
 @dataclass
@@ -173,7 +201,6 @@ class IncrementalSpectrum:
         self._weights = None
 
     def _absorb(self, phi: Array) -> None:
-        from etude_sparse.rank_one import add_outer_product, rank_one_update
 
         add_outer_product(self.A, phi, self.forgetting)
         rank_one_update(self.R, phi.copy(), self.forgetting)
@@ -181,7 +208,6 @@ class IncrementalSpectrum:
 
     def _restore_prior(self) -> None:
         """Tops up the next weights in turn, as many as keep every one above 1 - FADING."""
-        from etude_sparse.rank_one import rank_one_update
 
         size = len(self.b)
         turns = min(size, int(np.ceil(size * np.log(self.forgetting) / np.log(1.0 - FADING))))

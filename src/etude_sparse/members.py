@@ -1,4 +1,4 @@
-"""Members that no default uses: dictionaries, sparse spectra, online and local models.
+"""Members that no default uses, and how their posteriors are stored: dictionaries, spectra, local models.
 
 Each is a row of the plug-in table (`etude.models`), as another package's member would be.
 """
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from etude.models.data.hyperparameters import before, columns, counted, initial_process, trained_process, weak
+from etude.models.forms import Form, Lookup, Words, kernel_of
 from etude.models.members import BuiltIn, each_output, guides, shared_outputs
 from etude.models.process import Posteriors, Teaching
 from etude.protocols import FitData, Posterior
@@ -19,7 +20,10 @@ from etude.types import Array
 from etude_sparse.thesis_dictionary import thesis_dictionary
 
 if TYPE_CHECKING:  # a campaign loads only the member that it uses
+    from etude_sparse.local_posterior import LocalPosterior
+    from etude_sparse.lwpr.posterior import LWPRPosterior
     from etude_sparse.sparse_spectrum import SparseSpectrumGP
+    from etude_sparse.spectral_posterior import SparseSpectrumPosterior
 
 
 def _dictionary(rule: Literal["variance", "error"], fit: FitData) -> Teaching:
@@ -131,3 +135,52 @@ ssgp_learned = BuiltIn(_ssgp_learned)
 sogp = BuiltIn(_sogp)
 local_gp = BuiltIn(_local_gp)
 lwpr = BuiltIn(_lwpr)
+
+
+def _read_spectrum(words: Words, array: Lookup) -> SparseSpectrumPosterior:
+    from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures
+
+    return SparseSpectrumPosterior(
+        SpectralFeatures(array("frequencies")),
+        float(words["signal_variance"]),
+        float(words["noise_variance"]),
+        array("weights"),
+        np.asfortranarray(array("L")),
+        array("X"),
+        array("y"),
+        array("theta"),
+    )
+
+
+def _local(words: Words, array: Lookup) -> LocalPosterior:
+    from etude_sparse.local_posterior import local_posterior_given
+
+    return local_posterior_given(
+        kernel_of(words["kernel"]),
+        array("theta"),
+        float(words["noise_variance"]),
+        array("centres"),
+        array("lengths"),
+        int(words["nearest"]),
+        (array("X"), array("y"), array("counts")),
+    )
+
+
+LWPR_ARRAYS = ("c", "x0", "F", "level", "slope", "spread", "residual")
+
+
+def _read_lwpr(words: Words, array: Lookup) -> LWPRPosterior:
+    from etude_sparse.lwpr.posterior import LWPRPosterior
+
+    return LWPRPosterior(
+        float(words["noise_variance"]),
+        float(words["signal_variance"]),
+        *(array(name) for name in LWPR_ARRAYS),
+    )
+
+
+SPECTRUM = Form(
+    ("weights", "L", "X", "y", "theta", "frequencies"), ("noise_variance", "signal_variance"), _read_spectrum
+)
+LOCAL = Form(("theta", "centres", "lengths", "X", "y", "counts"), ("noise_variance", "nearest"), _local)
+LWPR = Form(LWPR_ARRAYS, ("noise_variance", "signal_variance"), _read_lwpr)

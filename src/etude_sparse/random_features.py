@@ -16,7 +16,7 @@ from etude.errors import UsageError
 from etude.models.gp.kernels import Kernel
 from etude.models.gp.single_point import kernel_terms
 from etude.types import Array, Index
-from etude_sparse.spectral_features import cosine_sine
+from etude_sparse.spectral_posterior import cosine_sine
 
 PER_INPUT = 10
 """Frequencies of a term for each input that it depends on, until the most allowed are reached."""

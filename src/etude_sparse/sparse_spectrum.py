@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.blas import dpotrs
+from etude._runtime.blas import dpotrs
 from etude.errors import NumericalError, UsageError
 from etude.models.gp.cholesky import factorise, inverse_lower
 from etude.models.gp.exact import checked_data
 from etude.threads import threads_for
 from etude.types import Array
-from etude_sparse.spectral_features import SpectralFeatures, in_phases
-from etude_sparse.spectral_posterior import SparseSpectrumPosterior
+from etude_sparse.spectral_posterior import SparseSpectrumPosterior, SpectralFeatures, in_phases
 
 LARGEST = 100.0
 """Logarithms of hyperparameters beyond this are refused: their squares leave the floating-point range."""

@@ -1,4 +1,4 @@
-"""A sparse spectrum process conditioned on data: a normal distribution over the weights of its features."""
+"""A sparse spectrum process conditioned on data: features, weights, and its export to C99 and ONNX."""
 
 from __future__ import annotations
 
@@ -10,14 +10,70 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.blas import dpotrs
+from etude._runtime.blas import dpotrs
+from etude._runtime.operators import QUARTER
 from etude.errors import UsageError
 from etude.models.gp.bayesian_linear import LinearFactors
+from etude.models.gp.c99 import BLOCK, EXPONENTIAL, packed
 from etude.models.gp.cholesky import factorise, triangular_inverse
 from etude.models.gp.kernels import SquaredExponential
 from etude.threads import threads_for
 from etude.types import Array, Code
-from etude_sparse.spectral_features import SpectralFeatures
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralFeatures:
+    """phi(x) = [cos ω_1ᵀx .. cos ω_mᵀx, sin ω_1ᵀx .. sin ω_mᵀx], thesis 2.4.
+
+    Attributes:
+        frequencies: (m, D) angular frequencies ω, radians per unit of each input.
+    """
+
+    frequencies: Array
+
+    @property
+    def inputs(self) -> int:
+        """D."""
+        return int(self.frequencies.shape[1])
+
+    @property
+    def size(self) -> int:
+        """Number 2m of features."""
+        return 2 * len(self.frequencies)
+
+    def transform(self, X: Array) -> Array:
+        """phi (n, 2m) at X (n, D)."""
+        m = len(self.frequencies)
+        P = np.empty((len(X), 2 * m))
+        cosine_sine(X @ self.frequencies.T, P[:, :m], P[:, m:])
+        return P
+
+    def pullback(self, X: Array, G: Array) -> Array:
+        """Gradient (n, D) of sum(G * transform(X)) with respect to X; G is (n, 2m)."""
+        return np.asarray(in_phases(self.transform(X), G) @ self.frequencies)
+
+
+def in_phases(P: Array, G: Array) -> Array:
+    """Gradient (n, m) of sum(G * P) with respect to the phases ω_rᵀx; P and G are (n, 2m)."""
+    m = P.shape[1] // 2
+    gradient = G[:, m:] * P[:, :m]
+    gradient -= G[:, :m] * P[:, m:]
+    return gradient
+
+
+def cosine_sine(phases: Array, cosine: Array, sine: Array) -> None:
+    """Cosines and sines of `phases` into the arrays given; `phases` is overwritten.
+
+    From t = tan(phase/2): cos = (1 - t²)/(1 + t²) and sin = 2t/(1 + t²), exact to a few roundings everywhere.
+    One transcendental instead of two, and of the three the only one NumPy computes several at a time:
+    measured 5 ms instead of 32 ms for 3000 x 200, a third of a likelihood with its gradient.
+    """
+    phases *= 0.5
+    t = np.tan(phases, out=phases)
+    np.multiply(t, t, out=cosine)
+    np.divide(2.0, 1.0 + cosine, out=cosine)
+    np.multiply(t, cosine, out=sine)
+    cosine -= 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +127,6 @@ class SparseSpectrumPosterior:
 
     def c(self, name: str) -> Code:
         """As C99."""
-        from etude_sparse.spectral_export import spectrum
 
         return spectrum(name, self.frequencies, self.weights, self.root.T)
 
@@ -79,7 +134,6 @@ class SparseSpectrumPosterior:
         self, graph: Any, x: str, own: Sequence[SparseSpectrumPosterior], variance: bool
     ) -> tuple[str, str]:
         """As `SupportsOnnx.onnx_moments`."""
-        from etude_sparse.spectral_export import spectral_graph
 
         return spectral_graph(graph, x, own, variance)
 
@@ -152,3 +206,63 @@ class SparseSpectrumPosterior:
         if X.ndim != 2 or X.shape[1] != dimensions:
             raise UsageError(f"expected inputs of shape (T, {dimensions}), got {X.shape}")
         return X
+
+
+def spectrum(name: str, frequencies: Array, weights: Array, factor: Array | None) -> Code:
+    """Mean φ(x)ᵀ w and latent variance |A φ(x)|² of cosines and sines.
+
+    Args:
+        frequencies: (m, D). weights: (2m,). factor: (2m, 2m) lower triangular A.
+    """
+    m, D = frequencies.shape
+    size = -(-m // BLOCK) * BLOCK
+    places = np.concatenate([np.arange(m), size + np.arange(m)])
+    spread = np.zeros(2 * size)
+    spread[places] = weights
+    W = np.zeros((D, size))
+    W[:, :m] = frequencies.T
+    data = {f"{name}_w{d}": W[d] for d in range(D)} | {f"{name}_weights": spread}
+    variance = {}
+    if factor is not None:
+        whole = np.zeros((2 * size, 2 * size))
+        whole[np.ix_(places, places)] = factor
+        variance[f"{name}_factor"] = packed(whole)
+    phase = " + ".join(f"x[{d}] * {name}_w{d}[i]" for d in range(D))
+    body = f"""static void {name}(const real *x, real *mean, real *variance)
+{{
+    real phi[{2 * size}], sums[BLOCK] = {{R(0.0)}};
+    int first, i;
+    for (i = 0; i < {size}; ++i)
+        phi[i] = {phase};
+    cosines_sines(phi, phi + {size}, {size});
+    for (first = 0; first < {2 * size}; first += BLOCK)
+        for (i = 0; i < BLOCK; ++i)
+            sums[i] += {name}_weights[first + i] * phi[first + i];
+    mean[0] = total(sums);
+#if VARIANCE
+    if (variance)
+        variance[0] = squared({name}_factor, phi, {2 * size}, R(1.0e30));
+#else
+    (void)variance;
+#endif
+}}
+"""
+    operations = size * (2 * D + 3 * EXPONENTIAL // 2 + 4)
+    return Code(body, data, variance, work=2 * size + BLOCK, operations=(operations, 4 * size * size))
+
+
+def spectral_graph(graph: Any, x: str, own: Sequence[Any], variance: bool) -> tuple[str, str]:
+    """Means and latent variances (n, m) of posteriors with as many frequencies each; "" if not asked for.
+
+    Args:
+        graph: a `deploy.onnx.graph.Graph`. own: `SparseSpectrumPosterior`s. x: (n, D) inputs in it.
+    """
+    phases = graph.op("MatMul", x, np.stack([p.frequencies.T for p in own]))
+    cosines = graph.op("Sin", graph.op("Add", phases, QUARTER))
+    phi = graph.op("Concat", cosines, graph.op("Sin", phases), axis=2)
+    weights = np.stack([p.weights for p in own])[:, None, :]
+    mean = graph.op("Transpose", graph.total(graph.op("Mul", phi, weights), -1), perm=[1, 0])
+    if not variance:
+        return mean, ""
+    half = graph.op("MatMul", phi, np.stack([p.root for p in own]))
+    return mean, graph.op("Transpose", graph.total(graph.op("Mul", half, half), -1), perm=[1, 0])

@@ -12,11 +12,11 @@ import polars as pl
 import pytest
 
 import etude
+from etude._runtime.options import taken
 from etude.campaign.deployment.model_export import export, given
 from etude.campaign.record.stored_files import MARK
 from etude.cli import main
 from etude.errors import EtudeError, UsageError
-from etude.options import taken
 from etude.trajectories.json_text import from_json
 from etude.types import Delivered
 

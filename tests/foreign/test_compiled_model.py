@@ -12,19 +12,19 @@ import pytest
 from numpy.typing import NDArray
 
 from etude.errors import UnsafeModelError
-from etude_arm.clearance.gaps import CUTOFF
+from etude_arm.clearance.distances import CUTOFF
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Surroundings
-from etude_arm.loading import mjcf_writer, urdf, urdf_additions
+from etude_arm.loading import mjcf_writer, urdf
 from etude_arm.loading.attached import Attached, Mounting
 from etude_arm.loading.load import load_arm
+from etude_arm.model_file import spec_from_model
 from etude_arm.physics import rigid_tree
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion
 from etude_arm.physics.newton_euler import nominal_commands
 from etude_arm.rehearsal.robot import rehearsed
 from etude_arm.spec import ArmSpec
-from etude_arm.urdf import spec_from_model
 
 PACKAGE = "cmeel.prefix/share/example-robot-data/robots"
 ARMS = {
@@ -330,7 +330,7 @@ def _without(what: str) -> Callable[[pytest.MonkeyPatch], None]:
     """Writers that forget the mounting, or what is carried."""
 
     def broken(monkeypatch: pytest.MonkeyPatch) -> None:
-        whole, drop = urdf_additions.add_to_urdf, {what: None if what == "mounting" else ()}
+        whole, drop = urdf.add_to_urdf, {what: None if what == "mounting" else ()}
         monkeypatch.setattr(
             urdf,
             "add_to_urdf",

@@ -14,8 +14,7 @@ from etude.models.data.fit import Folds
 from etude.models.model import LearnedModel
 from etude.models.store import load_model, save_model
 from etude.protocols import Candidate
-from etude_lagrangian.member import all_lin
-from etude_lagrangian.together import data_together
+from etude_lagrangian.member import all_lin, data_together
 from etude_online.command import learning_command
 from etude_online.learner import OnlineConfig
 

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 from etude import plugins
 from etude.models.protocols import SupportsFirstUse
 from etude_lagrangian import all_outputs
-from etude_lagrangian.compilation import SENTENCE
-from etude_lagrangian.kernel import gip_lin
+from etude_lagrangian.kernel import SENTENCE, gip_lin
 from etude_lagrangian.member import all_lin
 
 

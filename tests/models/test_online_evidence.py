@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude_online.evidence import NEEDED, Evidence
+from etude_online.command import NEEDED, Evidence
 
 ERRORS = st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=1, max_size=40)
 

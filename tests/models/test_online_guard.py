@@ -14,11 +14,11 @@ from online_examples import CHANNELS, LIMITS, of_rung, trained
 from etude.errors import DataError, UsageError
 from etude.models.model import LearnedModel
 from etude.types import Log, Motion
-from etude_online.guard_clock import OwnClock
+from etude_online.guard import AUTHORITY, Hedge
 from etude_online.guard_effort import FeedbackLaw, ToldFeedback, decision_ticks, feedback_of
 from etude_online.guard_gate import Gate, Ranges
-from etude_online.guard_hedge import AUTHORITY, Hedge
 from etude_online.learner import OnlineConfig
+from etude_online.measured import OwnClock
 from etude_online.methods import METHODS
 from etude_online.model import OnlineModel
 from etude_online.state import state_bytes, state_of

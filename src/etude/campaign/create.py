@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from etude import plugins
+from etude._runtime.toml_tables import decoded
+from etude._runtime.trust import folder_id, trust_own
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
 from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
@@ -16,8 +18,6 @@ from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.storage import write_atomic, writer_lock
-from etude.toml_tables import decoded
-from etude.trust import folder_id, trust_own
 from etude.types import Described
 
 GROUP = "etude.robots"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
+from etude._runtime.options import taken
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces, within_tilt
 from etude.deploy.exporters.knots import SPACE, names_of
 from etude.deploy.played import played
@@ -16,7 +17,6 @@ from etude.deploy.trajectory_files import CERTIFICATE, COEFFICIENTS, csv_bytes, 
 from etude.errors import UsageError
 from etude.limits.certificate import require_certified
 from etude.models.model import LearnedModel
-from etude.options import taken
 from etude.protocols import Kind, Limit, Trajectory
 from etude.types import Array, Delivered, Log
 

@@ -15,11 +15,10 @@ import msgspec
 import numpy as np
 
 from etude.errors import UnsafeTrajectoryError, UsageError
-from etude.generation import GENERATION
 from etude.limits.certificate import Certificate, require_certified
 from etude.logs.readers.cells import header_row, restored
 from etude.protocols import Inputs, Kind, Limit, Trajectory
-from etude.storage import write_atomic
+from etude.storage import GENERATION, write_atomic
 from etude.trajectories.json_text import from_json
 from etude.types import Array, Channel, Log, Motion
 

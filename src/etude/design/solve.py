@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from etude._runtime.lbfgs import minimise
 from etude.design.aim import objective
 from etude.design.candidates import Drawn, Source
 from etude.design.config import DesignConfig
@@ -19,7 +20,6 @@ from etude.design.nonconvex_limits import NonconvexLimits, Penalised
 from etude.design.objective import MOTIONS, Objective
 from etude.design.pose_candidates import Roam, Roamed
 from etude.errors import UsageError
-from etude.lbfgs import minimise
 from etude.limits.feasible import FeasibleSet
 from etude.progress import counted, part
 from etude.protocols import Family, Inputs, Limit, Model, Physics, Trajectory

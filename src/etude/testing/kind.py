@@ -90,7 +90,7 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
             run_laws(_limit_suite(self.world, limit, limit.name not in self.loose))
 
     def test_samples_do_not_depend_on_the_order_of_telling(self) -> None:
-        from etude.testing.simulated import log_of
+        from etude.testing.world import log_of
 
         here = self.world
         logs = [log_of(here, 1), log_of(here, 2)]

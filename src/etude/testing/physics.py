@@ -8,8 +8,7 @@ import numpy as np
 
 from etude.protocols import Kind, Mean
 from etude.testing.differences import close, same
-from etude.testing.simulated import samples_of
-from etude.testing.world import World, world
+from etude.testing.world import World, samples_of, world
 from etude.types import Motion
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from etude.protocols import Kind
 from etude.testing.differences import same
-from etude.testing.simulated import log_of
-from etude.testing.world import World, world
+from etude.testing.world import World, log_of, world
 
 
 class RobotSuite:

@@ -6,6 +6,7 @@ import atexit
 import shutil
 import tempfile
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
 from etude.protocols import Family, Inputs, Kind, Limit, Trajectory
 from etude.storage import write_atomic
-from etude.types import Array, Motion
+from etude.types import Array, Log, Motion, Samples
 
 _KNOWN: dict[tuple[int, str, str], World] = {}
 
@@ -87,3 +88,18 @@ def _opened(kind: Kind, robot: str | Path, name: str) -> World:
         limits=tuple(kind.limits(spec, config, None, {})),
         inputs=kind.inputs(spec, config),
     )
+
+
+@lru_cache(maxsize=32)
+def log_of(here: World, seed: int) -> Log:
+    """The log of a random trajectory under the robot's own feedback."""
+    robot = here.kind.robot(here.spec, here.config)
+    assert robot is not None, f"{here.spec.name} cannot be simulated, and this law needs a run"
+    return robot.run(here.trajectory(seed), None, np.random.default_rng(seed))
+
+
+def samples_of(here: World, *seeds: int) -> Samples:
+    """What a model would learn from these runs, one group each."""
+    logs = [log_of(here, seed) for seed in seeds]
+    groups = [np.full(len(log), number, dtype=np.int64) for number, log in enumerate(logs)]
+    return here.kind.samples(here.spec, here.config, logs, groups)

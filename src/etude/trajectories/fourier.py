@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.shown import Picture, picture_of
 from etude.trajectories.extremes import OVERSAMPLING, grid
 from etude.types import Array, Motion
 

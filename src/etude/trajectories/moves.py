@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.shown import Picture, picture_of
 from etude.trajectories.extremes import ROOM
 from etude.trajectories.fourier import to_text
 from etude.types import Array, Motion

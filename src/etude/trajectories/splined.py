@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from etude._runtime.pictures import Picture, picture_of
 from etude.errors import UsageError
 from etude.protocols import Trajectory
-from etude.shown import Picture, picture_of
 from etude.types import Array, Motion
 
 FORM = "splined"

@@ -1,4 +1,19 @@
-"""Clearance: a robot keeps away from itself and from what stands around it, at all times."""
+"""Clearance: a robot keeps away from itself and from what stands around it, at all times.
+
+What a pair has at home says little: a home a hand's breadth away would keep something else. Two parts with at
+most two joints between them often pass each other with a few millimetres whatever the pose, by construction:
+of these the distances over all clear poses count. Parts farther along the arm, and what stands around, keep
+the whole margin.
+
+A solver that is right in all but one of some thousand poses is not enough for a proof: MuJoCo 4.0.0 sometimes
+gives a few millimetres for a capsule deep inside another shape. So before a motion counts as proved, each
+distance that it rests on is held against the slab across the direction that the solver itself names. Shapes
+whose spheres are far apart need no slab. An ellipsoid has no corners: its distances are taken as they are.
+
+With P_j the reach of joint j for a pair and TV_j the way that the joint makes between two samples, its
+distance d is in between at least max((d_1 + d_2 - P.TV) / 2, min(d_1, d_2) - P.TV): it falls by at most P.TV
+from either end. Intervals where that is less than is wanted are halved.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +30,12 @@ from etude.limits.library import AxisLimit, tracked
 from etude.limits.tracking import ASSUMED
 from etude.protocols import Family, Trajectory
 from etude.trajectories.fourier import FourierTrajectory
-from etude.types import Array, Cone, Index, Margins, Motion, Proof
-from etude_arm.clearance.confirmed import excess
-from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
-from etude_arm.clearance.kept import kept
-from etude_arm.clearance.proof import QUICK, Nearest, nearest
-from etude_arm.clearance.stance import ROOM
-from etude_arm.clearance.tracked import all_keep, lost
-from etude_arm.clearance.way import Way, way_of
+from etude.types import Array, Cone, Index, Margins, Mask, Motion, Proof
+from etude_arm.clearance.clear_pose import ROOM
+from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.path_poses import Way, way_of
+from etude_arm.clearance.skeleton import BOX
+from etude_arm.clearance.tracking_distance import Scene, all_keep, lost
 
 METHOD = "distances of convex hulls at poses, and between them how far joints can carry a point"
 LOOK = 2
@@ -32,6 +45,197 @@ TAKEN = 0.75
 for motion: neighbours that pass each other with 15 mm in every pose need a millimetre or two of it."""
 SMALL = 0.1
 """Of a joint's range: where no joint goes through more, a motion teaches hardly anything."""
+
+
+NEAR = 2
+"""Joints between two parts that are neighbours."""
+FLOOR = 0.002
+"""m, that neighbours keep at least."""
+SELDOM = 0.05
+"""Part of the clear poses in which neighbours are nearer than twice what they keep."""
+SEED = 21
+"""Of the poses that are looked at: the same robot always keeps the same."""
+POSES = 1024
+AT_HOME = 0.5
+"""Of what a pair has at home, the part that is kept at most: home itself must stay allowed."""
+
+
+def kept(gaps: Gaps, row_of: Index, home: Array, margin: float) -> Array:
+    """(r,) m that each row of a certificate keeps.
+
+    Args:
+        gaps: of the robot. row_of: (n,) each gap's row.
+        home: (k,) a clear pose. margin: m.
+    """
+    rows = int(row_of.max(initial=-1)) + 1
+    at_home = _by_row(gaps.of_poses(home[None]), row_of, rows)[0]
+    poses = gaps.skeleton.random_poses(np.random.default_rng(SEED), POSES)
+    apart = gaps.of_poses(poses)
+    clear = apart[np.all(apart > TOLERANCE, axis=1)]
+    near = np.ones(rows, dtype=np.bool_)
+    np.logical_and.at(near, row_of, neighbours(gaps))
+    most = np.full(rows, margin)
+    if len(clear):
+        usual = np.quantile(_by_row(clear, row_of, rows), SELDOM, axis=0)
+        most = np.where(near, np.clip(0.5 * usual, min(FLOOR, margin), margin), margin)
+    return np.asarray(np.minimum(most, AT_HOME * at_home))
+
+
+def neighbours(gaps: Gaps) -> Mask:
+    """(n,) whether a gap is between two parts of the arm with at most `NEAR` joints between them."""
+    skeleton, shapes = gaps.skeleton, gaps.skeleton.shapes
+    return np.array(
+        [
+            gap.other >= 0
+            and not shapes[gap.other].name.startswith(BOX)
+            and int(skeleton.between(shapes[gap.one].part, shapes[gap.other].part).sum()) <= NEAR
+            for gap in gaps.list
+        ],
+        dtype=np.bool_,
+    )
+
+
+def _by_row(distances: Array, row_of: Index, rows: int) -> Array:
+    """(T, r) the least of each row, from (T, n)."""
+    found = np.full((rows, len(distances)), np.inf)
+    np.minimum.at(found, row_of, distances.T)
+    return np.asarray(found.T)
+
+
+def excess(gaps: Gaps, poses: Array) -> Array:
+    """(T, n) m by which distances at poses (T, k) are larger than what a slab confirms; 0 if confirmed."""
+    distances = gaps.of_poses(poses)
+    found = np.zeros_like(distances)
+    count = len(gaps.sensed)
+    if not count:
+        return found
+    scene = Scene.of(gaps, poses, np.zeros((len(poses), count), dtype=np.bool_))
+    doubted = (distances[:, :count] > 0.0) & ~_far(gaps, scene)
+    scene = Scene.of(gaps, poses, doubted)
+    still = np.zeros(len(gaps.skeleton.joints))
+    for i in np.flatnonzero(doubted.any(axis=0)):
+        at = np.flatnonzero(doubted[:, i])
+        short = distances[at, i] - scene.least(int(i), at, still)
+        found[at, i] = np.where(short > TOLERANCE, short, 0.0)
+    return found
+
+
+def _far(gaps: Gaps, scene: Scene) -> Mask:
+    """(T, number of gaps between geoms) where spheres around both are farther apart than anybody looks."""
+    shapes = gaps.skeleton.shapes
+    centres, sizes = [], []
+    for shape in shapes:
+        middle = 0.5 * (shape.points.min(axis=0) + shape.points.max(axis=0))
+        sizes.append(np.linalg.norm(shape.points - middle, axis=1).max() + shape.radius)
+        centres.append(scene.turns[:, shape.geom] @ middle + scene.places[:, shape.geom])
+    pairs = [(gap.one, gap.other) for gap in gaps.sensed]
+    apart = [np.linalg.norm(centres[a] - centres[b], axis=1) - sizes[a] - sizes[b] for a, b in pairs]
+    smooth = [shapes[a].smooth or shapes[b].smooth for a, b in pairs]
+    return np.asarray((np.stack(apart, axis=1) >= CUTOFF) | np.array(smooth))
+
+
+QUICK = 4
+"""One of so many of the first samples is looked at before the others: most that collide do so there."""
+MOST = 20_000
+"""Evaluations after which a motion counts as not proved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The least distance of each of n gaps along a way.
+
+    Attributes:
+        proved: (n,) m, no distance is less at any time; where one is touched, the least of the samples.
+        seen: (n,) m, the least of the samples. x: (n,) where that was.
+        touched: whether a sample has less than was wanted.
+        evaluations: poses.
+    """
+
+    proved: Array
+    seen: Array
+    x: Array
+    touched: bool
+    evaluations: int
+
+
+@dataclass
+class Samples:
+    """Poses of a way and their distances, as they come in."""
+
+    way: Way
+    distances: Callable[[Array], Array]
+    x: Array
+    poses: Array
+    rates: Array
+    found: Array
+
+    @classmethod
+    def of(cls, way: Way, distances: Callable[[Array], Array], x: Array) -> Samples:
+        poses, rates = way.at(x)
+        return cls(way, distances, x, poses, rates, distances(poses))
+
+    def add(self, x: Array) -> Index:
+        """Places of the new samples."""
+        more = Samples.of(self.way, self.distances, x)
+        first = len(self.x)
+        for name in ("x", "poses", "rates", "found"):
+            setattr(self, name, np.concatenate([getattr(self, name), getattr(more, name)]))
+        return np.arange(first, len(self.x))
+
+    def bounds(self, left: Index, right: Index, reach: Array) -> Array:
+        """(I, n) below which no distance falls between those samples."""
+        fall = self.way.variation(self.x, self.poses, self.rates, left, right) @ reach.T
+        one, other = self.found[left], self.found[right]
+        return np.asarray(np.maximum(0.5 * (one + other - fall), np.minimum(one, other) - fall))
+
+    def nearest(self, proved: Array, *, touched: bool) -> Nearest:
+        least = self.found.argmin(axis=0)
+        seen = self.found[least, np.arange(self.found.shape[1])]
+        return Nearest(
+            seen if touched else np.minimum(proved, seen), seen, self.x[least], touched, len(self.x)
+        )
+
+
+def nearest(
+    way: Way,
+    distances: Callable[[Array], Array],
+    reach: Array,
+    wanted: Array,
+    excess: Callable[[Array], Array] | None = None,
+) -> Nearest:
+    """The least distances along a way, until all are proved to be `wanted` or one is found not to be.
+
+    After `MOST` evaluations what is proved may be less than wanted: then nobody knows.
+
+    Args:
+        way: the curve.
+        distances: poses (T, k) -> (T, n) m, lower bounds included.
+        reach: (n, k) P: a distance changes by at most P |dq|.
+        wanted: (n,) m.
+        excess: poses -> (T, n) m by which distances may be too large, asked of those that all rests on.
+    """
+    first = Samples.of(way, distances, way.knots[::QUICK])
+    if np.any(first.found < wanted):
+        return first.nearest(wanted, touched=True)
+    samples = Samples.of(way, distances, way.knots)
+    left, right = np.arange(len(way.knots) - 1), np.arange(1, len(way.knots))
+    closed = []
+    while len(left):
+        bounds = samples.bounds(left, right, reach)
+        open_ = np.any(bounds < wanted, axis=1)
+        closed.append((left[~open_], right[~open_]))
+        touched = bool(np.any(samples.found < wanted))
+        if touched or len(samples.x) + int(open_.sum()) > MOST:
+            return samples.nearest(bounds.min(axis=0), touched=touched)
+        left, right = left[open_], right[open_]
+        if len(left):
+            middle = samples.add(0.5 * (samples.x[left] + samples.x[right]))
+            left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+    if excess is not None:
+        samples.found = samples.found - excess(samples.poses)
+    left, right = (np.concatenate(ends) for ends in zip(*closed, strict=True))
+    proved = samples.bounds(left, right, reach).min(axis=0)
+    return samples.nearest(proved, touched=bool(np.any(samples.found < wanted)))
 
 
 @dataclass(frozen=True, eq=False)

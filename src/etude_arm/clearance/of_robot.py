@@ -1,23 +1,26 @@
-"""The clearance of a robot as its file describes it, made once for each description."""
+"""The clearance of a robot as its file describes it, made once for each description.
+
+Where it can be: random poses that are clear of everything and seen from home in a straight line. None is
+trusted: motions that are looked for about them are proved one by one.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from etude.types import Array, Margins, Proof, Reachable
-from etude_arm.clearance.clear_poses import one_turn, reachable
-from etude_arm.clearance.floor import with_floor
-from etude_arm.clearance.in_file import from_file
+from etude.types import Array, Margins, Mask, Proof, Reachable
+from etude_arm.clearance.defaults import Pairs, Settled, disabled, settled
+from etude_arm.clearance.distances import TOLERANCE
+from etude_arm.clearance.hull_reduction import said
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import excluded_links, gaps_of
-from etude_arm.clearance.settled import Settled, settled
+from etude_arm.clearance.scene import from_file, with_floor
 from etude_arm.clearance.skeleton import Skeleton
-from etude_arm.clearance.srdf import Pairs, disabled
-from etude_arm.clearance.stand_ins import said
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
-from etude_arm.loading.load import load_arm
+from etude_arm.loading.load import load_arm, of_file
 from etude_arm.loading.loaded import Loaded
-from etude_arm.of_file import of_file
 from etude_arm.spec import ArmSpec
 
 PLANE = f"A plane of the model file is left out{ADD_FLOOR}"
@@ -57,6 +60,53 @@ def search_of(spec: ArmSpec) -> tuple[Array, Array, Array]:
         return 0.5 * (spec.lower + spec.upper), spec.lower, spec.upper
     home, lower, upper = (np.array(side) for side in (search.home, search.lower, search.upper))
     return home, lower, upper
+
+
+POSES = 1024
+"""Random ones that are tried."""
+SEED = 22
+"""Of these: the same robot always has the same."""
+LINE = 0.2
+"""rad (m): the longest step of a joint along a straight line that is looked at; clear poses leave room."""
+COARSE = 5
+"""Instants of a line that are looked at first: most that collide do so there."""
+
+
+def one_turn(lower: Array, upper: Array, home: Array, slides: Mask) -> tuple[Array, Array]:
+    """(k,) ends of the ranges, a turn about home at most: what a hinge does beyond that it has shown."""
+    most = np.where(slides, upper - lower, np.minimum(upper - lower, 2.0 * math.pi))
+    low = np.clip(home - 0.5 * most, lower, upper - most)
+    return low, low + most
+
+
+def reachable(clearance: Clearance) -> Reachable:
+    """Of an arm with shapes, whose motions `clearance` limits."""
+    skeleton, home = clearance.gaps.skeleton, clearance.home
+    lower, upper = one_turn(skeleton.lower, skeleton.upper, home, skeleton.slides)
+    tried = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(home)))
+    poses = tried[_clear(clearance, tried)]
+    seen = poses[_seen(clearance, home, poses)]
+    return Reachable(lower, upper, np.concatenate([home[None], seen]))
+
+
+def _clear(clearance: Clearance, poses: Array) -> Mask:
+    """(T,) whether every gap is what searches keep."""
+    return np.asarray(np.all(clearance.gaps.of_poses(poses) - TOLERANCE >= clearance.sought, axis=1))
+
+
+def _seen(clearance: Clearance, home: Array, poses: Array) -> Mask:
+    """(T,) whether the straight line from home to a pose is clear; lines that are not are left early."""
+    seen = np.ones(len(poses), dtype=np.bool_)
+    longest = np.abs(poses - home).max(axis=1)
+    counts = np.maximum(COARSE, np.ceil(longest / LINE).astype(int))
+    for fine in (False, True):
+        own = np.flatnonzero(seen)
+        steps = [np.linspace(0.0, 1.0, int(counts[i]) if fine else COARSE, endpoint=False)[1:] for i in own]
+        line = np.concatenate([[0.0], *steps])[1:]
+        of = np.repeat(own, [len(step) for step in steps])
+        clear = _clear(clearance, home + line[:, None] * (poses[of] - home))
+        seen[of[~clear]] = False
+    return seen
 
 
 def reachable_of(spec: ArmSpec) -> Reachable:

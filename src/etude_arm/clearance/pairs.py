@@ -16,10 +16,9 @@ from typing import Any
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.clearance.fewer import Fewer
-from etude_arm.clearance.gaps import CUTOFF, Gap, Gaps
+from etude_arm.clearance.distances import CUTOFF, Gap, Gaps
+from etude_arm.clearance.hull_reduction import Fewer, put
 from etude_arm.clearance.skeleton import BOX, Skeleton, skeleton_of
-from etude_arm.clearance.stand_ins import put
 from etude_arm.clearance.surroundings import Column, Surroundings, Wall
 from etude_arm.loading.loaded import Loaded, refused
 

@@ -1,19 +1,41 @@
-"""From samples to a possible robot, with its error on segments that it has not seen."""
+"""From samples to a possible robot, with its error on segments that it has not seen.
+
+What logs say of the inertial parameters is a quadratic form for each segment. Beside them each drive has
+terms of its own (armature, friction, offset), which are taken out of the form with their prior, as
+`physics.rigid_body` has it.
+
+Models fuse what moves as one. Here each link keeps the parameters that the file gives it; what the logs
+cannot tell apart is shared out as near to the file as it can be.
+
+    minimise over phi   1/2 phi' H phi - g' phi + weight * sum_b D(P_b | P_b0)
+    D(P | P0) = tr(P0^-1 P) - log det(P0^-1 P) - 4
+
+H and g are what the logs say, P_b the matrix of body b (`pseudo_inertia`), P_b0 that of the file. The second
+term is the divergence of Lee, Wensing and Park 2020: it does not depend on units or frames and is infinite at
+the edge of what a body can have, so a convex problem without constraints gives a possible robot. Newton's
+method with the exact derivatives, in coordinates in which every P_b0 is the unit matrix.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.types import Array, Samples
-from etude_arm.identified.consistent import Consistent, consistent
+from etude.errors import NumericalError
+from etude.types import Array, Index, Samples
 from etude_arm.identified.files import JointTerms
-from etude_arm.identified.links import Links, links_of
-from etude_arm.identified.normal import Evidence
+from etude_arm.identified.pseudo_inertia import SIZE, basis, coordinates
+from etude_arm.loading.inertia import NO_MASS
+from etude_arm.loading.load import load_arm
+from etude_arm.physics.estimate import information_per_sample, output_priors
+from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.mean import RigidBodyMean
-from etude_arm.physics.rigid_body import EXTRA_TERMS
-from etude_arm.spec import ArmSpec
+from etude_arm.physics.rigid_body import EXTRA_TERMS, command_regressors
+from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
+from etude_arm.physics.transmission import Drive
+from etude_arm.spec import PATH, PLAN, ArmSpec
 
 MOST_FOLDS = 10
 
@@ -31,6 +53,234 @@ class Errors:
     file: Array
     found: Array
     segments: int
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Information A (J, n, n) and b (J, n) of each command on [phi, its own terms], n = P + E."""
+
+    A: Array
+    b: Array
+
+    def __add__(self, other: Normal) -> Normal:
+        return Normal(self.A + other.A, self.b + other.b)
+
+
+FUSED, APART = 'fusestatic="true"', 'fusestatic="false"'
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Attributes:
+    names: of the B - 1 bodies beside the world, as in the file.
+    tree, drives: the robot's geometry with them.
+    nominal: (P,) the file's parameters; zero where a body has no mass or does not move.
+    """
+
+    names: tuple[str, ...]
+    tree: KinematicTree
+    drives: tuple[Drive, ...]
+    nominal: Array
+
+    @property
+    def told_of(self) -> tuple[tuple[str, slice], ...]:
+        """Names and places in phi of the bodies that logs can say something of."""
+        places = [slice(10 * b, 10 * b + 10) for b in range(len(self.names))]
+        pairs = zip(self.names, places, strict=True)
+        return tuple((name, place) for name, place in pairs if self.nominal[place.start] > 0.0)
+
+
+def links_of(spec: ArmSpec) -> Links:
+    """Of the robot's model file. Errors as `load_arm`."""
+    loaded = load_arm(spec, shapes=False, drives=True)
+    model = replace(loaded, xml=loaded.xml.replace(FUSED, APART)).model()
+    tree = tree_from_mujoco(model, spec.names)
+    bodies = [str(model.body(b).name) for b in range(1, model.nbody)]
+    names = tuple(loaded.links.get(body, body) for body in bodies)
+    nominal = tree.nominal[1:].copy()
+    still = [not tree.path(b) or tree.nominal[b, 0] <= NO_MASS for b in range(1, model.nbody)]
+    nominal[np.array(still)] = 0.0
+    return Links(names, tree, drives_from_mujoco(model, spec.names), nominal.reshape(-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Samples, as rows of regressors in units of the noise.
+
+    Attributes:
+        rows: of each command (n, P + E) and its commands (n,), both divided by the noise's deviation.
+        group: of each command (n,), which segment a row is of.
+        weight: of one sample, since neighbours repeat each other.
+        own: (J, E) prior deviations of each drive's own terms.
+        deviation: (J,) the noise's, command units.
+    """
+
+    rows: Sequence[tuple[Array, Array]]
+    group: Sequence[Index]
+    weight: float
+    own: Array
+    deviation: Array
+
+    @staticmethod
+    def of(samples: Samples, spec: ArmSpec, links: Links, found: RigidBodyMean) -> Evidence:
+        """Of the samples in which a joint moves; noise and friction velocity are those of `found`."""
+        motion = tuple(samples.log[name] for name in (PLAN if found.desired else PATH))
+        model, tree, drives = found.model, links.tree, links.drives
+        v0 = model.friction_velocity
+        both = np.concatenate(command_regressors(tree, drives, v0, *motion), axis=2)
+        own = np.array([prior.extra for prior in output_priors(spec, tree, drives, v0)])
+        rows, groups = [], []
+        for j in range(spec.dof):
+            used = samples.moving[:, j] & samples.usable[:, j]
+            noise = float(model.deviation[j])
+            rows.append((both[used, j] / noise, samples.command[used, j] / noise))
+            groups.append(samples.group[used])
+        return Evidence(rows, groups, information_per_sample(samples), own, model.deviation)
+
+    def normal(self, groups: Sequence[int] | None = None) -> Normal:
+        """Of those groups, or of all."""
+        found = []
+        for (rows, y), group in zip(self.rows, self.group, strict=True):
+            used = slice(None) if groups is None else np.isin(group, groups)
+            found.append((self.weight * rows[used].T @ rows[used], self.weight * rows[used].T @ y[used]))
+        A, b = zip(*found, strict=True)
+        return Normal(np.array(A), np.array(b))
+
+    def reduced(self, normal: Normal) -> tuple[Array, Array]:
+        """H (P, P) and g (P,) of phi alone, the drives' own terms at their best."""
+        P = normal.A.shape[1] - self.own.shape[1]
+        H, g = np.zeros((P, P)), np.zeros(P)
+        for A, b, own in zip(normal.A, normal.b, self.own, strict=True):
+            gain = np.linalg.solve(A[P:, P:] + np.diag(own**-2), A[P:, :P]).T
+            H += A[:P, :P] - gain @ A[P:, :P]
+            g += b[:P] - gain @ b[P:]
+        return 0.5 * (H + H.T), g
+
+    def own_terms(self, normal: Normal, phi: Array) -> Array:
+        """(J, E) the drives' own terms beside phi."""
+        P = len(phi)
+        return np.array(
+            [
+                np.linalg.solve(A[P:, P:] + np.diag(own**-2), b[P:] - A[P:, :P] @ phi)
+                for A, b, own in zip(normal.A, normal.b, self.own, strict=True)
+            ]
+        )
+
+    def squared_error(self, phi: Array, own: Array, groups: Sequence[int]) -> Array:
+        """(J,) mean squared error on those groups, command units squared."""
+        found = []
+        for j, ((rows, y), group) in enumerate(zip(self.rows, self.group, strict=True)):
+            used = np.isin(group, groups)
+            residual = y[used] - rows[used] @ np.concatenate([phi, own[j]])
+            found.append(float(np.mean(residual**2)) if used.any() else np.nan)
+        return np.asarray(np.array(found) * self.deviation**2)
+
+
+WEIGHT = 1.0
+"""At the file's values D is half the squared length of the coordinates: before any data every one of them has
+a deviation of one, a mass, for example, of itself."""
+CONTINUATION = tuple(10.0**k for k in range(8, -1, -1))
+"""Factors on the weight, each from the minimum before."""
+MOST_STEPS = 100
+TOLERANCE = 1e-10
+E = basis()
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """What was found.
+
+    Attributes:
+        phi: (P,) parameters, body after body; those of bodies without mass in the file stay zero.
+        covariance: (P, P) of phi given the logs, prior: (P, P) before them.
+        told: how many independent combinations the logs tell better than ten times as well as the file does.
+    """
+
+    phi: Array
+    covariance: Array
+    prior: Array
+    told: int
+
+
+def consistent(H: Array, g: Array, nominal: Array, weight: float = WEIGHT) -> Consistent:
+    """The minimum above.
+
+    Args:
+        H: (P, P) and g: (P,) of the logs, in units of phi.
+        nominal: (P,) the file's parameters, ten for each body.
+        weight: of the divergence from them.
+
+    Raises:
+        NumericalError: no minimum was reached.
+    """
+    T, start = _whole(nominal)
+    Q, b = T.T @ H @ T, T.T @ g
+    x = start
+    for (
+        stiffer
+    ) in CONTINUATION:  # from the file's values to the logs' by way of both, or Newton's way is long
+        x = _newton(Q, b, x, stiffer * weight)
+    curvature = Q + weight * _barrier(x)[2]
+    covariance = T @ np.linalg.inv(curvature) @ T.T
+    prior = T @ np.linalg.inv(weight * _barrier(start)[2]) @ T.T
+    ratios = np.linalg.eigvalsh(np.linalg.solve(_barrier(start)[2] * weight, Q))
+    return Consistent(T @ x, covariance, prior, int(np.sum(ratios > 99.0)))
+
+
+def _whole(nominal: Array) -> tuple[Array, Array]:
+    """T (P, 10 b) of the b bodies that have a mass, and the coordinates (10 b,) of the file's values."""
+    heavy = [k for k in range(0, len(nominal), SIZE) if nominal[k] > 0.0]
+    T = np.zeros((len(nominal), SIZE * len(heavy)))
+    for i, k in enumerate(heavy):
+        T[k : k + SIZE, SIZE * i : SIZE * (i + 1)] = coordinates(nominal[k : k + SIZE])
+    return T, np.tile(np.einsum("kii->k", E), len(heavy))
+
+
+def _newton(Q: Array, b: Array, x: Array, weight: float) -> Array:
+    for _ in range(MOST_STEPS):
+        value, slope, bend = _barrier(x)
+        slope = Q @ x - b + weight * slope
+        step = np.asarray(np.linalg.solve(Q + weight * bend, -slope), dtype=np.float64)
+        decrease = -float(slope @ step)  # twice what a full step gains
+        if decrease < TOLERANCE * (1.0 + abs(float(b @ x))):
+            return np.asarray(x + step) if np.isfinite(_barrier(x + step)[0]) else x
+        x = x + _length(Q, b, x, step, weight, value, decrease) * step
+    raise NumericalError(
+        "no possible inertias were found that explain the commands",
+        next_step="Look at etude inspect: are the commands forces at the joints, with the right signs?",
+    )
+
+
+def _length(Q: Array, b: Array, x: Array, step: Array, weight: float, value: float, decrease: float) -> float:
+    """The largest of 1, 1/2, ... that stays possible and gains a tenth of what the slope promises."""
+    before = 0.5 * float(x @ Q @ x) - float(b @ x) + weight * value
+    length = 1.0
+    while length > 1e-12:
+        new = x + length * step
+        after = 0.5 * float(new @ Q @ new) - float(b @ new) + weight * _barrier(new, only_value=True)[0]
+        if after <= before - 0.1 * length * decrease:
+            return length
+        length *= 0.5
+    return 0.0
+
+
+def _barrier(x: Array, only_value: bool = False) -> tuple[float, Array, Array]:
+    """sum_b tr(X) - log det X - 4, its gradient and Hessian in the coordinates; infinite outside."""
+    slope, bend = np.zeros(len(x)), np.zeros((len(x), len(x)))
+    value = 0.0
+    for k in range(0, len(x), SIZE):
+        own = slice(k, k + SIZE)
+        X = np.einsum("k,kij->ij", x[own], E)
+        if np.linalg.eigvalsh(X)[0] <= 0.0:
+            return np.inf, slope, bend
+        value += float(np.trace(X)) - float(np.linalg.slogdet(X)[1]) - len(X)
+        if only_value:
+            continue
+        inverse = np.linalg.inv(X)
+        slope[own] = np.einsum("kii->k", E) - np.einsum("ij,kji->k", inverse, E)
+        turned = np.einsum("ij,kjl,lm->kim", inverse, E, inverse)
+        bend[own, own] = np.einsum("kij,lji->kl", turned, E)
+    return value, slope, bend
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.options import taken
 from etude.errors import UsageError
 from etude.logs.readers.cells import text_cell
-from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Delivered, Samples
 from etude_arm.identified.files import written

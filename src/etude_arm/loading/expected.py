@@ -1,16 +1,28 @@
 """What a description says of its robot at one pose, evaluated apart from the model that is compiled of it.
 
-`urdf_expected` and `mjcf_expected` make it, `agreement` holds the compiled model against it.
+`urdf_expected` here and `mjcf.mjcf_expected` make it, `agreement` holds the compiled model against it.
+
+It shares nothing with what is written for MuJoCo (`urdf`), so that a fault of one of the two shows.
 """
 
 from __future__ import annotations
 
+import math
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etude.types import Array, Index, Mask
+from etude_arm.loading.attached import Additions, Attached
+from etude_arm.loading.choice import Choice
+from etude_arm.loading.inertia import NO_MASS, SMALLEST
+from etude_arm.loading.parsing import free_name
+
+if TYPE_CHECKING:
+    pass
 
 SEED = 29
 """Of the pose: the same in every run, and no pose that a file was made for."""
@@ -111,3 +123,190 @@ def chain_matrix(before: Index) -> Mask:
             moves[i, at] = True
             at = int(before[at])
     return moves
+
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""m/s^2: URDF has no place for it, and MuJoCo's default is the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Links:
+    """Poses (4, 4) of links in the room, and the chosen joint that moves each, -1 of the base."""
+
+    pose: Mapping[str, Array]
+    joint: Mapping[str, int]
+
+
+def urdf_expected(root: ET.Element, choice: Choice, added: Additions) -> Expected:
+    """Of a parsed <robot>, its chosen joints, and what is added to it."""
+    elements = {one.get("name", ""): one for one in root.findall("joint")}
+    names = {name: j for j, name in enumerate(choice.joints)}
+    slides = np.array([elements[name].get("type") == "prismatic" for name in choice.joints])
+    q = pose_of_joints(slides)
+    base = (
+        np.eye(4) if added.mounting is None else pose_matrix(added.mounting.position, added.mounting.rotation)
+    )
+    values = {**choice.held, **dict(zip(choice.joints, q.tolist(), strict=True))}
+    links = _placed(list(elements.values()), values, names, base)
+    carried = {what: _carrier(one, elements, links, choice.joints) for what, one in added.carried}
+    before = np.array([links.joint[_end(elements[name], "parent")] for name in choice.joints])
+    parts = _parts(root, links)
+    for what, one in added.carried:
+        parts += _weighing(links, carried[what], one.mass, _at(one.centre), one.moments())
+    mass, centre, inertia = gathered(parts, len(q))
+    places = {link.get("name", ""): _places(link, links) for link in root.findall("link")}
+    taken = set(links.pose)
+    for what, one in added.carried:
+        places[free_name(what, taken)] = carried_place(one, links.pose[carried[what]])
+    frame = np.array([links.pose[_end(elements[name], "child")] for name in choice.joints]).reshape(-1, 4, 4)
+    axis = [frame[j, :3, :3] @ _axis(elements[name]) for name, j in names.items()]
+    return Expected(
+        q=q,
+        joints=choice.joints,
+        slides=slides,
+        gravity=np.array(GRAVITY),
+        base=base,
+        anchor=frame[:, :3, 3],  # a joint of a URDF lies in its child's origin
+        axis=np.array(axis).reshape(-1, 3),
+        frame=frame,
+        moves=chain_matrix(before),
+        mass=mass,
+        centre=centre,
+        inertia=inertia,
+        carried={what: one.mass for what, one in added.carried},
+        shapes=places,
+    )
+
+
+def _placed(
+    joints: list[ET.Element], values: Mapping[str, float], chosen: Mapping[str, int], base: Array
+) -> _Links:
+    children = {_end(joint, "child") for joint in joints}
+    roots = {_end(joint, "parent") for joint in joints} - children
+    pose, moved = dict.fromkeys(roots, base), dict.fromkeys(roots, -1)
+    left = list(joints)
+    while left:
+        after = []
+        for joint in left:
+            carrier, link, name = _end(joint, "parent"), _end(joint, "child"), joint.get("name", "")
+            if carrier not in pose:
+                after.append(joint)
+                continue
+            pose[link] = pose[carrier] @ _origin(joint) @ _motion(joint, values.get(name, 0.0))
+            moved[link] = chosen.get(name, moved[carrier])
+        left = after
+    return _Links(pose, moved)
+
+
+def _motion(joint: ET.Element, value: float) -> Array:
+    """(4, 4) of a joint at that position; joints that are no hinge and no slide do not move."""
+    found = np.eye(4)
+    if joint.get("type") == "prismatic":
+        found[:3, 3] = _axis(joint) * value
+    elif joint.get("type") in ("revolute", "continuous"):
+        x, y, z = _axis(joint)
+        across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        found[:3, :3] += math.sin(value) * across + (1.0 - math.cos(value)) * across @ across
+    return found
+
+
+def _axis(joint: ET.Element) -> Array:
+    axis = _numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0))
+    return axis / np.linalg.norm(axis)
+
+
+def _end(joint: ET.Element, tag: str) -> str:
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")
+
+
+def _origin(element: ET.Element) -> Array:
+    origin = element.find("origin")
+    return pose_matrix(_numbers(origin, "xyz", (0.0, 0.0, 0.0)), _numbers(origin, "rpy", (0.0, 0.0, 0.0)))
+
+
+def pose_matrix(xyz: Array | tuple[float, ...], rpy: Array | tuple[float, ...]) -> Array:
+    """(4, 4): roll about the fixed x, then pitch about y, then yaw about z."""
+    found = np.eye(4)
+    for k, angle in enumerate(rpy):
+        turn, (i, j) = np.eye(3), ((1, 2), (2, 0), (0, 1))[k]
+        turn[i, i] = turn[j, j] = math.cos(angle)
+        turn[j, i], turn[i, j] = math.sin(angle), -math.sin(angle)
+        found[:3, :3] = turn @ found[:3, :3]
+    found[:3, 3] = xyz
+    return found
+
+
+def _numbers(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
+    text = None if element is None else element.get(key)
+    return np.array(default if not text else [float(word) for word in text.split()])
+
+
+def _at(xyz: tuple[float, float, float]) -> Array:
+    return pose_matrix(xyz, (0.0, 0.0, 0.0))
+
+
+def _carrier(one: Attached, joints: Mapping[str, ET.Element], links: _Links, chosen: tuple[str, ...]) -> str:
+    """The link that carries a tool or payload: the named one, else what the last chosen joint moves."""
+    if one.link:
+        return one.link
+    carrying = {links.joint[_end(joints[name], "parent")] for name in chosen}
+    last = next(j for j in range(len(chosen)) if j not in carrying)
+    return _end(joints[chosen[last]], "child")
+
+
+def _parts(root: ET.Element, links: _Links) -> list[tuple[int, float, Array, Array]]:
+    found = []
+    for link in root.findall("link"):
+        inertial, name = link.find("inertial"), link.get("name", "")
+        mass = 0.0 if inertial is None else float(_numbers(inertial.find("mass"), "value", (0.0,))[0])
+        if inertial is None or mass < NO_MASS:
+            continue
+        given, own = inertial.find("inertia"), np.zeros((3, 3))
+        for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+            own[i, j] = own[j, i] = _numbers(given, f"i{'xyz'[i]}{'xyz'[j]}", (0.0,))[0]
+        low, middle, high = np.linalg.eigvalsh(own)
+        if low < SMALLEST or high > low + middle:
+            own = np.full((3, 3), np.nan)  # no body's: another one stands for it, which is said elsewhere
+        found += _weighing(links, name, mass, _origin(inertial), own)
+    return found
+
+
+def _weighing(
+    links: _Links, link: str, mass: float, place: Array, inertia: Array
+) -> list[tuple[int, float, Array, Array]]:
+    """A mass on a link, in the room; none on the base, which nothing moves."""
+    joint = links.joint.get(link, -1)
+    if joint < 0:
+        return []
+    pose = links.pose[link] @ place
+    return [(joint, mass, pose[:3, 3], pose[:3, :3] @ inertia @ pose[:3, :3].T)]
+
+
+def _places(link: ET.Element, links: _Links) -> tuple[Place, ...]:
+    """Of all that a link has of shapes, for collisions or drawn; boxes and the like of the former must be."""
+    found = []
+    for shape in (*link.findall("collision"), *link.findall("visual")):
+        geometry = shape.find("geometry")
+        if geometry is not None and len(geometry):
+            pose = links.pose.get(link.get("name", ""), np.eye(4)) @ _origin(shape)
+            kind, needed = geometry[0].tag, shape.tag == "collision" and geometry[0].tag != "mesh"
+            found.append(Place(kind, pose[:3, 3], pose[:3, :3], _size(geometry[0]), needed))
+    return tuple(found)
+
+
+def _size(shape: ET.Element) -> tuple[float, ...]:
+    if shape.tag == "box":
+        return tuple((0.5 * _numbers(shape, "size", ())).tolist())
+    radius, length = (_numbers(shape, key, ()).tolist() for key in ("radius", "length"))
+    return (*radius, *(0.5 * value for value in length)) if shape.tag != "mesh" else ()
+
+
+def carried_place(one: Attached, carrier: Array) -> tuple[Place, ...]:
+    """Of a tool or payload on a link at the pose `carrier` (4, 4); () if it has no shape."""
+    if one.shape == "none":
+        return ()
+    pose = carrier @ pose_matrix(one.shape_centre or one.centre, one.rotation)
+    half = tuple(0.5 * value for value in one.size)
+    size = half if one.shape == "box" else (one.size[0], *half[1:])
+    return (Place(one.shape, pose[:3, 3], pose[:3, :3], size, True),)

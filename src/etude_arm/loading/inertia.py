@@ -9,13 +9,16 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.urdf_checks import number, vector
-from etude_arm.loading.urdf_tree import UrdfTree
+from etude_arm.loading.urdf_tree import UrdfTree, number, vector
+
+if TYPE_CHECKING:
+    pass
 
 SMALLEST = 1e-9
 """kg m^2: a principal moment below is lifted to it."""
@@ -104,3 +107,7 @@ def _sound(inertial: ET.Element, place: str) -> tuple[ET.Element, float, str]:
     ET.SubElement(new, "inertia", {key: repr(float(sound[i, j])) for key, i, j in ENTRIES})
     old = ", ".join(f"{key} {inertia[i, j]:.3g}" for key, i, j in ENTRIES[:3])
     return new, mass, "" if sound is inertia else old
+
+
+LEAST, MOST = 3, 0.5
+"""Parts that are alike, and more than this share of all: pairs of links of one size are no wonder."""

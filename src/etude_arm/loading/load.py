@@ -1,11 +1,13 @@
-"""The one way to load a robot: path in, `Loaded` out."""
+"""The one way to load a robot: path in, `Loaded` out; made again when its file changes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from etude.errors import UsageError
+from etude.limits.certificate import memoized
 from etude_arm.loading.attached import Additions
 from etude_arm.loading.loaded import Loaded
 from etude_arm.loading.parsing import parsed
@@ -72,3 +74,15 @@ def load_arm(
     added = Additions(spec.mounting, tuple(carried))
     how = {"held": spec.held, "mesh_roots": mesh_roots, "shapes": shapes, "drives": drives}
     return load(spec.model_file, spec.names, **how, added=added)  # type: ignore[arg-type]
+
+
+T = TypeVar("T")
+MOST = 8
+"""Robots."""
+
+
+def of_file(store: dict[str, T], spec: ArmSpec, make: Callable[[], T]) -> T:
+    """The value for a robot that has a model file, made anew when the robot or the file is another."""
+    assert spec.model_file is not None
+    stamp = spec.model_file.stat()
+    return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, MOST)

@@ -1,26 +1,228 @@
-"""An MJCF, compiled by MuJoCo as it is and written anew with the chosen joints alone."""
+"""An MJCF, compiled by MuJoCo as it is and written anew with the chosen joints alone.
+
+A loop that the chosen joints move against is refused, since an open chain would tear it apart. The rest is
+said: gravity that the file switches off, springs and stops of tendons.
+
+MuJoCo defines what an MJCF means: defaults by class, includes, attached models, masses from shapes, orders of
+Euler angles. A second reader of all that would err more often than what it is to find. So the second
+evaluation (`mjcf_expected`) is MuJoCo's of the whole file, before anything is written of it: all bodies and
+joints, held ones at their positions. The mounting is a product with it, tool and payload are added to its
+bodies.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from etude.errors import UsageError
-from etude_arm.loading.attached import Additions
-from etude_arm.loading.choice import Choice, choose
-from etude_arm.loading.limbs import example
+from etude.types import Array
+from etude_arm.clearance.surroundings import Wall
+from etude_arm.loading.attached import Additions, Attached, Mounting
+from etude_arm.loading.choice import Choice, choose, example
+from etude_arm.loading.expected import (
+    Expected,
+    Place,
+    carried_place,
+    chain_matrix,
+    gathered,
+    pose_matrix,
+    pose_of_joints,
+)
 from etude_arm.loading.loaded import Loaded
-from etude_arm.loading.mjcf_beside import beside, planes_of
-from etude_arm.loading.mjcf_compiled import compiled
-from etude_arm.loading.mjcf_couplings import check_loops, notes_of, unseen_of
-from etude_arm.loading.mjcf_expected import mjcf_expected
-from etude_arm.loading.mjcf_joints import BALL, FREE, HINGE, SLIDE, moving
-from etude_arm.loading.mjcf_parts import name_of
-from etude_arm.loading.mjcf_writer import written
+from etude_arm.loading.mjcf_compiled import (
+    BALL,
+    FREE,
+    HINGE,
+    PLANE,
+    SHAPES,
+    SLIDE,
+    compiled,
+    joints_of,
+    moving,
+    name_of,
+    numbered,
+    part_of,
+)
+from etude_arm.loading.mjcf_writer import ON_JOINT, ON_TENDON, WRAP_JOINT, WRAP_SITE, written
+from etude_arm.loading.parsing import free_name
 
 if TYPE_CHECKING:
     import mujoco
+
+
+DIGITS = 6
+"""Of places in m, and of directions."""
+
+
+def planes_of(model: mujoco.MjModel) -> tuple[Wall, ...]:
+    """The planes of what never moves, in the frame of the file, named after their geoms."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    found: list[Wall] = []
+    for g in range(model.ngeom):
+        if int(model.geom_type[g]) == PLANE and not model.body_weldid[model.geom_bodyid[g]]:
+            name = numbered(model.geom(g).name or "plane", [wall.name for wall in found], " ")
+            # people read them, and -0.0 is none of their business
+            at, normal = (v.round(DIGITS) + 0.0 for v in (data.geom_xpos[g], data.geom_xmat[g][2::3]))
+            found.append(Wall(name, tuple(at.tolist()), tuple(normal.tolist())))
+    return tuple(found)
+
+
+def beside(model: mujoco.MjModel, choice: Choice, shapes: Mapping[str, int]) -> dict[str, str]:
+    """Shape -> a name for it, of bodies that hang on the world apart from the robot.
+
+    Args:
+        model: of the file. choice: of joints.
+        shapes: geoms of the model by the names that they were given, "body#k".
+    """
+    roots = {int(model.body_rootid[model.jnt_bodyid[model.joint(name).id]]) for name in choice.joints}
+    found: dict[str, str] = {}
+    for shape, g in shapes.items():
+        b = int(model.geom_bodyid[g])
+        if int(model.body_rootid[b]) not in roots:
+            own = model.geom(g).name or (name_of(model, b) if b else "box")
+            # a name with # would be one of a link's shapes
+            found[shape] = numbered(own.replace("#", " "), found.values(), " ")
+    return found
+
+
+CONNECT, WELD, JOINT, TENDON = 0, 1, 2, 3  # mjtEq
+SITE = 6  # mjtObj
+NO_GRAVITY = 1 << 7  # mjtDisableBit.mjDSBL_GRAVITY
+DOWN = np.array([0.0, 0.0, -9.81])
+CLOSE = 0.1
+"""m/s^2 by which the earth's gravity differs from place to place, and a little more."""
+
+
+def check_loops(model: mujoco.MjModel, choice: Choice, where: str) -> None:
+    """Raises a UsageError if an equality holds parts together that the chosen joints move, or locks one."""
+    for k in np.flatnonzero(model.eq_active0):
+        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        if model.eq_type[k] in (CONNECT, WELD):
+            of_sites = model.eq_objtype[k] == SITE
+            one, other = (int(model.site_bodyid[e]) if of_sites else e for e in (first, second))
+            if part_of(model, choice, one) != part_of(model, choice, other) and not _led(model, (one, other)):
+                raise UsageError(
+                    f"the file closes a loop: '{name_of(model, one)}' and '{name_of(model, other)}' are held "
+                    "together, and joints that should move lie between them",
+                    where=where,
+                    next_step="Only open chains have an inverse dynamics here: choose joints outside the "
+                    f"loop{_outside(model, choice, (one, other))}, or take the equality out of a copy of the "
+                    "file if the robot has none.",
+                )
+        elif model.eq_type[k] == JOINT and second < 0 and model.joint(first).name in choice.joints:
+            name, at = model.joint(first).name, float(model.eq_data[k, 0]) + _zero(model, first)
+            raise UsageError(
+                f"the file locks joint '{name}' (an equality with no other joint)",
+                where=where,
+                next_step=f"Choose the others with --joints, and --hold {name}={at:g}; or take the equality "
+                "out of a copy of the file.",
+            )
+
+
+def _outside(model: mujoco.MjModel, choice: Choice, bodies: tuple[int, int]) -> str:
+    """The option that keeps the chosen joints before a loop, which carry both of its ends."""
+    carrying = [_carriers(model, b) for b in bodies]
+    before = [name for name in choice.joints if all(name in names for names in carrying)]
+    return f" with --joints, for example --joints {shlex.join(before)}" if before else " with --joints"
+
+
+def _carriers(model: mujoco.MjModel, b: int) -> set[str]:
+    """Names of the joints between the world and a body."""
+    found: set[str] = set()
+    while b:
+        found |= {model.joint(j).name for j in joints_of(model, b)}
+        b = int(model.body_parentid[b])
+    return found
+
+
+def _zero(model: mujoco.MjModel, joint: int) -> float:
+    return float(model.qpos0[model.jnt_qposadr[joint]])
+
+
+def _led(model: mujoco.MjModel, bodies: tuple[int, int]) -> bool:
+    """Whether one of them is what a simulation leads the robot by (mocap), or an object that lies free."""
+    roots = [int(model.body_rootid[b]) for b in bodies]
+    free = any(model.jnt_type[j] == FREE for root in roots for j in joints_of(model, root))
+    return any(model.body_mocapid[b] >= 0 for b in bodies) or (free and roots[0] != roots[1])
+
+
+def notes_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
+    """What a person should know before torques of this file are believed."""
+    off = bool(model.opt.disableflags & NO_GRAVITY) or not model.opt.gravity.any()
+    notes = []
+    if off:
+        notes.append(
+            "The file switches gravity off: torques here have none. Correct its <option> unless that is so."
+        )
+    elif np.abs(model.opt.gravity - DOWN).max() > CLOSE:
+        pull = ", ".join(f"{x:g}" for x in model.opt.gravity)
+        notes.append(f"Gravity in the file is ({pull}) m/s^2, not 9.81 downwards along z: is that so?")
+    light = [name_of(model, b) for b in range(1, model.nbody) if model.body_gravcomp[b] and not off]
+    moved = [name for name in light if part_of(model, choice, model.body(name).id)] if light else []
+    if moved:
+        notes.append(
+            f"The file takes the weight off {', '.join(moved)} (gravcomp): right only if something beside "
+            "the joints' drives carries them."
+        )
+    if idle := _idle(model, choice):
+        notes.append(
+            f"No actuator of the file drives {', '.join(idle)}: leave out with --joints what moves by itself."
+        )
+    springs = [name for name, t in _tendons(model, choice) if np.ravel(model.tendon_stiffness[t])[0] > 0.0]
+    if springs:
+        notes.append(f"The springs of tendons are left out: {', '.join(springs)}.")
+    return tuple(notes)
+
+
+def _idle(model: mujoco.MjModel, choice: Choice) -> list[str]:
+    """The chosen joints without an actuator, where others have one: a base that slides, a pendulum."""
+    driven: set[str] = set()
+    for kind, (target, *_) in zip(model.actuator_trntype, model.actuator_trnid, strict=True):
+        if kind in ON_JOINT:
+            driven.add(model.joint(int(target)).name)
+        elif kind == ON_TENDON:
+            driven |= _pulled(model, int(target))
+    idle = [name for name in choice.joints if name not in driven]
+    return idle if len(idle) < len(choice.joints) else []
+
+
+def unseen_of(model: mujoco.MjModel, choice: Choice) -> tuple[str, ...]:
+    """What a certificate does not look at: stops over several joints, and ties between them."""
+    tied = {int(end) for k in np.flatnonzero(model.eq_active0) if model.eq_type[k] == TENDON for end in
+            (model.eq_obj1id[k], model.eq_obj2id[k])}  # fmt: skip
+    held = [name for name, t in _tendons(model, choice) if model.tendon_limited[t] or t in tied]
+    return (f"the limits of tendons over several joints: {', '.join(held)}",) if held else ()
+
+
+def _pulled(model: mujoco.MjModel, t: int) -> set[str]:
+    """Names of the joints that a tendon runs over; of one through space all, since any may be."""
+    first = int(model.tendon_adr[t])
+    wraps = range(first, first + int(model.tendon_num[t]))
+    if any(model.wrap_type[w] != WRAP_JOINT for w in wraps):
+        return {model.joint(j).name for j in range(model.njnt)}
+    return {model.joint(int(model.wrap_objid[w])).name for w in wraps}
+
+
+def _tendons(model: mujoco.MjModel, choice: Choice) -> Iterator[tuple[str, int]]:
+    """Names and numbers of the tendons that the chosen joints stretch."""
+    for t in range(model.ntendon):
+        first = int(model.tendon_adr[t])
+        wraps = range(first, first + int(model.tendon_num[t]))
+        joints = {
+            model.joint(int(model.wrap_objid[w])).name for w in wraps if model.wrap_type[w] == WRAP_JOINT
+        }
+        sites = [int(model.wrap_objid[w]) for w in wraps if model.wrap_type[w] == WRAP_SITE]
+        parts = {part_of(model, choice, int(model.site_bodyid[site])) for site in sites}
+        if joints & set(choice.joints) or len(parts) > 1:
+            yield model.tendon(t).name or f"tendon {t}", t
 
 
 def load_mjcf(
@@ -84,3 +286,98 @@ def _lying(model: mujoco.MjModel) -> list[tuple[str, str]]:
         for j in range(model.njnt)
         if model.jnt_type[j] == FREE and carried.count(int(model.jnt_bodyid[j])) == 1
     ]
+
+
+SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
+
+
+def mjcf_expected(model: mujoco.MjModel, choice: Choice, added: Additions) -> Expected:
+    """Of the model of a whole MJCF, its chosen joints, and what is added to it."""
+    import mujoco
+
+    joints = [model.joint(name).id for name in choice.joints]
+    slides = np.array([int(model.jnt_type[j]) == SLIDE for j in joints])
+    q, data = pose_of_joints(slides), mujoco.MjData(model)
+    for name, value in (*choice.held.items(), *zip(choice.joints, q.tolist(), strict=True)):
+        data.qpos[model.jnt_qposadr[model.joint(name).id]] = value
+    mujoco.mj_kinematics(model, data)
+    mounting = added.mounting or Mounting()
+    base = pose_matrix(mounting.position, mounting.rotation)
+    pose = [base @ _matrix(*of) for of in zip(data.xpos, data.xmat, strict=True)]
+    moved, before = _moved(model, joints)
+    parts = []
+    for b in np.flatnonzero((np.array(moved) >= 0) & (model.body_mass > 0.0)).tolist():
+        own = base @ _matrix(data.xipos[b], data.ximat[b])
+        inertia = own[:3, :3] * model.body_inertia[b] @ own[:3, :3].T
+        parts.append((moved[b], float(model.body_mass[b]), own[:3, 3], inertia))
+    places = _places(model, data, base)
+    taken = [name_of(model, b) for b in range(model.nbody)]
+    for what, one in added.carried:
+        b = taken.index(one.link) if one.link else _tip(model, joints, before)
+        own = pose[b] @ pose_matrix(one.centre, (0.0, 0.0, 0.0))
+        parts += _weighing(moved[b], one, own)
+        places[free_name(what, taken)] = carried_place(one, pose[b])
+    mass, centre, inertia = gathered(parts, len(q))
+    gravity = np.zeros(3) if model.opt.disableflags & NO_GRAVITY else np.array(model.opt.gravity)
+    return Expected(
+        q=q,
+        joints=choice.joints,
+        slides=slides,
+        gravity=gravity,
+        base=base,
+        anchor=data.xanchor[joints] @ base[:3, :3].T + base[:3, 3],
+        axis=data.xaxis[joints] @ base[:3, :3].T,
+        frame=np.array([pose[int(model.jnt_bodyid[j])] for j in joints]),
+        moves=chain_matrix(np.array(before)),
+        mass=mass,
+        centre=centre,
+        inertia=inertia,
+        carried={what: one.mass for what, one in added.carried},
+        shapes=places,
+    )
+
+
+def _matrix(place: Array, turn: Array) -> Array:
+    found = np.eye(4)
+    found[:3, 3], found[:3, :3] = place, turn.reshape(3, 3)
+    return found
+
+
+def _moved(model: mujoco.MjModel, joints: list[int]) -> tuple[list[int], list[int]]:
+    """Of each body the last chosen joint that moves it, of each such joint the one that carries it; or -1."""
+    moved, before = [-1] * model.nbody, [-1] * len(joints)
+    for b in range(1, model.nbody):
+        last = moved[int(model.body_parentid[b])]
+        first = int(model.body_jntadr[b])
+        for j in range(first, first + int(model.body_jntnum[b])):
+            if j in joints:
+                before[joints.index(j)], last = last, joints.index(j)
+        moved[b] = last
+    return moved, before
+
+
+def _tip(model: mujoco.MjModel, joints: list[int], before: list[int]) -> int:
+    """The body of the chosen joint that carries no other."""
+    last = next(j for i, j in enumerate(joints) if i not in before)
+    return int(model.jnt_bodyid[last])
+
+
+def _weighing(joint: int, one: Attached, place: Array) -> list[tuple[int, float, Array, Array]]:
+    if joint < 0:
+        return []
+    inertia = place[:3, :3] @ one.moments() @ place[:3, :3].T
+    return [(joint, one.mass, place[:3, 3], inertia)]
+
+
+def _places(model: mujoco.MjModel, data: mujoco.MjData, base: Array) -> dict[str, tuple[Place, ...]]:
+    """Of all shapes; those that collide must be."""
+    found: dict[str, tuple[Place, ...]] = {}
+    for g in range(model.ngeom):
+        kind = SHAPES.get(int(model.geom_type[g]))
+        if kind is not None:
+            pose = base @ _matrix(data.geom_xpos[g], data.geom_xmat[g])
+            size = tuple(model.geom_size[g][: SIZES[kind]].tolist())
+            needed = bool(model.geom_contype[g] or model.geom_conaffinity[g])
+            name = name_of(model, int(model.geom_bodyid[g]))
+            found[name] = (*found.get(name, ()), Place(kind, pose[:3, 3], pose[:3, :3], size, needed))
+    return found

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etude.errors import UsageError
+from etude_arm.loading.choice import Choice, Moving
 from etude_arm.loading.loaded import refused
-from etude_arm.loading.mjcf_joints import HINGE, SLIDE
-from etude_arm.loading.mjcf_parts import numbered
+from etude_arm.loading.parsing import free_name
 
 if TYPE_CHECKING:
     import mujoco
@@ -91,3 +94,115 @@ def name_joints(spec: Any) -> list[str]:
             taken.add(joint.name)
             given += [joint.name] if int(joint.type) in (SLIDE, HINGE) else []
     return given
+
+
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
+JOINT_EQUALITY = 2  # mjtEq
+
+
+def moving(model: mujoco.MjModel) -> tuple[Moving, ...]:
+    """Every hinge and slide of a model, from the base outwards; equalities of joints make followers."""
+    leaders = _leaders(model)
+    before: dict[int, str] = {0: ""}
+    found = []
+    for body in range(1, model.nbody):
+        carrier = before[int(model.body_parentid[body])]
+        first = int(model.body_jntadr[body])
+        for j in range(first, first + int(model.body_jntnum[body])):
+            if model.jnt_type[j] in (HINGE, SLIDE):
+                name = model.joint(j).name
+                lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+                slides = bool(model.jnt_type[j] == SLIDE)
+                follows = leaders.get(name, ("", 1.0, 0.0))
+                endless = not slides and not model.jnt_limited[j]
+                own = Moving(name, carrier, float(lower), float(upper), slides, endless, *follows)
+                found.append(replace(own, carries=model.body(body).name))
+                carrier = name
+        before[body] = carrier
+    return tuple(found)
+
+
+def _leaders(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
+    """Follower -> leader, factor and offset, of active equalities between two joints."""
+    found = {}
+    for k in range(model.neq):
+        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        if model.eq_type[k] == JOINT_EQUALITY and second >= 0 and model.eq_active0[k]:
+            offset, factor = (float(x) for x in model.eq_data[k, :2])
+            zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
+            leader = model.joint(second).name
+            found[model.joint(first).name] = (leader, factor, offset + zero[0] - factor * zero[1])
+    return found
+
+
+SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
+PLANE, MESH = 0, 7
+BESIDE = -1
+"""A part of its own: bodies that hang on the world apart from the robot."""
+
+
+def shapes_of_bodies(
+    model: mujoco.MjModel, choice: Choice, unseen: list[str]
+) -> tuple[dict[int, list[int]], tuple[str, ...]]:
+    """Geoms to keep by body: those that collide; of a part without any, all. Of bodies beside the robot only
+    those that collide, but where nothing in the file does.
+    """
+    parts: dict[int, list[int]] = {}
+    roots = {0, *(int(model.body_rootid[model.jnt_bodyid[model.joint(j).id]]) for j in choice.joints)}
+    for b in range(model.nbody):
+        part = part_of(model, choice, b) if int(model.body_rootid[b]) in roots else BESIDE
+        parts.setdefault(part, []).append(b)
+    some = bool(model.geom_contype.any())
+    kept: dict[int, list[int]] = {}
+    drawn, notes = [], []
+    for part, bodies in parts.items():
+        geoms = [g for b in bodies for g in geoms_of(model, b) if int(model.geom_type[g]) in SHAPES]
+        solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
+        for g in solid if part == BESIDE and some else solid or geoms:
+            kept.setdefault(int(model.geom_bodyid[g]), []).append(g)
+        if part == BESIDE and some:
+            notes += _only_drawn(model, geoms, solid)
+        if part > 0 and geoms and not solid:
+            drawn.append(name_of(model, part))
+        if part > 0 and not geoms:
+            unseen.append(f"the shape of body '{name_of(model, part)}': the file has none")
+        moving = [b for b in bodies if model.body_weldid[b]]  # what never moves is the room's: mjcf_beside
+        if any(int(model.geom_type[g]) == PLANE for b in moving for g in geoms_of(model, b)):
+            notes.append(f"A plane that body '{name_of(model, part)}' carries is left out: it has no end.")
+    if drawn and some:  # a file in which nothing collides means nothing by it
+        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: nothing of it collides.")
+    return kept, tuple(notes)
+
+
+def _only_drawn(model: mujoco.MjModel, geoms: Sequence[int], solid: Sequence[int]) -> list[str]:
+    """A sentence for bodies beside the robot of which nothing collides: marks, and targets to reach."""
+    own, hard = ([int(model.geom_bodyid[g]) for g in some] for some in (geoms, solid))
+    names = dict.fromkeys(name_of(model, b) for b in own if b not in hard)
+    return [f"What is only drawn beside the robot is left out: {', '.join(names)}."] if names else []
+
+
+def part_of(model: mujoco.MjModel, choice: Choice, b: int) -> int:
+    """The first body of what moves as one with body b."""
+    while b and not any(model.joint(j).name in choice.joints for j in joints_of(model, b)):
+        b = int(model.body_parentid[b])
+    return b
+
+
+def joints_of(model: mujoco.MjModel, b: int) -> range:
+    return range(int(model.body_jntadr[b]), int(model.body_jntadr[b]) + int(model.body_jntnum[b]))
+
+
+def geoms_of(model: mujoco.MjModel, b: int) -> range:
+    return range(int(model.body_geomadr[b]), int(model.body_geomadr[b]) + int(model.body_geomnum[b]))
+
+
+def name_of(model: mujoco.MjModel, b: int) -> str:
+    """Of a body; one that has none is called after its number."""
+    name = str(model.body(b).name)
+    return name or free_name(f"body{b}", {model.body(k).name for k in range(model.nbody)})
+
+
+def numbered(name: str, taken: Collection[str], between: str = "") -> str:
+    """The name, with a number from 2 on if it is taken."""
+    more = (f"{name}{between}{k}" for k in count(2))
+    return next(one for one in chain((name,), more) if one not in taken)

@@ -11,13 +11,13 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.attached import Additions, Attached, tip
+from etude_arm.loading.attached import Additions, Attached, Mounting, tip
 from etude_arm.loading.choice import Choice
 from etude_arm.loading.hulls import hull, obj_text
-from etude_arm.loading.mjcf_additions import add_carried, mounted
-from etude_arm.loading.mjcf_joints import moving
-from etude_arm.loading.mjcf_parts import SHAPES, joints_of, name_of, shapes_of_bodies
-from etude_arm.loading.names import free_name
+from etude_arm.loading.inertia import ENTRIES
+from etude_arm.loading.mjcf_compiled import SHAPES, joints_of, moving, name_of, shapes_of_bodies
+from etude_arm.loading.parsing import free_name
+from etude_arm.loading.rotations import turn_of
 
 if TYPE_CHECKING:
     import mujoco
@@ -152,6 +152,84 @@ def _turned(vector: Array, quat: Array) -> Array:
     return turned
 
 
+ON_JOINT, ON_TENDON = (0, 1), 3  # mjtTrn: joint, joint in parent; tendon
+WRAP_JOINT, WRAP_SITE = 1, 3  # mjtWrap
+
+
+def add_drives(
+    model: mujoco.MjModel, joints: Sequence[str], root: ET.Element, bodies: Mapping[int, ET.Element]
+) -> None:
+    """Adds motors of the chosen joints, and those on tendons of chosen joints or of sites."""
+    tendons, motors = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
+    for k in range(model.nu):
+        kind, target = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
+        gear = repr(float(model.actuator_gear[k, 0]))
+        if kind in ON_JOINT and model.joint(target).name in joints:
+            ET.SubElement(motors, "motor", joint=model.joint(target).name, gear=gear)
+        elif kind == ON_TENDON and _tendon(model, target, joints, tendons, bodies):
+            ET.SubElement(motors, "motor", tendon=f"tendon{target}", gear=gear)
+
+
+def _tendon(
+    model: mujoco.MjModel,
+    t: int,
+    joints: Sequence[str],
+    tendons: ET.Element,
+    bodies: Mapping[int, ET.Element],
+) -> bool:
+    """Writes a tendon over joints or through sites; False for one over pulleys or round geoms."""
+    first = int(model.tendon_adr[t])
+    wraps = range(first, first + int(model.tendon_num[t]))
+    kinds, objects = {int(model.wrap_type[w]) for w in wraps}, [int(model.wrap_objid[w]) for w in wraps]
+    if any(part.get("name") == f"tendon{t}" for part in tendons):
+        return True
+    if kinds == {WRAP_JOINT}:
+        names = [model.joint(j).name for j in objects]
+        if not set(names) & set(joints):
+            return False
+        fixed = ET.SubElement(tendons, "fixed", name=f"tendon{t}")
+        for name, w in zip(names, wraps, strict=True):
+            if name in joints:
+                ET.SubElement(fixed, "joint", joint=name, coef=repr(float(model.wrap_prm[w])))
+        return True
+    if kinds != {WRAP_SITE}:
+        return False
+    spatial = ET.SubElement(tendons, "spatial", name=f"tendon{t}")
+    for site in objects:
+        body = bodies[int(model.site_bodyid[site])]
+        if not any(part.get("name") == f"site{site}" for part in body.findall("site")):
+            at = " ".join(repr(float(x)) for x in model.site_pos[site])
+            ET.SubElement(body, "site", name=f"site{site}", pos=at)
+        ET.SubElement(spatial, "site", site=f"site{site}")
+    return True
+
+
+def mounted(world: ET.Element, mounting: Mounting) -> ET.Element:
+    """The frame in the world that everything of the robot belongs into."""
+    return ET.SubElement(world, "frame", pos=_text(mounting.position), quat=_text(_quaternion(mounting.turn)))
+
+
+def add_carried(body: ET.Element, name: str, one: Attached) -> None:
+    """Adds a tool or payload, under a name that no body has, to the body that carries it."""
+    new, moments = ET.SubElement(body, "body", name=name), one.moments()
+    full = _text(moments[i, j] for _, i, j in ENTRIES)
+    ET.SubElement(new, "inertial", pos=_text(one.centre), mass=repr(one.mass), fullinertia=full)
+    if one.shape != "none":
+        radius, *length = one.size
+        half = [value / 2 for value in one.size] if one.shape == "box" else [radius, *(x / 2 for x in length)]
+        geom = ET.SubElement(new, "geom", name=f"{name}#0", type=one.shape, size=_text(half))
+        geom.set("pos", _text(one.shape_centre or one.centre))
+        geom.set("quat", _text(_quaternion(turn_of(*one.rotation))))
+
+
+def _quaternion(turn: Array) -> Array:
+    import mujoco
+
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, turn.reshape(-1))
+    return quat
+
+
 def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Additions) -> Written:
     """A model of the chosen joints; `drives`: with the actuators, and the tendons that they pull.
 
@@ -178,8 +256,6 @@ def written(model: mujoco.MjModel, choice: Choice, drives: bool, added: Addition
     for name in writer.assets:
         ET.SubElement(asset, "mesh", name=name.removesuffix(".obj"), file=name)
     if drives:
-        from etude_arm.loading.mjcf_drives import add_drives
-
         add_drives(model, choice.joints, root, elements)
     xml = ET.tostring(root, encoding="unicode")
     names = {name: g for b, own in writer.names.items() for name, g in zip(own, shapes[b], strict=True)}

@@ -1,10 +1,15 @@
-"""A model file as a tree of elements, once it is one: no xacro, one root, no name twice."""
+"""A model file as a tree of elements, once it is one: no xacro, one root, no name twice.
+
+No name of a description may mean anything to MuJoCo. MuJoCo calls its own fixed body "world", and takes a
+link of that name for it: what hangs the robot's root into the room would be lost.
+"""
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from etude.errors import UsageError
@@ -80,3 +85,20 @@ def _refuse_repeated(root: ET.Element, path: Path) -> None:
             if count > 1 or not name:
                 what = f"{tag} '{name}' is described {count} times" if name else f"a {tag} has no name"
                 raise UsageError(what, where=str(path), next_step=f"Give each {tag} a name of its own.")
+
+
+WORLD = "world"
+"""MuJoCo's own body, and a link that Drake's files weld their base to without describing it."""
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """The name, or one made of it that is not taken."""
+    while name in taken:
+        name = f"own_{name}"
+    return name
+
+
+def body_names(links: Iterable[str]) -> dict[str, str]:
+    """Link -> name of its body: its own, but for one that MuJoCo keeps for itself."""
+    links = list(links)
+    return {link: free_name(link, {WORLD, *links}) if link == WORLD else link for link in links}

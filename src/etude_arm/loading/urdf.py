@@ -2,30 +2,46 @@
 
 MuJoCo reads URDF, but none of those that name their meshes as ROS does, and none with an inertia of zero. So
 a new file is written of what matters, and nothing of the old one is patched.
+
+Where a part that moves as one has no collision shape at all, what is drawn of it is taken; where a mesh is
+missing, the one that is drawn, and at last a guess, which is said.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from etude.errors import UsageError
-from etude_arm.loading.attached import Additions
-from etude_arm.loading.choice import Choice, choose
-from etude_arm.loading.inertia import masses_of
-from etude_arm.loading.limbs import example
+from etude.types import Array
+from etude_arm.loading.attached import Additions, Attached, tip
+from etude_arm.loading.choice import Choice, choose, example
+from etude_arm.loading.expected import urdf_expected
+from etude_arm.loading.hulls import hull, is_hull, obj_text
+from etude_arm.loading.inertia import ENTRIES, masses_of
 from etude_arm.loading.loaded import Loaded
-from etude_arm.loading.names import body_names
+from etude_arm.loading.mesh_paths import MeshPaths
+from etude_arm.loading.mesh_readers import read_triangles
+from etude_arm.loading.parsing import body_names, free_name
 from etude_arm.loading.rotations import angles_of
-from etude_arm.loading.urdf_additions import add_to_urdf
-from etude_arm.loading.urdf_checks import axis_of
-from etude_arm.loading.urdf_expected import urdf_expected
-from etude_arm.loading.urdf_shapes import NO_SHAPES, shapes_of
-from etude_arm.loading.urdf_tree import UrdfTree, child, hard_range, parent, pose_of, read_tree
+from etude_arm.loading.urdf_tree import (
+    UrdfTree,
+    axis_of,
+    child,
+    hard_range,
+    numbers,
+    parent,
+    pose_of,
+    read_tree,
+    scale_of,
+    vector,
+)
 
 COMPILER = {
     "fusestatic": "true",
@@ -36,6 +52,264 @@ COMPILER = {
 }
 KEPT = ("origin", "axis", "limit", "dynamics")
 """Of a joint that moves, beside its ends."""
+
+
+SLENDER = 0.25
+"""Radius of a guessed shape by the distance to the next joint."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """<collision> elements by link, and the meshes they name. Other attributes as of `loaded.Loaded`."""
+
+    elements: Mapping[str, Sequence[ET.Element]]
+    assets: Mapping[str, bytes]
+    notes: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+
+
+NO_SHAPES = Shapes({}, {})
+
+
+@dataclass
+class _Meshes:
+    """The meshes of one model file, each read once; `missing` were not found, `empty` show nothing."""
+
+    model: Path
+    paths: MeshPaths
+    assets: dict[str, bytes] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    empty: list[str] = field(default_factory=list)
+    _read: dict[Path, Array] = field(default_factory=dict)
+
+    def add(self, mesh: ET.Element, link: str) -> str:
+        """The name of an asset with the hull of a <mesh>; "" if there is no such file, or nothing in it."""
+        name = mesh.get("filename", "")
+        path = self.paths.find(name)
+        if path is None:
+            self.missing.append(name)
+            return ""
+        scale = scale_of(mesh, f"{self.model}, link '{link}'")
+        made = self._hull(path, scale)
+        if not made:
+            self.empty.append(name)
+            return ""
+        asset = f"{len(self.assets)}_{re.sub(r'[^A-Za-z0-9_-]', '_', link)}.obj"
+        self.assets[asset] = made
+        return asset
+
+    def _hull(self, path: Path, scale: Array) -> bytes:
+        data = path.read_bytes() if path.suffix == ".obj" else b""
+        if is_hull(data) and np.all(scale == 1.0):
+            return data
+        if path not in self._read:
+            self._read[path] = read_triangles(path).reshape(-1, 3)
+        return obj_text(*hull(self._read[path] * scale)) if len(self._read[path]) else b""
+
+
+def shapes_of(tree: UrdfTree, joints: Sequence[str], path: Path, mesh_roots: Sequence[Path]) -> Shapes:
+    """The collision shapes of every link, named "link#k".
+
+    Raises:
+        UsageError: a mesh that is there cannot be read.
+    """
+    links = tree.links.values()
+    named = tuple(mesh.get("filename", "") for link in links for mesh in link.iter("mesh"))
+    meshes = _Meshes(path, MeshPaths(path, mesh_roots, named))
+    elements: dict[str, list[ET.Element]] = {}
+    notes: list[str] = []
+    unseen: list[str] = []
+    drawn: list[str] = []
+    for cluster in tree.clusters(joints):
+        solid = any(tree.links[name].find("collision") is not None for name in cluster)
+        for name in cluster:
+            elements[name] = _of_link(tree, name, "collision" if solid else "visual", meshes, unseen)
+        shaped = [name for name in cluster if elements[name]]
+        drawn += [] if solid else shaped
+        unseen += [] if shaped else [f"the shape of link '{cluster[0]}': the file has none"]
+    if drawn:
+        notes.append(f"What is drawn of {', '.join(drawn)} is taken as shape: there is none for collisions.")
+    notes += meshes.paths.notes
+    if meshes.missing:
+        names = ", ".join(map(meshes.paths.in_words, dict.fromkeys(meshes.missing)))
+        notes.append(
+            f"Meshes are missing: {names}. Name the folder that holds them, or their package, with "
+            "--mesh-root."
+        )
+    if meshes.empty:
+        names = ", ".join(dict.fromkeys(meshes.empty))
+        notes.append(f"Meshes are empty: {names}. Has the link no shape? Else export them anew.")
+    return Shapes(elements, meshes.assets, tuple(notes), tuple(unseen))
+
+
+def _of_link(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+    """The new <collision> elements of one link, of its <collision> or <visual> elements."""
+    found: list[ET.Element] = []
+    for shape in tree.links[link].findall(kind):
+        found += _of_shape(shape, link, meshes) or _stand_in(tree, link, kind, meshes, unseen)
+    for k, element in enumerate(found):
+        element.set("name", f"{link}#{k}")
+    return found
+
+
+SIZES = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
+"""Attributes of each, and how many numbers each has, m."""
+
+
+def check_primitive(shape: ET.Element, place: str) -> None:
+    """Raises a UsageError if a <geometry>'s child is no known shape, or a size of it is none."""
+    if shape.tag not in SIZES:
+        raise UsageError(
+            f"a shape <{shape.tag}> is not known",
+            where=place,
+            next_step=f"URDF has {', '.join(SIZES)} and mesh: correct it, or take it out.",
+        )
+    for key, count in SIZES[shape.tag].items():
+        found = numbers(shape.get(key), "", place)
+        if len(found) != count or not (np.all(np.isfinite(found)) and np.all(found > 0.0)):
+            raise UsageError(
+                f"a {shape.tag} cannot have {key}={shape.get(key)!r}",
+                where=place,
+                next_step=f"Give {count} number{'s' if count > 1 else ''} above zero, in m.",
+            )
+
+
+def _of_shape(shape: ET.Element, link: str, meshes: _Meshes) -> list[ET.Element]:
+    """The new element of a shape; none if its mesh is missing or empty."""
+    mesh, geometry = shape.find("geometry/mesh"), shape.find("geometry")
+    new, place = ET.Element("collision"), f"{meshes.model}, link '{link}'"
+    for origin in shape.findall("origin"):
+        for key in ("xyz", "rpy"):
+            vector(origin.get(key), "0 0 0", place)
+    new.extend(shape.findall("origin"))
+    if mesh is None:
+        if geometry is None or not len(geometry):
+            return []
+        check_primitive(geometry[0], place)
+        new.append(geometry)
+        return [new]
+    asset = meshes.add(mesh, link)
+    if asset:
+        ET.SubElement(ET.SubElement(new, "geometry"), "mesh", filename=asset)
+    return [new] if asset else []
+
+
+def _stand_in(tree: UrdfTree, link: str, kind: str, meshes: _Meshes, unseen: list[str]) -> list[ET.Element]:
+    """What is drawn of a link whose collision mesh is missing or empty; else a capsule to the next joint, a
+    guess.
+    """
+    lack = _lack(tree.links[link], kind, meshes)
+    if kind == "collision":
+        drawn = [
+            new for shape in tree.links[link].findall("visual") for new in _of_shape(shape, link, meshes)
+        ]
+        if drawn:
+            unseen.append(f"the shape of link '{link}': {lack}, what is drawn was taken")
+            return drawn
+    ends = [_offset(joint) for joint in tree.joints if parent(joint) == link]
+    end = max(ends, key=lambda at: float(at @ at), default=np.zeros(3))
+    if not end.any():  # the last link: nothing says how far it reaches
+        unseen.append(f"the shape of link '{link}': {lack}, and nothing was taken in its place")
+        return []
+    unseen.append(f"the shape of link '{link}': {lack}, a capsule was guessed")
+    return [_capsule(end)]
+
+
+def _lack(link: ET.Element, kind: str, meshes: _Meshes) -> str:
+    """Why a link lacks a shape."""
+    names = [mesh.get("filename", "") for shape in link.findall(kind) for mesh in shape.iter("mesh")]
+    return f"its mesh is {'missing' if any(name in meshes.missing for name in names) else 'empty'}"
+
+
+def _offset(joint: ET.Element) -> Array:
+    origin = joint.find("origin")
+    return vector(None if origin is None else origin.get("xyz"), "0 0 0")
+
+
+def _capsule(end: Array) -> ET.Element:
+    """A capsule from the link's origin to `end` (3,)."""
+    length = float(np.linalg.norm(end))
+    yaw, pitch = np.arctan2(end[1], end[0]), np.arctan2(np.hypot(end[0], end[1]), end[2])
+    new = ET.Element("collision")
+    ET.SubElement(
+        new, "origin", xyz=" ".join(map(str, (end / 2).tolist())), rpy=f"0 {float(pitch)} {float(yaw)}"
+    )
+    shape = {"radius": str(SLENDER * length), "length": str(length)}
+    ET.SubElement(ET.SubElement(new, "geometry"), "capsule", shape)
+    return new
+
+
+PAYLOAD_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+
+
+def add_to_urdf(
+    new: ET.Element, tree: UrdfTree, joints: Sequence[str], added: Additions, bodies: Mapping[str, str]
+) -> dict[str, str]:
+    """Adds them to the new file, which calls links as `bodies` says; returns the names of tool and payload.
+
+    Raises:
+        UsageError: a link that is not there, or none is named and the arm has several ends.
+    """
+    taken = {*tree.links, *bodies.values()}
+    if added.mounting is not None:
+        room = free_name("room", taken)
+        ET.SubElement(new, "link", name=room)
+        at, turn = added.mounting.position, added.mounting.rotation
+        _fix(new, room, bodies[tree.root], xyz=_text(at), rpy=_text(turn))
+    names = {what: free_name(what, taken) for what, _ in added.carried}
+    for what, one in added.carried:
+        carrier = one.link or _tip_link(tree, joints, what)
+        new.append(_link(names[what], one))
+        _fix(new, bodies.get(carrier, carrier), names[what])
+        if one.link and one.link not in tree.links:
+            raise UsageError(
+                f"there is no link '{one.link}'",
+                where=f"[{what}]",
+                next_step=f"Its links are {', '.join(tree.links)}.",
+            )
+    return names
+
+
+def _tip_link(tree: UrdfTree, joints: Sequence[str], what: str) -> str:
+    last = tip(tree.moving(), joints, what)
+    return next(child(joint) for joint in tree.joints if joint.get("name") == last)
+
+
+def _fix(new: ET.Element, carrier: str, link: str, **origin: str) -> None:
+    taken = {one.get("name", "") for one in new.findall("joint")}
+    name = free_name(f"{link} fixed to {carrier}", taken)
+    joint = ET.SubElement(new, "joint", name=name, type="fixed")
+    ET.SubElement(joint, "parent", link=carrier)
+    ET.SubElement(joint, "child", link=link)
+    if origin:
+        ET.SubElement(joint, "origin", origin)
+
+
+def _link(name: str, one: Attached) -> ET.Element:
+    link, moments = ET.Element("link", name=name), one.moments()
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(one.centre))
+    ET.SubElement(inertial, "mass", value=repr(one.mass))
+    ET.SubElement(inertial, "inertia", {key: repr(float(moments[i, j])) for key, i, j in ENTRIES})
+    if one.shape != "none":
+        collision = ET.SubElement(link, "collision", name=f"{name}#0")
+        ET.SubElement(collision, "origin", xyz=_text(one.shape_centre or one.centre), rpy=_text(one.rotation))
+        sizes = [_text(one.size)] if one.shape == "box" else [repr(float(value)) for value in one.size]
+        ET.SubElement(
+            ET.SubElement(collision, "geometry"),
+            one.shape,
+            dict(zip(PAYLOAD_SIZES[one.shape], sizes, strict=True)),
+        )
+    return link
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
 
 
 def load_urdf(

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from etude.operators import Operand, Value, cross, joined, stacked
+from etude._runtime.operators import Operand, Value, cross, joined, stacked
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree
 from etude_arm.physics.transmission import Drive
 

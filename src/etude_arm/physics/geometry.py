@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from etude_arm.of_file import of_file
+from etude_arm.loading.load import of_file
 from etude_arm.physics.transmission import Geometry
 from etude_arm.spec import ArmSpec
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.operators import Operand, Value, column, cosine, cross, shaped, sine, stacked
+from etude._runtime.operators import Operand, Value, column, cosine, cross, shaped, sine, stacked
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.operators import Piece
 from etude.errors import DataError, UsageError
-from etude.operators import Piece
 from etude.types import Array, Code, Index, Log, Samples
 from etude_arm.inputs import FRICTION_SCALES, friction_speeds
 from etude_arm.physics.base_regressor import BaseRegressor, base_regressors

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.operators import cross
+from etude._runtime.operators import cross
 from etude.types import Array
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 from etude_arm.physics.transmission import Geometry, drive_motion, joint_drives

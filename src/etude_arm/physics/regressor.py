@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.operators import cross
+from etude._runtime.operators import cross
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree, body_motion
 
 Array = NDArray[np.float64]

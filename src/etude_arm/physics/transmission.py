@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from etude._runtime.operators import cross
 from etude.errors import NumericalError
-from etude.operators import cross
 from etude_arm.physics.kinematics import BodyMotion, KinematicTree
 
 Array = NDArray[np.float64]

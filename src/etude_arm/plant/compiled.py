@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude.types import Array
 from etude_arm.plant.parameters import ArmParameters
 from etude_arm.plant.trace import LoopInputs, Trace
@@ -355,3 +355,24 @@ def inverse(arm: ArmParameters, q: Array, qd: Array, qdd: Array) -> Array:
     rows = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, qdd))
     volts: Array = _inverse(*rows, arrays(arm))
     return volts / arm.controller.supply * arm.controller.resolution
+
+
+class RunningArm:
+    """One arm on its way (implements `trace.Running`); the same compiled loop as a whole run, to the bit.
+
+    Args:
+        arm: its parameters.
+        q: (dof,) angles at rest, rad.
+    """
+
+    def __init__(self, arm: ArmParameters, q: Array) -> None:
+        self._state = at_rest(q)
+        self.change(arm)
+
+    def change(self, parameters: ArmParameters) -> None:
+        """From the next tick on the arm has these parameters; angles, rates and bristles stay."""
+        self._arm = constants(parameters)
+
+    def advance(self, inputs: LoopInputs) -> Trace:
+        """Goes on over the ticks of `inputs`."""
+        return advance(self._arm, self._state, inputs)

@@ -1,19 +1,53 @@
-"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log."""
+"""ArmRobot: a simulated arm that turns a trajectory and a controller into a Log, and what befalls it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from msgspec.structs import replace as struct_replace
+
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.plant.changes import with_friction, with_payload
 from etude_arm.plant.following import Following
 from etude_arm.plant.parameters import ArmParameters, load_parameters, plant_names
 from etude_arm.plant.trace import LoopInputs, Running, Trace
 from etude_arm.spec import ArmSpec
 
 Engine = Literal["compiled", "mujoco"]
+
+
+def with_payload(arm: ArmParameters, mass: float) -> ArmParameters:
+    """The arm with a point mass (kg) at the end of its last link.
+
+    Raises:
+        UsageError: a mass below zero or not finite.
+    """
+    if not (math.isfinite(mass) and mass >= 0.0):
+        raise UsageError(f"a payload of {mass} kg is not possible", next_step="Give 0 kg or more.")
+    hand = arm.links[-1]
+    total = hand.mass + mass
+    center = (hand.mass * hand.center + mass * hand.length) / total
+    shift, reach = center - hand.center, hand.length - center
+    across = hand.inertia_across + hand.mass * shift**2 + mass * reach**2  # parallel axes
+    loaded = struct_replace(hand, mass=total, center=center, inertia_across=across)
+    return struct_replace(arm, links=(*arm.links[:-1], loaded))
+
+
+def with_friction(arm: ArmParameters, factor: float) -> ArmParameters:
+    """The arm with Coulomb, static and viscous friction of every motor times `factor`.
+
+    Raises:
+        UsageError: a factor that is not a positive number.
+    """
+    if not (math.isfinite(factor) and factor > 0.0):
+        raise UsageError(f"friction cannot change by a factor of {factor}", next_step="Give a positive one.")
+    motors = tuple(
+        struct_replace(m, coulomb=factor * m.coulomb, static=factor * m.static, viscous=factor * m.viscous)
+        for m in arm.motors
+    )
+    return struct_replace(arm, motors=motors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +109,7 @@ class ArmRobot(Following):
             raise UsageError(
                 "this engine runs a trajectory as a whole only", where=self.name, next_step='Use "compiled".'
             )
-        from etude_arm.plant.running import RunningArm
+        from etude_arm.plant.compiled import RunningArm
 
         return RunningArm(self.parameters, q)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array, Index
-from etude_arm.loading.names import free_name
+from etude_arm.loading.parsing import free_name
 from etude_arm.spec import ArmSpec
 
 if TYPE_CHECKING:

@@ -1,13 +1,21 @@
-"""The robot's bodies with drives laid over them: what MuJoCo steps."""
+"""The robot's bodies with drives laid over them, which MuJoCo steps, and their two feedback loops."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from etude_arm.loading.names import free_name
-from etude_arm.rehearsal.body import bare_body, with_payload
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from etude.types import Array
+from etude_arm.loading.parsing import free_name
+from etude_arm.plant.trace import LoopInputs, Trace
+from etude_arm.rehearsal.body import bare_body, rows, with_payload
 from etude_arm.rehearsal.motors import Motors
 from etude_arm.rehearsal.overlay import Simulate
 from etude_arm.spec import ArmSpec
@@ -111,3 +119,124 @@ def _bristles(actuator: Any, motors: Motors, j: int) -> None:
         lugre=[motors.stiffness[j], motors.micro_damping[j], *levels],
         ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE),
     )
+
+
+STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+
+class RehearsedRun:
+    """A run on its way (implements `plant.trace.Running`), from rest at q (J,)."""
+
+    def __init__(self, made: Made, q: Array) -> None:
+        self._made, self._model = made, made.driven
+        self._data = mujoco.MjData(self._model)
+        self._own = rows(self._model, made.spec)
+        self._data.qpos[self._own] = q
+        self._waiting: Array | None = None  # controls sent and not yet felt, one physics step a row
+        self._before: Array | None = None
+        self._rate = np.zeros(made.spec.dof)
+
+    def change(self, parameters: Made) -> None:
+        """From the next tick on the robot is that one; positions, speeds and bristles stay."""
+        before = self._data
+        self._made, self._model = parameters, parameters.driven
+        self._data = mujoco.MjData(self._model)
+        for name in ("time", "qpos", "qvel", "act"):
+            setattr(self._data, name, getattr(before, name))
+
+    def advance(self, inputs: LoopInputs) -> Trace:
+        """Goes on over the ticks of `inputs`."""
+        if self._made.loop.loop == "inside":
+            return self._inside(inputs)
+        return Trace.joined([self._outside(inputs, k) for k in range(len(inputs.q_des))])
+
+    def _inside(self, inputs: LoopInputs) -> Trace:
+        """Set-points to the drives, which follow them from tick to tick; one rollout."""
+        ticks, dof = inputs.q_des.shape
+        wanted = _between(inputs, self._made.loop.timestep)
+        controls = self._delayed(np.concatenate(wanted, axis=1))
+        start = self._state()
+        orders = np.arange(3 * dof).reshape(3, dof).T.ravel()  # MuJoCo's: joint by joint
+        padded = np.zeros((len(controls), mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_CTRL)))
+        padded[:, : 3 * dof] = controls[:, orders]
+        states = rollout.rollout(self._model, self._data, start[None], padded[None])[0][0]
+        mujoco.mj_setState(self._model, self._data, states[-1], STATE)
+        path = np.concatenate([start[None], states])
+        q = path[:, 1 + self._own]
+        qd = path[:, 1 + self._model.nq + self._own]
+        torque = _servo(self._made.motors, controls, q, qd)
+        command = torque.reshape(ticks, inputs.substeps, dof).mean(axis=1) / self._made.motors.gain
+        true = q[:: inputs.substeps][:ticks]
+        return Trace(self._measured(true + inputs.noise), true, command, command - inputs.tau_ff)
+
+    def _outside(self, inputs: LoopInputs, k: int) -> Trace:
+        """One tick: encoders, feedback, a command that is held."""
+        made, loop = self._made.motors, self._made.loop
+        true = self._data.qpos[self._own].copy()
+        q = self._measured(true + inputs.noise[k])
+        if self._before is not None:
+            share = loop.velocity_filter
+            self._rate = self._rate + share * ((q - self._before) * self._made.spec.rate - self._rate)
+        self._before = q
+        pull = made.kp * (inputs.q_des[k] - q) + made.kd * (inputs.qd_des[k] - self._rate)
+        feedback = pull / made.gain
+        limit = self._made.spec.command
+        command = np.clip(_whole(feedback + inputs.tau_ff[k], self._made.spec), -limit, limit)
+        held = self._delayed(np.tile(command * made.gain, (inputs.substeps, 1)))
+        for torque, steps in _runs(held):
+            self._data.ctrl[: len(torque)] = torque
+            mujoco.mj_step(self._model, self._data, nstep=steps)
+        return Trace(*(row[None] for row in (q, true, command, feedback)))
+
+    def _measured(self, q: Array) -> Array:
+        tick = self._made.motors.tick
+        return np.asarray(np.rint(q / tick) * tick)
+
+    def _delayed(self, sent: Array) -> Array:
+        """What is felt while `sent` (steps, n) goes out; before the first, the first was sent for ever."""
+        late = round(self._made.loop.delay / self._made.loop.timestep)
+        if self._waiting is None:
+            self._waiting = np.repeat(sent[:1], late, axis=0)
+        both = np.concatenate([self._waiting, sent])
+        self._waiting = both[len(sent) :]
+        return both[: len(sent)]
+
+    def _state(self) -> Array:
+        state = np.empty(mujoco.mj_stateSize(self._model, STATE))
+        mujoco.mj_getState(self._model, self._data, state, STATE)
+        return state
+
+
+def _servo(made: Motors, controls: Array, q: Array, qd: Array) -> Array:
+    """(N, J) torque of the drives in each of N steps; q, qd (N + 1, J).
+
+    The integrator is implicit: damping acts with the speed at a step's end, but for a torque at its limit.
+    """
+    wanted, speed, ahead = np.split(controls, 3, axis=1)
+    pull = made.kp * (wanted - q[:-1]) + ahead
+    begun = pull + made.kd * (speed - qd[:-1])
+    held = np.clip(begun, -made.torque, made.torque)
+    return np.where(held == begun, pull + made.kd * (speed - qd[1:]), held)
+
+
+def _between(inputs: LoopInputs, timestep: float) -> tuple[Array, Array, Array]:
+    """Position, speed and torque (T substeps, J) at every physics step; torques are held."""
+    after = (np.arange(inputs.substeps) * timestep)[None, :, None]
+    bend = np.zeros_like(inputs.q_des) if inputs.qdd_des is None else inputs.qdd_des
+    q, qd, qdd, ff = (rows[:, None] for rows in (inputs.q_des, inputs.qd_des, bend, inputs.tau_ff))
+    position, speed = q + after * (qd + 0.5 * after * qdd), qd + after * qdd
+    flat = (-1, inputs.q_des.shape[1])
+    torque = np.broadcast_to(ff, position.shape)
+    return position.reshape(flat), speed.reshape(flat), torque.reshape(flat)
+
+
+def _runs(held: Array) -> Iterator[tuple[Array, int]]:
+    """Equal rows after each other, and how many there are."""
+    edges = [0, *(np.flatnonzero(np.any(held[1:] != held[:-1], axis=1)) + 1).tolist(), len(held)]
+    for first, last in pairwise(edges):
+        yield held[first], last - first
+
+
+def _whole(command: Array, spec: ArmSpec) -> Any:
+    """Whole numbers where the command is pwm."""
+    return np.rint(command) if spec.command_unit == "pwm" else command

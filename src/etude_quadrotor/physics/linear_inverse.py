@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from etude._runtime.operators import Piece
 from etude.errors import DataError
-from etude.operators import Piece
 from etude.types import Array, Code, Column, Log, Mask
 from etude_quadrotor.channels import STATES
 from etude_quadrotor.physics.hover import hovering

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.operators import Piece
+from etude._runtime.operators import Piece
 from etude.types import Array, Code, Log, Mask
 from etude_quadrotor.physics.hover import hovering
 from etude_quadrotor.physics.map_fit import map_fit

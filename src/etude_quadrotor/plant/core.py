@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from etude.compilation import compiled
+from etude._runtime.compilation import compiled
 from etude_quadrotor.vehicle import GRAVITY, SPINS
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from etude.errors import DataError, UsageError
 from etude.models.gp.exact import checked_data
 from etude.types import Array
-from etude_sparse.lwpr import steps
+from etude_sparse.lwpr import updates
 from etude_sparse.lwpr.posterior import LWPRPosterior
 
 ROOM = 64
@@ -76,7 +76,7 @@ class ReceptiveFields:
         noise_floor: least noise deviation, output units.
     """
 
-    def __init__(self, rule: steps.Rule, scales: Scales, directions: int, noise_floor: float) -> None:
+    def __init__(self, rule: updates.Rule, scales: Scales, directions: int, noise_floor: float) -> None:
         D = len(scales.centre)
         self.scales, self.noise_floor, self.samples = scales, noise_floor, 0
         self._rule = rule
@@ -108,12 +108,12 @@ class ReceptiveFields:
         if X.shape[1] != len(self.scales.centre):
             raise UsageError(f"expected inputs of shape (n, {len(self.scales.centre)}), got {X.shape}")
         U, target = (X - self.scales.centre) / self.scales.spread, y / self.scales.output
-        order, first, status = np.arange(len(y)), 0, steps.FULL
-        while status == steps.FULL:
-            first, status = steps.absorb(
+        order, first, status = np.arange(len(y)), 0, updates.FULL
+        while status == updates.FULL:
+            first, status = updates.absorb(
                 self._fields, U, target, order, first, self._first, self._rule, self._work
             )
-            if status == steps.FULL:
+            if status == updates.FULL:
                 self._fields = _doubled(self._fields)
         self.samples += len(y)
 
@@ -140,7 +140,7 @@ class ReceptiveFields:
         )
 
 
-def _local_models(fields: steps.Fields) -> tuple[Array, Array]:
+def _local_models(fields: updates.Fields) -> tuple[Array, Array]:
     """Slopes (K, D) and directions (K, R, D) divided by their spread, both from the original inputs."""
     K, R, D = fields.u.shape
     slope, spread = np.zeros((K, D)), np.zeros((K, R, D))
@@ -150,18 +150,18 @@ def _local_models(fields: steps.Fields) -> tuple[Array, Array]:
         used = (i < fields.r) & (length > 0.0) & (fields.seen > 2 * D)
         direction = fields.u[:, i] / np.where(length > 0.0, length, 1.0)[:, None]
         row = np.einsum("kd,kde->ke", direction, left) * used[:, None]
-        SS = np.maximum(fields.SS[:, i], steps.TINY)
+        SS = np.maximum(fields.SS[:, i], updates.TINY)
         slope += (fields.SR[:, i] / SS)[:, None] * row
         spread[:, i] = row / np.sqrt(SS)[:, None]
         left -= np.einsum("kd,ke->kde", fields.SZ[:, i] / SS[:, None], row)
     return slope, spread
 
 
-def _room(K: int, R: int, D: int) -> steps.Fields:
+def _room(K: int, R: int, D: int) -> updates.Fields:
     def counters() -> NDArray[np.int64]:
         return np.zeros(K, dtype=np.int64)
 
-    return steps.Fields(
+    return updates.Fields(
         used=np.zeros(1, dtype=np.int64),
         c=np.zeros((K, D)),
         M=np.zeros((K, D, D)),
@@ -187,13 +187,13 @@ def _room(K: int, R: int, D: int) -> steps.Fields:
     )
 
 
-def _doubled(fields: steps.Fields) -> steps.Fields:
+def _doubled(fields: updates.Fields) -> updates.Fields:
     """The same fields with twice the room."""
     arrays: list[Any] = list(fields[1:])
-    return steps.Fields(fields.used, *(np.concatenate([a, np.zeros_like(a)]) for a in arrays))
+    return updates.Fields(fields.used, *(np.concatenate([a, np.zeros_like(a)]) for a in arrays))
 
 
-def _part(fields: steps.Fields, K: int) -> steps.Fields:
+def _part(fields: updates.Fields, K: int) -> updates.Fields:
     """Views of the first K fields."""
     arrays: list[Any] = list(fields[1:])
-    return steps.Fields(fields.used, *(a[:K] for a in arrays))
+    return updates.Fields(fields.used, *(a[:K] for a in arrays))

@@ -83,7 +83,7 @@ class LWPR:
         Raises DataError for unusable X or y.
         """
         from etude_sparse.lwpr.fields import ReceptiveFields, Scales
-        from etude_sparse.lwpr.steps import Rule
+        from etude_sparse.lwpr.updates import Rule
 
         X, y = checked_data(X, y)
         rule = Rule(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etude_arm.clearance.gaps import Gaps
+from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Surroundings

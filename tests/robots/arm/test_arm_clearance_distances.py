@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Box, Column, Floor, Room, Surroundings, Wall
 from etude_arm.loading.loaded import Loaded

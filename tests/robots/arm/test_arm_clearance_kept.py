@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from clearance_examples import planar_spec
 
-from etude_arm.clearance.clear_poses import one_turn, reachable
-from etude_arm.clearance.kept import FLOOR, neighbours
-from etude_arm.clearance.limit import Clearance
-from etude_arm.clearance.of_robot import clearance_of
+from etude_arm.clearance.limit import FLOOR, Clearance, neighbours
+from etude_arm.clearance.of_robot import clearance_of, one_turn, reachable
 from etude_arm.clearance.surroundings import Collision, Floor, Search, Surroundings
 
 # the hand's corners pass the upper arm at 5 mm where it leans over, and at 65 mm upright

@@ -19,7 +19,7 @@ from etude.trajectories.family import FourierConfig
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.types import Motion
-from etude_arm.clearance.gaps import TOLERANCE
+from etude_arm.clearance.distances import TOLERANCE
 from etude_arm.clearance.limit import TAKEN
 from etude_arm.clearance.of_robot import clearance_of, search_of
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings, Wall

@@ -15,11 +15,10 @@ from etude.protocols import Trajectory
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.types import Array, Motion, Proof
-from etude_arm.clearance.gaps import CUTOFF
-from etude_arm.clearance.limit import Clearance
-from etude_arm.clearance.proof import MOST, nearest
+from etude_arm.clearance.distances import CUTOFF
+from etude_arm.clearance.limit import MOST, Clearance, nearest
+from etude_arm.clearance.path_poses import way_of
 from etude_arm.clearance.surroundings import Box, Floor, Surroundings
-from etude_arm.clearance.way import way_of
 
 LIMIT = clearance(
     planar(Surroundings(floor=Floor(0.0), box=(Box("post", (0.6, 0.0, 0.4), (0.1, 0.4, 0.8)),)))

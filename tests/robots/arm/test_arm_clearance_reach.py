@@ -9,12 +9,12 @@ from clearance_examples import random_chain
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from etude_arm.clearance.confirmed import excess
-from etude_arm.clearance.gaps import CUTOFF, Gaps
+from etude_arm.clearance.distances import CUTOFF, Gaps
+from etude_arm.clearance.limit import excess
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.skeleton import Skeleton
 from etude_arm.clearance.surroundings import Column, Floor, Surroundings, Wall
-from etude_arm.clearance.tracked import all_keep, lost
+from etude_arm.clearance.tracking_distance import all_keep, lost
 
 CHAINS = given(st.integers(0, 10**6), st.integers(2, 7))
 AROUND = Surroundings(

@@ -9,8 +9,7 @@ import pytest
 from clearance_examples import NAMES, PLANAR, REACH, planar
 
 from etude.errors import UsageError
-from etude_arm.clearance.settled import Settled, settled
-from etude_arm.clearance.srdf import disabled
+from etude_arm.clearance.defaults import Settled, disabled, settled
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings
 from etude_arm.loading.loaded import Loaded
 

@@ -14,12 +14,11 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from etude.trajectories.fourier import FourierTrajectory
-from etude_arm.clearance.fewer import Fewer, fewer, to_triangles
-from etude_arm.clearance.gaps import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
+from etude_arm.clearance.hull_reduction import MANY, ROOM, Fewer, fewer, stand_ins, to_triangles
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.of_robot import clearance_of
 from etude_arm.clearance.pairs import gaps_of
-from etude_arm.clearance.stand_ins import MANY, ROOM, stand_ins
 from etude_arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings
 from etude_arm.loading.hulls import hull, obj_text
 from etude_arm.loading.loaded import Loaded

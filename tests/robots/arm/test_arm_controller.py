@@ -15,7 +15,7 @@ from etude.models.trust import trusted
 from etude.types import Log, Motion
 from etude_arm.controller import ModelController, PerfectController
 from etude_arm.inputs import ArmInputs
-from etude_arm.recipe import ArmData, samples_of
+from etude_arm.preprocessing import ArmData, samples_of
 from etude_arm.spec import ArmSpec, Axis
 
 AXES = tuple(Axis(n, -1, 1, 1, 1, c) for n, c in (("a", 100.0), ("b", 5.0)))

@@ -16,7 +16,7 @@ from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import scaled
 from etude.trajectories.family import FourierConfig
 from etude_arm.kind import KIND
-from etude_arm.recipe import ArmData
+from etude_arm.preprocessing import ArmData
 from etude_arm.robot_file import parse_robot
 from etude_arm.spec import ArmSpec, Axis
 

@@ -9,7 +9,7 @@ import pytest
 
 from etude.logs.cleaning.read import read_log
 from etude_arm.kind import KIND
-from etude_arm.recipe import ArmData, samples_of
+from etude_arm.preprocessing import ArmData, samples_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 

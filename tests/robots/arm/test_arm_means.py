@@ -12,7 +12,7 @@ from etude.errors import DataError, UsageError
 from etude.types import Samples
 from etude_arm.inputs import ArmInputs
 from etude_arm.physics.mean import ArmPhysics, RigidBodyMean, physics_of
-from etude_arm.recipe import ArmData, samples_of
+from etude_arm.preprocessing import ArmData, samples_of
 
 ROBOT = simulated()
 SPEC = ROBOT.spec

@@ -13,7 +13,7 @@ from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.types import Log, Samples
 from etude_arm.kind import KIND
-from etude_arm.recipe import ArmData, samples_of
+from etude_arm.preprocessing import ArmData, samples_of
 from etude_arm.spec import ArmSpec, Axis
 
 Array = NDArray[np.float64]

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from etude.types import Array, Log, Mask, Samples
 from etude_arm.kind import KIND
-from etude_arm.recipe import ArmData, samples_of
-from etude_arm.reversals import near_reversals, spared
+from etude_arm.preprocessing import ArmData, near_reversals, samples_of, spared
 from etude_arm.spec import ArmSpec, Axis
 
 SPEC = ArmSpec("arm", tuple(Axis(n, -2.0, 2.0, 2.0, 8.0, 90.0) for n in ("a", "b")), "N m", 100.0)

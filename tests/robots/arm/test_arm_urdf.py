@@ -11,7 +11,7 @@ import pytest
 
 from etude.errors import UsageError
 from etude_arm.loading.load import load_arm
-from etude_arm.urdf import STOPPING_TIME, spec_from_model
+from etude_arm.model_file import STOPPING_TIME, spec_from_model
 
 MESH = '<visual><geometry><mesh filename="package://arm/meshes/link.stl"/></geometry></visual>'
 URDF = f"""<robot name="arm">

@@ -20,10 +20,10 @@ from etude.errors import UnsafeTrajectoryError
 from etude.limits.certificate import require_certified
 from etude.protocols import Trajectory
 from etude.trajectories.moves import PointToPoint
-from etude_arm.commands import NO_MOTION, commands_of
+from etude_arm.command_limits import NO_MOTION, commands_of
+from etude_arm.description import sentences, weight_of
+from etude_arm.model_file import spec_from_model
 from etude_arm.spec import ArmSpec
-from etude_arm.urdf import spec_from_model
-from etude_arm.weight import sentences, weight_of
 
 LEVEL = GRAVITY * 3.0 * 0.3
 """N m that hold the lever level, where it stands at home."""

@@ -14,8 +14,7 @@ from loading_examples import write
 from etude.errors import UsageError
 from etude.types import Log, Samples
 from etude_arm.identified.files import central, written
-from etude_arm.identified.fit import Identified, identified
-from etude_arm.identified.links import links_of
+from etude_arm.identified.fit import Identified, identified, links_of
 from etude_arm.identified.pseudo_inertia import is_possible, matrix_of
 from etude_arm.identified.target import URDF
 from etude_arm.kind import KIND

@@ -198,7 +198,7 @@ def link_of(g: int, model: mujoco.MjModel) -> tuple[str, int]:
 
 def overlaps(model: mujoco.MjModel, poses: np.ndarray) -> np.ndarray:
     """Whether any two shapes overlap, but for those of neighbours."""
-    from etude_arm.loading.crowded import REACH, _pairs
+    from etude_arm.loading.overlapping_links import REACH, _pairs
 
     data, pairs, found = mujoco.MjData(model), list(_pairs(model)), []
     for q in poses:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from etude.errors import UsageError
-from etude_arm.loading.choice import Choice, choose
-from etude_arm.loading.limbs import Moving
+from etude_arm.loading.choice import Choice, Moving, choose
 
 
 def chain(*names: str, before: str = "", **values: float) -> list[Moving]:

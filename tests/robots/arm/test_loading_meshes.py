@@ -13,11 +13,10 @@ from hypothesis.extra.numpy import arrays
 from loading_examples import ARM, MESH, write
 
 from etude.errors import UsageError
-from etude_arm.loading.hulls import THINNEST, hull, is_hull, obj_text
+from etude_arm.loading.hulls import SLABS, THINNEST, hull, is_hull, obj_text, slabs, volume
 from etude_arm.loading.load import load
 from etude_arm.loading.mesh_paths import MeshPaths
 from etude_arm.loading.mesh_readers import read_triangles
-from etude_arm.loading.slabs import SLABS, slabs, volume
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 DAE = """<?xml version="1.0"?>

@@ -10,7 +10,7 @@ from loading_examples import BOX, LIMIT, MESH, robot, write
 from etude.errors import UsageError
 from etude_arm.description import describe
 from etude_arm.loading.load import load
-from etude_arm.urdf import spec_from_model
+from etude_arm.model_file import spec_from_model
 
 ELBOW = '<joint name="elbow" type="revolute">'
 MIMIC = '<mimic joint="finger_left" '

@@ -12,10 +12,10 @@ from loading_examples import ARM, BOX, CUBE, INERTIAL, LIMIT, MESH, joint, link,
 
 from etude.errors import UsageError
 from etude_arm.kind import KIND
-from etude_arm.loading.crowded import crowded_links, crowds, hemmed_in
 from etude_arm.loading.inertia import SMALLEST, possible
 from etude_arm.loading.load import load
 from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in
 from etude_arm.loading.pack import packed
 from etude_arm.loading.rotations import angles_of, turn_of
 
@@ -76,7 +76,7 @@ def test_to_hold_a_joint_is_to_leave_it_where_it_has_been_moved(urdf: Path) -> N
 
 
 def test_soft_limits_narrow_hard_ones_and_the_rest_is_said(urdf: Path) -> None:
-    from etude_arm.urdf import spec_from_model
+    from etude_arm.model_file import spec_from_model
 
     found = spec_from_model(urdf)
     np.testing.assert_allclose(found.spec.lower, [-1.5, -1.0, -np.pi])

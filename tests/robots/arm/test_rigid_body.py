@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, motion_of, samples_of, smooth_motion
 
+from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
-from etude.operators import cross
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude_arm.physics.estimate import fitted, output_priors, require_axes

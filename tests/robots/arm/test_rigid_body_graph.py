@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rigid_examples import AWKWARD, NAMES, awkward_spec, smooth_motion
 
+from etude._runtime.operators import Value
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.target import session
-from etude.operators import Value
 from etude.types import Array, Log
 from etude_arm.inputs import ArmInputs
 from etude_arm.memory import remembered

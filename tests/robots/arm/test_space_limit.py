@@ -15,12 +15,11 @@ from etude.limits.certificate import SPEED, certify
 from etude.trajectories.fourier import FourierTrajectory
 from etude.trajectories.moves import PointToPoint
 from etude.trajectories.splined import Splined
+from etude_arm.clearance.skeleton import bent
 from etude_arm.loading.load import load_arm
 from etude_arm.motions import limits
 from etude_arm.robot_file import parse_robot, robot_to_toml
-from etude_arm.space.limit import SpaceLimit
-from etude_arm.space.of_robot import space_of
-from etude_arm.space.reach import bent
+from etude_arm.space.limit import SpaceLimit, space_of
 from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec, Axis
 

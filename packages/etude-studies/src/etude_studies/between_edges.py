@@ -17,7 +17,7 @@ from etude.models.data.cross_validation import block_masks
 from etude.models.model import LearnedModel
 from etude.models.score import figures
 from etude.types import Array, Index, Log, Mask, Samples, joined_samples
-from etude_arm.recipe import filter_cutoff
+from etude_arm.preprocessing import filter_cutoff
 from etude_studies.real_between import again
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log, quarter_masks

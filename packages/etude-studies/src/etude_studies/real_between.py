@@ -23,7 +23,7 @@ from etude.models.process import Posteriors
 from etude.models.score import figures
 from etude.protocols import Candidate
 from etude.types import Array, Log, Samples, joined_samples
-from etude_arm.recipe import filter_cutoff
+from etude_arm.preprocessing import filter_cutoff
 from etude_studies.real_draws import DRAWS, drawn
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table

@@ -22,7 +22,7 @@ from etude.models.gp.kernel_algebra import Kernel
 from etude.models.gp.kernels import Linear, SquaredExponential, structured
 from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Column, Log, Samples
-from etude_arm.recipe import filter_cutoff
+from etude_arm.preprocessing import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row
 from etude_studies.world import World

@@ -21,7 +21,7 @@ from etude.models.data.cross_validation import block_masks
 from etude.models.score import figures
 from etude.models.selection.linear import LinearPhysics
 from etude.types import Array, Log, Samples, joined_samples
-from etude_arm.recipe import filter_cutoff
+from etude_arm.preprocessing import filter_cutoff
 from etude_studies.real_logs import REAL_LOGS, arm_log
 from etude_studies.rows import Row, table
 from etude_studies.world import World

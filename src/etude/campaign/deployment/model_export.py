@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from etude import __version__, plugins
+from etude._runtime.options import MODEL_HASH
 from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.propose.constraints import kept_now, kept_under
 from etude.campaign.record.controls import LEARNED
@@ -19,11 +20,9 @@ from etude.campaign.record.stored import stored_log
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
 from etude.deploy.along import Bounded
 from etude.errors import EtudeError, UsageError
-from etude.generation import GENERATION
-from etude.options import MODEL_HASH
 from etude.progress import counted, part
 from etude.protocols import Target, Trajectory
-from etude.storage import write_folder
+from etude.storage import GENERATION, write_folder
 from etude.trajectories.json_text import from_json
 from etude.types import Delivered, Log, Samples
 

@@ -15,9 +15,9 @@ from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
 from etude.deploy.played import played
-from etude.generation import GENERATION
 from etude.limits.certificate import Certificate
 from etude.protocols import Trajectory
+from etude.storage import GENERATION
 
 GROUP = "etude.exporters"
 CERTIFICATE = "certificate.json"

@@ -10,17 +10,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etude._runtime.pictures import Picture, picture_of
+from etude._runtime.trust import folder_id
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
 from etude.campaign.record.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
 from etude.campaign.record.state import Round, State, replay
 from etude.errors import UsageError
-from etude.generation import GENERATION
 from etude.plugins import named_in
 from etude.protocols import Kind, Limit, Model
-from etude.shown import Picture, picture_of
-from etude.storage import sha256_of, writer_lock
-from etude.trust import folder_id
+from etude.storage import GENERATION, sha256_of, writer_lock
 from etude.types import Channel, Margins
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """What earlier versions left on a user's disk, and is known to be unsafe: named, with what makes it again.
 
-Everything that is written says its generation (`etude.generation`); what says none is of the first. A fault
+Everything that is written says its generation (`etude.storage`); what says none is of the first. A fault
 is named where it applies and nowhere else, and until what it is in was made again. docs/known_faults.md tells
 people of each.
 """

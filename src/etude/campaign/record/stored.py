@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from etude._runtime.trust import folder_id
 from etude.campaign.record.config_file import trusting
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import JOURNAL, recorded, require_intact
@@ -16,7 +17,6 @@ from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model
 from etude.plugins import named_in
 from etude.storage import sha256_of
-from etude.trust import folder_id
 from etude.types import Log
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"

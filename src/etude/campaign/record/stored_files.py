@@ -23,9 +23,8 @@ from etude.campaign.record.folder import ROBOT, Campaign
 from etude.campaign.record.journal import ROBOT_SHA256, Event, recorded, require_intact
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
-from etude.generation import GENERATION
 from etude.protocols import Trajectory
-from etude.storage import unreadable, write_atomic
+from etude.storage import GENERATION, unreadable, write_atomic
 from etude.trajectories.json_text import from_json
 
 MARK = "etude-export.json"

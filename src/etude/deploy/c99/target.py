@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from etude._runtime.options import taken
 from etude.deploy.c99.compiled import Built, built
 from etude.deploy.c99.golden import golden
 from etude.deploy.c99.header import Form, header
@@ -18,7 +19,6 @@ from etude.deploy.c99.source import source
 from etude.deploy.fading import fading
 from etude.errors import EtudeError, UsageError
 from etude.models.model import LearnedModel
-from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Delivered
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
+from etude._runtime.options import taken
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.lean import lean_files
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import BARE, Files, held, lighter
 from etude.deploy.flight.chips import M4F, M7, Chip, chosen_rate, cost_in_words
 from etude.errors import UsageError
-from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Delivered
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from etude.operators import Value
+from etude._runtime.operators import Value
 
 OPSET = 17
 """Of the operators: ReduceSum takes its axes as an input since 13."""

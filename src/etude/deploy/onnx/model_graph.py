@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from etude._runtime.operators import Piece, Value, joined
 from etude.deploy.onnx.graph import Graph
 from etude.deploy.onnx.kernels import unwritable
 from etude.deploy.onnx.processes import looked_at, moments
@@ -15,7 +16,6 @@ from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
 from etude.models.selection.member_prediction import level_of, physics_behind, rests_of
 from etude.models.trust import ROUNDING, thresholds
-from etude.operators import Piece, Value, joined
 from etude.protocols import Candidate, Inputs
 
 Term = tuple[Candidate, str, str]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from etude._runtime.options import taken
 from etude.deploy.c99.names import identifier
 from etude.deploy.fading import fading
 from etude.deploy.onnx.graph import OPSET
@@ -17,7 +18,6 @@ from etude.errors import EtudeError, UsageError
 from etude.logs.readers.extras import needed
 from etude.models.model import LearnedModel
 from etude.models.trust import outside
-from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Array, Channel, Delivered
 

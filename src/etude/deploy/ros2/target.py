@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
+from etude._runtime.options import taken
 from etude.deploy.c99.header import Form
 from etude.deploy.c99.plan import Plan
 from etude.deploy.c99.target import Files, held
 from etude.deploy.commanded import require_forces
 from etude.deploy.fading import fading
 from etude.errors import UsageError
-from etude.options import taken
 from etude.protocols import Kind
 from etude.types import Channel, Delivered
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from etude.operators import Piece, Value, joined
+from etude._runtime.operators import Piece, Value, joined
 from etude.protocols import Inputs
 from etude.types import Array, Code, Index, Log, Mask, Samples
 

@@ -1,0 +1,4 @@
+"""What the other rooms stand on and no plug-in needs: BLAS, compilation, trust, TOML tables, operators."""
+
+PUBLIC: tuple[str, ...] = ()
+"""Modules that may be used from outside."""

@@ -1,0 +1,177 @@
+"""Completes what a robot file leaves open: which pairs cannot be kept apart, home, the box of the search.
+
+Pairs that an SRDF disables are taken as leave, not as order: many files disable pairs that can well be kept
+apart (a hand and the link two joints before it), or whatever was never seen to collide in a few thousand
+poses.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from etude.errors import UsageError
+from etude.types import Array
+from etude_arm.clearance.clear_pose import box_about, clearest
+from etude_arm.clearance.distances import TOLERANCE, Gap, Gaps
+from etude_arm.clearance.hull_reduction import stand_ins
+from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.surroundings import Search, Surroundings
+from etude_arm.loading.loaded import Loaded
+
+DIGITS = 4
+"""Of home and box, since people read them."""
+ROUND = 10.0**DIGITS
+SEED = 20
+"""Of the poses that are tried: the same robot file always gives the same answer."""
+POSES = 1024
+ALWAYS = 0.95
+"""Part of random poses above which two shapes that overlap do so by construction."""
+OFTEN = 0.5
+"""The same of a pair that an SRDF disables."""
+NEAR = 2
+"""Joints between two parts whose shapes may overlap at home; farther apart it is no artefact of shapes."""
+STILL = 0.001
+"""m by which the distance of a foot changes from what it turns on."""
+FEW = 64
+"""Poses in which that is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A robot among its surroundings, with nothing left open.
+
+    Attributes:
+        gaps: what is looked at. around: complete, with every ignored pair and the search's home and box.
+        confirm: a sentence for each pair that was left out, to be confirmed by a person.
+    """
+
+    gaps: Gaps
+    around: Surroundings
+    confirm: tuple[str, ...]
+
+
+NEVER = "Never"
+"""The reason of pairs that were not seen to collide: that is no leave to do so."""
+
+Pairs = frozenset[frozenset[str]]
+
+
+def disabled(model_file: Path) -> Pairs:
+    """Pairs of links that the SRDF of a model file disables, but for those that never collide.
+
+    Raises:
+        UsageError: there is one and it is no XML.
+    """
+    path = next((path for path in _places(model_file) if path.is_file()), None)
+    if path is None:
+        return frozenset()
+    try:
+        root = ET.parse(path).getroot()
+    except (OSError, ET.ParseError) as problem:
+        raise UsageError(
+            f"not a readable SRDF: {problem}", where=str(path), next_step="Correct it, or move it away."
+        ) from None
+    found = [one for one in root.iter("disable_collisions") if one.get("reason") != NEVER]
+    return frozenset(frozenset((one.get("link1", ""), one.get("link2", ""))) for one in found)
+
+
+def _places(model_file: Path) -> list[Path]:
+    """Beside the file, and in the folder srdf next to its own."""
+    name = model_file.with_suffix(".srdf").name
+    return [model_file.parent / name, model_file.parent.parent / "srdf" / name]
+
+
+def settled(
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings, leave: Pairs = frozenset()
+) -> Settled:
+    """Pairs that overlap by construction left out and named, a clear home, and a box about it.
+
+    Args:
+        loaded: the robot. lower, upper: (k,) its limits.
+        around: what stands around it.
+        leave: pairs of links that may touch, if they often do.
+
+    Raises:
+        UsageError: at home, parts overlap that are no neighbours, or the robot is in what stands around it.
+    """
+    rng = np.random.default_rng(SEED)
+    gaps = gaps_of(loaded, lower, upper, around)
+    confirm: list[str] = []
+    if around.search is None:
+        share = _overlaps(gaps, rng)
+        always = [gap for gap, part in zip(gaps.list, share, strict=True) if part > _often(gap, leave)]
+        confirm += _sentences(always, "overlap in nearly every pose")
+        gaps, around = _without(loaded, gaps, around, always)
+    home = np.round(clearest(gaps, rng), DIGITS) if around.search is None else np.array(around.search.home)
+    touching = _touching(gaps, home, leave, given=around.search is not None and bool(around.search.lower))
+    confirm += _sentences(touching, "overlap at home")
+    gaps, around = _without(loaded, gaps, around, touching)
+    if found := stand_ins(gaps, home):
+        gaps = gaps_of(loaded, lower, upper, around, found)
+    if around.search is None or not around.search.lower:
+        low, high = box_about(gaps, home, around.collision.margin, rng) if gaps.list else (lower, upper)
+        inside = np.ceil(low * ROUND) / ROUND, np.floor(high * ROUND) / ROUND
+        around = replace(around, search=Search(*(tuple(ends.tolist()) for ends in (home, *inside))))
+    return Settled(gaps, around, tuple(confirm))
+
+
+def _overlaps(gaps: Gaps, rng: np.random.Generator) -> Array:
+    """(n,) part of random poses in which each gap is closed."""
+    return np.asarray((gaps.of_poses(gaps.skeleton.random_poses(rng, POSES)) <= 0.0).mean(axis=0))
+
+
+def _often(gap: Gap, leave: Pairs) -> float:
+    """Part of random poses in which shapes may overlap before their gap is left out."""
+    return OFTEN if frozenset(gap.names) in leave else ALWAYS
+
+
+def _touching(gaps: Gaps, home: Array, leave: Pairs, given: bool) -> list[Gap]:
+    """The gaps that are closed at home, all of near parts or with leave to be.
+
+    Raises:
+        UsageError: one is not; or home was given, with all that may be closed there.
+    """
+    distances = gaps.of_poses(home[None])[0]
+    found = [gap for gap, distance in zip(gaps.list, distances, strict=True) if distance <= 2.0 * TOLERANCE]
+    bad = [gap for gap in found if given or not _may_touch(gaps, gap, leave)]
+    if bad:
+        texts = sorted({gap.text for gap in bad})
+        raise UsageError(
+            f"at home {'; '.join(texts[:5])}{' and others' if len(texts) > 5 else ''} overlap",
+            where="search.home",
+            next_step="Correct what stands around the robot, give another home or take [search] out of the "
+            "robot file, or name the pair in [collision] ignore.",
+        )
+    return found
+
+
+def _may_touch(gaps: Gaps, gap: Gap, leave: Pairs) -> bool:
+    """Whether it is no wonder that two shapes overlap: parts near one another, or a foot that turns."""
+    shapes, skeleton = gaps.skeleton.shapes, gaps.skeleton
+    one = shapes[gap.one].part
+    if gap.other < 0 or shapes[gap.other].box:
+        poses = skeleton.random_poses(np.random.default_rng(SEED), FEW)
+        distance = gaps.of_poses(poses)[:, gaps.list.index(gap)]
+        return bool(np.ptp(distance) < STILL)
+    joints = int(skeleton.between(one, shapes[gap.other].part).sum())
+    return frozenset(gap.names) in leave or joints <= NEAR
+
+
+def _without(
+    loaded: Loaded, gaps: Gaps, around: Surroundings, left_out: list[Gap]
+) -> tuple[Gaps, Surroundings]:
+    if not left_out:
+        return gaps, around
+    names = tuple(dict.fromkeys(gap.names for gap in left_out))
+    ignore = (*around.collision.ignore, *names)
+    around = replace(around, collision=replace(around.collision, ignore=ignore))
+    return gaps_of(loaded, gaps.skeleton.lower, gaps.skeleton.upper, around), around
+
+
+def _sentences(gaps: list[Gap], why: str) -> list[str]:
+    texts = dict.fromkeys(gap.text for gap in gaps)
+    return [f"The shapes of {text} {why}: their distance is not looked at." for text in texts]

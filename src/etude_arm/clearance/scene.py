@@ -1,0 +1,232 @@
+"""The room that a model file holds beside its robot, as tables of robot.toml, which a person can correct."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from etude.types import Array
+from etude_arm.clearance.defaults import ALWAYS, FEW, SEED, STILL
+from etude_arm.clearance.distances import Gaps
+from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.skeleton import STANDING, Skeleton
+from etude_arm.clearance.surroundings import ADD_FLOOR, MARGIN, Box, Floor, Surroundings, Wall
+from etude_arm.loading.loaded import Loaded
+
+if TYPE_CHECKING:
+    import mujoco
+
+UPRIGHT = 1e-6
+"""By how much the axis of a box may lean, as the sine of an angle."""
+DIGITS = 6
+"""Of places and sizes in m, since people read them."""
+
+
+NO_FLOOR = f"No floor is assumed at height 0 m, since {{}}{ADD_FLOOR}"
+NOT_THE_PLANE = "The model file's plane at height {:.4g} m is not taken as the floor, since {}."
+ASSUMED = "A floor is assumed at height 0 m, where the base stands: correct [floor], or take it out."
+OF_PLANE = "The floor is the model file's plane at height {:.4g} m: correct [floor] if it is elsewhere."
+BELOW = 0.005
+"""m: a base that reaches deeper below a height does not stand on a floor there."""
+
+
+def level(wall: Wall) -> bool:
+    """Whether a plane is a floor: it looks straight up."""
+    normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+    return bool(normal[2] > 0.0 and np.hypot(normal[0], normal[1]) < UPRIGHT)
+
+
+def with_floor(
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings
+) -> tuple[Surroundings, tuple[str, ...]]:
+    """The surroundings with a floor, if there can be one, and sentences that say which, or why none.
+
+    Args:
+        loaded: the robot. lower, upper: (k,) its limits.
+        around: what is given, whose own floor stays.
+    """
+    if around.floor is not None:
+        return around, ()
+    said: list[str] = []
+    heights = sorted({wall.point[2] for wall in loaded.planes if level(wall)}, reverse=True)
+    for height in heights:
+        why = _why_not(loaded, lower, upper, around, height)
+        if not why:
+            return replace(around, floor=Floor(height)), (*said, OF_PLANE.format(height))
+        said.append(NOT_THE_PLANE.format(height, why))
+    if heights:
+        return around, (*said[:-1], f"{said[-1].removesuffix('.')}{ADD_FLOOR}")
+    why = _why_not(loaded, lower, upper, around, 0.0) or _boxes_below(around)
+    if why:
+        return around, (NO_FLOOR.format(why),)
+    return replace(around, floor=Floor(0.0)), (ASSUMED,)
+
+
+def _why_not(loaded: Loaded, lower: Array, upper: Array, around: Surroundings, height: float) -> str:
+    """Why the robot does not stand on a floor at that height; "" if it does."""
+    bare = gaps_of(
+        loaded,
+        lower,
+        upper,
+        Surroundings(collision=replace(around.collision, ignore=()), floor=Floor(height)),
+    )
+    below = height - _lowest(bare.skeleton)
+    if below > BELOW:
+        return f"the base reaches {below:.3g} m below it"
+    sunk = _sunk(bare)
+    return f"{', '.join(sunk)} would always be in it" if sunk else ""
+
+
+def _boxes_below(around: Surroundings) -> str:
+    """Of boxes that stand on something lower than 0."""
+    deep = [box for box in around.box if box.centre[2] - 0.5 * box.size[2] < -BELOW]
+    return f"{', '.join(box.name for box in deep)} would reach below it" if deep else ""
+
+
+def _sunk(bare: Gaps) -> list[str]:
+    """Links that a floor would hold in nearly every pose: the arm hangs, or stands on something.
+
+    A foot that turns on the floor, and so keeps its distance, is none of them.
+
+    Args:
+        bare: the robot's, with that floor as its only wall.
+    """
+    distances = bare.to_walls(bare.skeleton.random_poses(np.random.default_rng(SEED), FEW))
+    held = ((distances < -BELOW).mean(axis=0) > ALWAYS) & (np.ptp(distances, axis=0) > STILL)
+    return list(
+        dict.fromkeys(gap.names[0] for gap, is_held in zip(bare.walled, held, strict=True) if is_held)
+    )
+
+
+def _lowest(skeleton: Skeleton) -> float:
+    """m, of the shapes that no joint moves; infinite if there are none."""
+    import mujoco
+
+    data = mujoco.MjData(skeleton.model)
+    mujoco.mj_kinematics(skeleton.model, data)
+    heights = [
+        float(
+            (shape.points @ data.geom_xmat[shape.geom].reshape(3, 3)[2]).min() + data.geom_xpos[shape.geom][2]
+        )
+        - shape.radius
+        for shape in skeleton.shapes
+        if shape.part == 0
+    ]
+    return min(heights, default=math.inf)
+
+
+def from_file(
+    loaded: Loaded, lower: Array, upper: Array, around: Surroundings
+) -> tuple[Surroundings, tuple[str, ...]]:
+    """With the file's boxes and its planes that are no floors, and what a person should confirm of them.
+
+    Args:
+        loaded: the robot. lower, upper: (k,) its limits.
+        around: what is given.
+    """
+    walls = tuple(wall for wall in loaded.planes if not level(wall))
+    boxes, rest = _boxes(loaded)
+    tried = replace(
+        around,
+        box=tuple(boxes.values()),
+        wall=walls,
+        collision=replace(around.collision, boxed=tuple(boxes)),
+    )
+    held = _held(gaps_of(loaded, lower, upper, tried)) if boxes or walls else set()
+    taken = {shape: box for shape, box in boxes.items() if box.name not in held}
+    free = tuple(wall for wall in walls if wall.name not in held)
+    collision = replace(around.collision, boxed=tuple(taken))
+    found = replace(
+        around, box=(*around.box, *taken.values()), wall=(*around.wall, *free), collision=collision
+    )
+    left = [loaded.beside[shape] for shape in boxes if shape not in taken]
+    out = [wall.name for wall in walls if wall.name in held]
+    return found, (*_taken(list(taken.values()), free), *_base(left, rest), *_left_out(out))
+
+
+def _boxes(loaded: Loaded) -> tuple[dict[str, Box], list[str]]:
+    """Shapes beside the robot that are upright boxes, and the names of the others."""
+    import mujoco
+
+    if not loaded.beside:
+        return {}, []
+    model = loaded.model()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    boxes: dict[str, Box] = {}
+    rest: list[str] = []
+    for shape, name in loaded.beside.items():
+        found = _box(model, data, model.geom(shape).id, name)
+        if found is None:
+            rest.append(name)
+        else:
+            boxes[shape] = found
+    return boxes, rest
+
+
+def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int, name: str) -> Box | None:
+    """A geom that is a box with one of its axes upright; it may lie on any side."""
+    import mujoco
+
+    turn = data.geom_xmat[geom].reshape(3, 3)
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX:
+        return None
+    up = int(np.argmax(np.abs(turn[2])))
+    if np.hypot(turn[0, up], turn[1, up]) > UPRIGHT:
+        return None
+    across = [(up + 1) % 3, (up + 2) % 3]
+    edges = 2.0 * model.geom_size[geom][[*across, up]]
+    yaw = math.atan(turn[1, across[0]] / turn[0, across[0]]) if turn[0, across[0]] else 0.5 * math.pi
+    x, y, z, a, b, c = (round(float(value), DIGITS) for value in (*data.geom_xpos[geom], *edges))
+    return Box(name, (x, y, z), (a, b, c), round(yaw, DIGITS))
+
+
+def _held(gaps: Gaps) -> set[str]:
+    """Things that hold some link in nearly every pose, or boxes that it is as near to: it stands on them."""
+    distances = gaps.of_poses(gaps.skeleton.random_poses(np.random.default_rng(SEED), FEW))
+    found = set()
+    for gap, own in zip(gaps.list, distances.T, strict=True):
+        boxed = gap.other >= 0 and gaps.skeleton.shapes[gap.other].box
+        sunk = (own < -BELOW).mean() > ALWAYS and np.ptp(own) > STILL
+        if ((own < MARGIN).mean() > ALWAYS) if boxed else (gap.other < 0 and sunk):
+            found.add(gap.names[1].removesuffix(STANDING))
+    return found
+
+
+def _taken(boxes: Sequence[Box], walls: Sequence[Wall]) -> list[str]:
+    words = [f"box {box.name} ({_numbers(box.size, ' x ')} m at {_numbers(box.centre)})" for box in boxes]
+    words += [f"wall {wall.name} (through {_numbers(wall.point)})" for wall in walls]
+    if not words:
+        return []
+    return [
+        f"What stands around is taken from the model file: {'; '.join(words)}. Correct [[box]] and [[wall]] "
+        "of robot.toml."
+    ]
+
+
+def _base(on: Sequence[str], rest: Sequence[str]) -> list[str]:
+    """What the file's world holds that no table of a robot file says."""
+    if not on and not rest:
+        return []
+    words = [f"{name}, on which the arm stands" for name in on]
+    words += [f"{name}, no upright box" for name in rest]
+    return [
+        f"Of what stands around in the model file these count as parts of the base: {'; '.join(words)}. "
+        "Motions keep clear of them, but for the links that hang on the base."
+    ]
+
+
+def _left_out(walls: Sequence[str]) -> list[str]:
+    if not walls:
+        return []
+    return [
+        f"Planes of the model file that would hold the arm in every pose are left out: {', '.join(walls)}."
+    ]
+
+
+def _numbers(values: Sequence[float], between: str = ", ") -> str:
+    return between.join(f"{value:.4g}" for value in values)

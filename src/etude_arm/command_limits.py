@@ -1,0 +1,93 @@
+"""What the drives of an arm may be asked: by what was learned, or by the model file before any log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from etude.limits.commands import CommandLimit, OpenCommands, by_model, kept_at, rest_at
+from etude.protocols import Model
+from etude.types import Array, Motion
+from etude_arm.loading.load import of_file
+from etude_arm.physics.geometry import has_masses
+from etude_arm.physics.mean import ArmPhysics
+from etude_arm.physics.newton_euler import nominal_commands
+from etude_arm.spec import FORCES, ArmSpec
+
+NOMINAL = "the model file's masses"
+OPEN = (
+    "Torques are those of the model file's masses alone: friction, rotors, and by how much the file is "
+    "wrong, are not in them until a log was learned."
+)
+NO_MOTION = "No motion is possible by the numbers of the model file"
+"""How the sentence begins for which no motion is asked for, as long as it stands in the robot's `confirm`."""
+MEND = (
+    "Correct command (or torque) of [[axis]] in robot.toml, or the masses of the model file, and take the "
+    "line about them out of confirm there; that alone, if the limits are not real (a placeholder, a weight "
+    "that springs carry): forces are then not looked at."
+)
+_known: dict[str, CommandLimit | OpenCommands] = {}
+
+
+def commands_of(spec: ArmSpec, model: Model | None, home: Array) -> CommandLimit | OpenCommands | None:
+    """The limit; None where there is neither a model nor physics for commands that are forces.
+
+    Args:
+        spec: of the robot. model: what was learned, or None.
+        home: (J,) a pose inside every limit.
+    """
+    if model is not None:
+        own = by_model(model, _quantity(spec), spec.command_units, spec.names, _ends(spec), spec.torque_rate)
+        return kept_at(own, home)
+    if not has_masses(spec) or spec.command_unit not in FORCES:
+        return None
+    return of_file(_known, spec, lambda: _unless_confirmed(kept_at(_nominal(spec), home), spec, home))
+
+
+def _unless_confirmed(
+    found: CommandLimit | OpenCommands, spec: ArmSpec, home: Array
+) -> CommandLimit | OpenCommands:
+    """Open commands refuse every motion until a person has taken the line about them out of `confirm`."""
+    waits = any(line.startswith(NO_MOTION) for line in spec.confirm)
+    if not (waits and isinstance(found, OpenCommands) and found.limit is not None):
+        return found
+    asked = np.abs(found.limit.mean(rest_at(home, found.limit.orders))[0])
+    beyond = [
+        f"{name} takes {most:.4g} {unit} of {end:.4g}"
+        for name, unit, most, end in zip(
+            spec.names, found.limit.units, asked.tolist(), found.limit.upper.tolist(), strict=True
+        )
+        if most > end
+    ]
+    return replace(found, refused=(f"{NO_MOTION}: at rest at home {', '.join(beyond)}", MEND))
+
+
+def _nominal(spec: ArmSpec) -> CommandLimit:
+    """By the rigid body of the model file."""
+    geometry = ArmPhysics(spec, nominal=True).geometry
+
+    def mean(motion: Motion) -> Array:
+        return nominal_commands(geometry, *motion.orders[:3])
+
+    ends = _ends(spec)
+    return CommandLimit(
+        _quantity(spec),
+        spec.command_units,
+        spec.names,
+        *ends,
+        spec.torque_rate,
+        mean,
+        None,
+        NOMINAL,
+        said=(OPEN,),
+    )
+
+
+def _quantity(spec: ArmSpec) -> str:
+    return "torque" if spec.command_unit in FORCES else "command"
+
+
+def _ends(spec: ArmSpec) -> tuple[Array, Array]:
+    most = np.minimum(spec.command, spec.torque)
+    return -most, most

@@ -1,0 +1,343 @@
+"""From logs of an arm to samples: inputs, filter, trimming, stick mask and thinning.
+
+This step decides the error.
+
+A joint that sticks before it turns is masked for long enough. One that is led through its reversal, by a
+feedforward or by a good controller, is slow for some hundredths of a second, and the step of its friction is
+spread by the filter over samples whose speed looks innocent: the exact model is wrong there.
+
+A speed relative to the log's own top one makes every sample of a joint that is only
+held a moving one: its command then teaches what friction held, as if it were dynamics.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from etude.errors import DataError, UsageError
+from etude.logs.cleaning.filters import (
+    auto_cutoff,
+    duration,
+    longest_stretch,
+    median_rate,
+    resample,
+    segments,
+    slower,
+    smooth,
+    thinned,
+    uniform_grid,
+)
+from etude.types import Array, Index, Log, Mask, Samples, joined_samples
+from etude_arm.memory import remembered, turning
+from etude_arm.slow_samples import with_slow
+from etude_arm.spec import COMMAND, MEMORY, PATH, PLAN, TURNING, ArmSpec
+
+ROUNDING = 1e-6  # s: time stamps are sums of steps
+LEFT = 2.0
+"""Times the largest error of the motion."""
+LEAST_ROWS = 8
+"""A stretch of fewer rows cannot be filtered."""
+
+
+_COUNTS = ("least_samples", "stick_fraction", "reversal", "plenty", "friction_fraction", "presliding")
+
+
+@dataclass(frozen=True)
+class ArmData:
+    """How logs become samples, and what their inputs are; the [data] table of a campaign.
+
+    Attributes:
+        inputs: "measured" differentiates the filtered measured position; "desired" takes the desired motion
+            (thesis). A logged velocity is not used: its filter, and so its phase, are unknown.
+        cutoff_hz: zero-phase low-pass of position and command alike, Hz; "auto" by `logs.steps.auto_cutoff`,
+            "none" leaves both as measured.
+        rate_hz: samples kept per second at least, evenly spaced. Thesis 6.2: all 100 Hz for a dictionary to
+            choose from, and 100/12 for downsampling.
+        least_samples: of a log so short that fewer than these would be left, more are kept per second, up to
+            all: a fast robot's motion of some seconds has as much to tell as a slow one's of a minute. With
+            fewer it is chance which instants were kept, and the error is too. Training takes no nearer ones.
+        stick_fraction: a joint slower than this part of its top speed in the log, or of its limit if that is
+            less, counts as stuck; 0 masks nothing. Around a stick-slip the filter smears the motion, so the
+            speed below which samples lie about the friction is far above the encoder's noise.
+        presliding: way over which a joint's friction turns round, rad (a tenth of it in m for a slide); what
+            friction remembers of the motion before is then a state of every sample. 0: nothing is remembered,
+            and only `stick_fraction` says when a joint stands, not the encoder's resolution too.
+        reversal: periods of the cutoff before and after a fast reversal of a joint in which its samples are
+            left out, since the filter smears the step of friction over them; 0 leaves none out. One that
+            takes longer than a period is not fast: the joint stands, and `stick_fraction` masks it.
+        plenty: samples that a joint has to have left for that; with fewer all of them teach.
+        trim_s: seconds cut from both ends of every stretch of log; "auto" = one period of the cutoff.
+            Samples before t = 0 (lead-in) are always cut, but the filter may look at them.
+        friction_fraction: v0 of the friction inputs as a part of the velocity limit, of 3 rad/s at most; 0
+            for no such inputs.
+        offset: where the thinning of a log begins: "spread" elsewhere in each, so that repeated motions add
+            samples; "first" at its first sample (thesis 6.2).
+    """
+
+    inputs: Literal["measured", "desired"] = "measured"
+    cutoff_hz: float | Literal["auto", "none"] = "auto"
+    rate_hz: float = 8.0
+    least_samples: int = 300
+    stick_fraction: float = 0.05
+    reversal: float = 1.0
+    plenty: int = 600
+    trim_s: float | Literal["auto"] = "auto"
+    friction_fraction: float = 0.02
+    presliding: float = 0.01
+    offset: Literal["spread", "first"] = "spread"
+
+    def __post_init__(self) -> None:
+        if self.inputs not in ("measured", "desired"):
+            raise UsageError(
+                f"inputs must be 'measured' or 'desired', not '{self.inputs}'", where="data.inputs"
+            )
+        if self.offset not in ("spread", "first"):
+            raise UsageError(f"offset must be 'spread' or 'first', not '{self.offset}'", where="data.offset")
+        _check_number("cutoff_hz", self.cutoff_hz, ("auto", "none"), above_zero=True)
+        _check_number("rate_hz", self.rate_hz, (), above_zero=True)
+        _check_number("trim_s", self.trim_s, ("auto",), above_zero=False)
+        for name in _COUNTS:
+            _check_number(name, getattr(self, name), (), above_zero=False)
+
+    @property
+    def desired(self) -> bool:
+        """Whether models look at the plan."""
+        return self.inputs == "desired"
+
+
+def _check_number(name: str, value: float | str, words: tuple[str, ...], *, above_zero: bool) -> None:
+    if isinstance(value, str):
+        good = value in words
+    else:
+        good = math.isfinite(value) and (value > 0 if above_zero else value >= 0)
+    if not good:
+        kind = "above zero" if above_zero else "zero or more"
+        choices = "".join(f" or '{word}'" for word in words)
+        raise UsageError(f"{name} must be a number {kind}{choices}, not {value!r}", where=f"data.{name}")
+
+
+def near_reversals(speed: Array, slow: Mask, reach: int, longest: int) -> Mask:
+    """(T, J) rows from which a fast reversal is less than `reach` rows away.
+
+    Args:
+        speed: (T, J) of each joint, on a uniform grid.
+        slow: (T, J) where it counts as standing.
+        reach: rows on either side; of a zero-phase filter of second order, the answer to a step has fallen
+            to a hundredth after one period of the cutoff.
+        longest: rows that a joint may be slow between two ways for its reversal to be fast.
+    """
+    near = np.zeros(speed.shape, dtype=bool)
+    for j in range(speed.shape[1]):
+        moving = np.flatnonzero(~slow[:, j])
+        way = np.sign(speed[moving, j])
+        fast = np.flatnonzero((way[1:] != way[:-1]) & (np.diff(moving) <= longest))
+        for before, after in zip(moving[fast], moving[fast + 1], strict=True):
+            near[max(0, before - reach) : after + reach + 1, j] = True
+    return near
+
+
+def spared(samples: Samples, plenty: int) -> Samples:
+    """The same, with every sample usable again of joints that have fewer than `plenty` left.
+
+    While samples are few, what a smeared one says of inertia is worth more than its error about friction:
+    on real logs of half a minute leaving them out cost up to a half.
+    """
+    few = np.sum(samples.usable & samples.moving, axis=0) < plenty
+    return replace(samples, usable=samples.usable | few)
+
+
+def samples_of(spec: ArmSpec, config: ArmData, logs: Sequence[Log], groups: Sequence[Index]) -> Samples:
+    """The samples a model learns from: filtered, trimmed, thinned, with the stick mask of every command.
+
+    Args:
+        spec: gives the velocity limits, the scale of the stick mask.
+        config: the protocol.
+        logs: cleaned logs whose axes are those of `spec`, in its order; pauses split them.
+        groups: per log (T,), the segment of each row; it also shifts the thinning, so that repeated motions
+            add samples. Rows of a group below 0 belong to no segment: the filter sees them, samples do not.
+
+    Raises:
+        DataError: the axes differ, desired inputs are asked of a log without them, or nothing is left.
+    """
+    if not logs:
+        raise DataError("there is no log to learn from", next_step="Tell one first.")
+    parts = [_of_log(spec, config, log, group) for log, group in zip(logs, groups, strict=True)]
+    found = spared(joined_samples(parts), config.plenty)
+    return with_slow(found, spec, config.stick_fraction, config.friction_fraction, config.desired)
+
+
+def _of_log(spec: ArmSpec, config: ArmData, log: Log, group: Index) -> Samples:
+    _check(log, spec, config)
+    rate, cutoff = median_rate(log.t), filter_cutoff(log, config)
+    group = _without_return(log, group) if config.desired else group
+    if config.presliding:
+        log = _with_memory(spec, config, log)
+    config = replace(config, rate_hz=max(config.rate_hz, config.least_samples / duration(log)))
+    stretches = [
+        _stretch(log.take(piece), group[piece], rate, cutoff, spec, config) for piece in segments(log.t)
+    ]
+    parts = [part for part in itertools.chain.from_iterable(stretches) if len(part)]
+    if not parts:
+        raise DataError(
+            f"nothing is left of this log of {log.t[-1] - log.t[0]:.3g} s after trimming",
+            where=log.source,
+            next_step="Record a longer motion, or lower trim_s.",
+        )
+    return joined_samples(parts)
+
+
+def _without_return(log: Log, group: Index) -> Index:
+    """Groups (T,), -1 from where a robot leaves the place at which its plan has ended.
+
+    A plan rests after its end, and what the robot does then is not in it: the way back would be learned as
+    rest. It is left where it is `LEFT` times as far from the plan as ever before.
+    """
+    if PLAN[1] not in log or PATH[0] not in log:
+        return group
+    moving = np.flatnonzero(np.any(log[PLAN[1]] != 0.0, axis=1))
+    last = int(moving[-1]) if len(moving) else len(log) - 1
+    off = np.abs(log[PATH[0]] - log[PLAN[0]])
+    gone = np.flatnonzero(np.any(off[last + 1 :] > LEFT * off[: last + 1].max(axis=0), axis=1))
+    return group if not len(gone) else np.where(np.arange(len(log)) <= last + gone[0], group, -1)
+
+
+PLAY = 4.0
+"""Half width of the play in deviations of the position's noise. With noise at rest for a minute at 100 Hz the
+memory keeps 95 % of itself; with three deviations 88 %, with two 20 %."""
+FOURTH_DIFFERENCE = 0.6745 * math.sqrt(70.0)
+"""Median of |fourth difference| of independent normal numbers, in their deviations. Of lower order, it is
+the acceleration of a fast robot that is seen, and not the noise."""
+
+
+def resolution(q: Array, quantum: tuple[float, ...] = ()) -> Array:
+    """(J,) r: the half width that noise and steps of a recorded position q (T, J) do not leave, rad or m.
+
+    The encoder's step is `quantum` where it is known, else the least difference between two positions that
+    were recorded. Noise of less than that is none.
+    """
+    if len(q) < 5:
+        return np.zeros(q.shape[1])
+    noise = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / FOURTH_DIFFERENCE
+    step = np.array(quantum) if quantum else _step(q)
+    return np.asarray(np.maximum(PLAY * noise, step))
+
+
+def _step(q: Array) -> Array:
+    """(J,) least difference of neighbouring rows that is not rounding; 0 if a joint never changes."""
+    size = np.abs(np.diff(q, axis=0))
+    rounding = 1e-9 * np.maximum(np.abs(q).max(axis=0), 1.0)
+    return np.where((size > rounding).any(axis=0), np.where(size > rounding, size, np.inf).min(axis=0), 0.0)
+
+
+def standing(speed: Array, spec: ArmSpec, fraction: float, play: Array, cutoff_hz: float) -> Mask:
+    """(T, J) where a joint stands: slower than a part of its top speed, or than what its encoder resolves.
+
+    Motion of amplitude `play` (J,) at the filter's cutoff cannot be told from none, so its speed is the least
+    that is motion, however slow the log is as a whole; it is never more than that part of the velocity limit.
+    """
+    relative = slower(speed, spec.velocity, fraction)
+    if not math.isfinite(cutoff_hz):
+        return relative
+    least = np.minimum(2.0 * math.pi * cutoff_hz * play, fraction * spec.velocity)
+    return np.asarray(relative | (np.abs(speed) < least))
+
+
+def _with_memory(spec: ArmSpec, config: ArmData, log: Log) -> Log:
+    """The log with what friction remembers, from its first row on, and with what its positions resolve."""
+    name = (PLAN if config.desired and PLAN[0] in log else PATH)[0]
+    length, channel = spec.presliding(config.presliding), log.channels[name]
+    resolved = resolution(log[name], channel.quantum)
+    play = np.minimum(resolved, 0.5 * length)
+    log = log.put(spec.memory(), remembered(log[name], play, length)[:, 0])
+    log = log.put(spec.turning(), turning(log[name], resolved, spec.ways()))
+    return replace(log, channels={**log.channels, name: replace(channel, quantum=tuple(play.tolist()))})
+
+
+def _check(log: Log, spec: ArmSpec, config: ArmData) -> None:
+    parts = log.channels[PATH[0]].parts
+    if parts != spec.names:
+        raise DataError(
+            f"the log has the joints {', '.join(parts)}, the robot {', '.join(spec.names)}", where=log.source
+        )
+    if config.desired and PLAN[0] not in log:
+        raise DataError(
+            "the log has no desired motion, which inputs = 'desired' needs",
+            where=log.source,
+            next_step="Tell it with its proposal, or use inputs = 'measured'.",
+        )
+
+
+def filter_cutoff(log: Log, config: ArmData) -> float:
+    """The cutoff in Hz with which the log is filtered; infinite without a filter."""
+    if config.cutoff_hz == "none":
+        return math.inf
+    if config.cutoff_hz != "auto":
+        return float(config.cutoff_hz)
+    longest = longest_stretch(log)
+    grid = uniform_grid(longest.t, median_rate(log.t))
+    return auto_cutoff(grid, resample(longest.t, longest[PATH[0]], grid))
+
+
+def _stretch(
+    log: Log, group: Index, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
+) -> list[Samples]:
+    """Samples of one stretch between pauses, a part for each segment in it."""
+    trim = 1.0 / cutoff if config.trim_s == "auto" else config.trim_s
+    if len(log) < LEAST_ROWS or log.t[-1] - log.t[0] <= 2 * trim:
+        return []
+    grid = uniform_grid(log.t, rate)
+    motion = _motion(log, grid, cutoff, config)
+    command = smooth(grid, resample(log.t, log[COMMAND], grid), cutoff).value
+    inside = (grid >= max(0.0, grid[0] + trim) - ROUNDING) & (grid <= grid[-1] - trim + ROUNDING)
+    rows = np.searchsorted(log.t, grid + ROUNDING, side="right") - 1
+    own = group[rows]
+    names = PLAN if config.desired else PATH
+    whole = Log(
+        grid,
+        {c.name: log.channels.get(c.name, c) for c in spec.channels() if c.name in (*names, COMMAND)},
+        {**dict(zip(names, motion, strict=True)), COMMAND: command},
+        log.source,
+    )
+    for known in (MEMORY, TURNING):
+        if known in log:
+            whole = whole.put(log.channels[known], log[known][rows])
+    near = _near_reversals(whole, rate, cutoff, spec, config)
+    numbers = np.unique(own[inside & (own >= 0)]).tolist()
+    pieces = [(n, inside & (own == n)) for n in numbers]
+    return [_segment(whole.take(rows), near[rows], n, rate, cutoff, spec, config) for n, rows in pieces]
+
+
+def _near_reversals(log: Log, rate: float, cutoff: float, spec: ArmSpec, config: ArmData) -> Mask:
+    """(T, J) where the filter smears a fast reversal; nowhere without a filter, or where none stands."""
+    speed = log[(PLAN if config.desired else PATH)[1]]
+    if not (config.reversal and config.stick_fraction and math.isfinite(cutoff)):
+        return np.zeros(speed.shape, dtype=bool)
+    slow = slower(speed, spec.velocity, config.stick_fraction)
+    return near_reversals(speed, slow, round(config.reversal * rate / cutoff), round(rate / cutoff))
+
+
+def _segment(
+    log: Log, near: Mask, group: int, rate: float, cutoff: float, spec: ArmSpec, config: ArmData
+) -> Samples:
+    """Every so many of the rows, with the mask of joints that stand, and of those that turn round."""
+    names = PLAN if config.desired else PATH
+    play = np.array(log.channels[names[0]].quantum) if MEMORY in log else np.zeros(spec.dof)
+    moving = ~standing(log[names[1]], spec, config.stick_fraction, play, cutoff)
+    whole = Samples(log, np.full(len(log), group, dtype=np.int64), ~(near & moving), moving)
+    return whole.take(thinned(rate, config.rate_hz, group if config.offset == "spread" else 0))
+
+
+def _motion(log: Log, grid: Array, cutoff: float, config: ArmData) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration on the grid, as models look at them."""
+    if config.desired and all(name in log for name in PLAN):
+        q, qd, qdd = (resample(log.t, log[name], grid) for name in PLAN)
+        return q, qd, qdd
+    position = log[PLAN[0] if config.desired else PATH[0]]
+    made = smooth(grid, resample(log.t, position, grid), cutoff)
+    return made.value, made.first, made.second
