@@ -19,8 +19,8 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
     campaign = open_campaign(tmp_path / "lab")
     assert campaign.name == figures["robot"] == "quadrotor_rough"
     assert campaign.state().seed == figures["seed"] == 2
-    uniform = [e for e in campaign.state().evaluated if e["test"] == "uniform"]
-    learned = next(e["tracking_error_m"][-1] for e in uniform if not e.get("baseline"))
+    uniform = [e for _, e in campaign.state().evaluated if e.test == "uniform"]
+    learned = next(e.errors[-1] for e in uniform if not e.baseline)
     assert figures["rounds"] == [
         {"robot_seconds": pytest.approx(14.9), "tracking_error_m": pytest.approx(learned)}
     ]
@@ -29,9 +29,9 @@ def test_the_quadrotor_says_what_its_journal_says(tmp_path: Path) -> None:
         for line in text.splitlines()
     )
     for event in uniform:
-        if event.get("baseline"):
-            assert figures["baselines"][event["baseline"]] == event["tracking_error_m"][-1]
-            assert f"{event['tracking_error_m'][-1]:>8.3f} m" in text
+        if event.baseline:
+            assert figures["baselines"][event.baseline] == event.errors[-1]
+            assert f"{event.errors[-1]:>8.3f} m" in text
     lines = [line for line in text.splitlines() if line.endswith(" m")]
     assert [line.split("   ")[0].strip() for line in lines[:4]] == [
         "PID alone",

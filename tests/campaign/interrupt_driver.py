@@ -12,6 +12,7 @@ import shutil
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 from etude import cli
 from etude.campaign.create import create_campaign
 from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.state import replay
@@ -29,6 +31,7 @@ from etude_arm import motions
 from etude_arm.plant import compiled
 
 CONFIG = """\
+kind = "arm"
 seed = 4
 [trajectory]
 duration = 8.0
@@ -109,7 +112,7 @@ def facts(folder: Path) -> list[Any]:
             event.event,
             event.number,
             {name: digest for name, digest in event.files.items() if not name.endswith(".source.toml")},
-            {name: fact for name, fact in event.facts.items() if name != "seconds"},
+            replace(event.fact, seconds=0.0) if isinstance(event.fact, Asked) else event.fact,
         )
         for event in read_events(folder)
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from etude.campaign.create import create_campaign
 from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.protocols import Trajectory
@@ -52,18 +53,16 @@ def stub_learner(campaign: Campaign, state: State, number: int) -> TrainingOutco
     """Stores one small file and scores nothing; the forecast improves with each log."""
     path = campaign.model_folder(number) / "model.json"
     write_atomic(path, f'{{"logs": {[r.number for r in state.told]}}}'.encode())
-    deviation = [20.0 * 0.5 ** (1 + len(state.trained)), 10.0 * 0.5 ** (1 + len(state.trained))]
-    seconds = sum(r.told["robot_seconds"] for r in state.told if r.told)
-    facts = {
-        "models": {"gp": {"nmse": [0.1, 0.2], "z2": [1.0, 1.0], "coverage": [0.95, 0.95]}},
-        "chosen": "gp",
-        "robot_seconds": seconds,
-        "forecast_deviation": deviation,
-        "latent_deviation": deviation,
-        "noise_deviation": [0.1, 0.1],
-        "moved": None,
-    }
-    return TrainingOutcome([path], facts)
+    deviation = 20.0 * 0.5 ** (1 + len(state.trained)), 10.0 * 0.5 ** (1 + len(state.trained))
+    learned = Trained(
+        models={"gp": PrequentialScore(nmse=(0.1, 0.2), z2=(1.0, 1.0), coverage=(0.95, 0.95))},
+        chosen="gp",
+        robot_seconds=state.robot_seconds,
+        forecast_deviation=deviation,
+        latent_deviation=deviation,
+        noise_deviation=(0.1, 0.1),
+    )
+    return TrainingOutcome([path], learned)
 
 
 def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
@@ -74,7 +73,7 @@ def make_campaign(folder: Path, seed: int = 5, config: str = SHORT) -> Campaign:
     robot = folder / "pair.toml"
     robot.write_text(ROBOT)
     path = create_campaign(folder / "lab", str(robot), seed=seed)[0].path
-    (path / "campaign.toml").write_text(f"seed = {seed}\n{config}")
+    (path / "campaign.toml").write_text(f'kind = "arm"\nseed = {seed}\n{config}')
     return open_campaign(path)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from itertools import combinations
 from pathlib import Path
 
@@ -11,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etude.campaign.record.journal import Event, chained, commit, read_events
+from etude.campaign.record.events import Asked, Created, Event, to_json
+from etude.campaign.record.journal import chained, commit, read_events
 from etude.errors import UsageError
 
-OLD = Path(__file__).parent / "journal_0_1.jsonl"
-"""The journal of a campaign that version 0.1 made."""
 COUNT = 5
 
 
@@ -34,9 +32,9 @@ def refusal(folder: Path, lines: list[str]) -> str:
 @pytest.fixture
 def lines(tmp_path: Path) -> list[str]:
     """A new journal's."""
-    commit(tmp_path, "created", None, "c", [], seed=0)
+    commit(tmp_path, Created(seed=0))
     for number in range(1, COUNT):
-        commit(tmp_path, "asked", number, "c", [], note="é", value=0.1)
+        commit(tmp_path, Asked(status="é", value=0.1), number)
     return (tmp_path / "journal.jsonl").read_text().splitlines()
 
 
@@ -48,10 +46,7 @@ def test_each_line_names_the_one_before(lines: list[str]) -> None:
 
 
 def test_the_hashes_are_no_facts(tmp_path: Path, lines: list[str]) -> None:
-    assert [event.facts for event in read_events(tmp_path)][1] == {"note": "é", "value": 0.1}
-    for name in ("previous", "seal"):
-        with pytest.raises(ValueError, match=name):
-            commit(tmp_path, "asked", 9, "c", [], **{name: "x"})
+    assert [event.fact for event in read_events(tmp_path)][1] == Asked(status="é", value=0.1)
     assert len(read_events(tmp_path)) == COUNT
 
 
@@ -87,9 +82,9 @@ def test_any_byte_edited(tmp_path: Path, lines: list[str], index: int, count: in
 
 def test_a_line_stripped_of_its_hashes(tmp_path: Path, lines: list[str]) -> None:
     """What an old program would append, or a hand that knows version 0.1."""
-    bare = Event("asked", "2026-01-01T00:00:00+00:00", 9, "c").to_json()
+    bare = to_json(Event(Asked(status=""), "2026-01-01T00:00:00+00:00", 9))
     assert refusal(tmp_path, [*lines, bare]) == f"{COUNT + 1}: this line of the journal was edited"
-    assert refusal(tmp_path, [bare, *lines[1:]]).startswith("1: the journal was changed in its first 1 lines")
+    assert refusal(tmp_path, [bare, *lines[1:]]).startswith("1: this journal has no hashes")
 
 
 def test_an_end_cut_off_is_not_seen(tmp_path: Path, lines: list[str]) -> None:
@@ -102,56 +97,23 @@ def test_a_torn_last_line_is_dropped_and_the_chain_goes_on(tmp_path: Path, lines
     path = tmp_path / "journal.jsonl"
     path.write_bytes(path.read_bytes()[:-40])
     assert len(read_events(tmp_path)) == COUNT - 1
-    commit(tmp_path, "asked", 7, "c", [])
+    commit(tmp_path, Asked(status=""), 7)
     assert [event.number for event in read_events(tmp_path)] == [None, 1, 2, 3, 7]
 
 
-@given(st.lists(st.dictionaries(st.text(), st.integers() | st.text(), max_size=3), max_size=4))
-def test_any_facts_chain(tmp_path_factory: pytest.TempPathFactory, facts: list[dict[str, object]]) -> None:
+@given(st.lists(st.builds(Asked, status=st.text(), learned=st.integers()), max_size=4))
+def test_any_facts_chain(tmp_path_factory: pytest.TempPathFactory, facts: list[Asked]) -> None:
     folder = tmp_path_factory.mktemp("any")
     made: list[str] = []
-    events = [Event("asked", "t", 1, "c", {}, {f"fact {k}": v for k, v in row.items()}) for row in facts]
+    events = [Event(one, "t", 1, "c") for one in facts]
     for event in events:
-        made.append(chained(event.to_json(), made))
+        made.append(chained(to_json(event), made))
     write(folder, made)
     assert read_events(folder) == events
 
 
-class TestVersion01:
-    @pytest.fixture
-    def old(self, tmp_path: Path) -> list[str]:
-        shutil.copy(OLD, tmp_path / "journal.jsonl")
-        return OLD.read_text().splitlines()
-
-    def test_it_is_read(self, tmp_path: Path, old: list[str]) -> None:
-        events = read_events(tmp_path)
-        assert [event.event for event in events] == ["created", *["evaluated"] * 4, "asked", "told"]
-        assert events[-1].facts["rows"] == 1000
-
-    def test_a_byte_that_is_no_text_is_found(self, tmp_path: Path, old: list[str]) -> None:
-        path = tmp_path / "journal.jsonl"
-        path.write_bytes(path.read_bytes().replace(b'"arm4"', b'"arm\xe9"', 1))
-        with pytest.raises(UsageError, match=r"not an event \[.*journal\.jsonl:1\]"):
-            read_events(tmp_path)
-
-    def test_the_chain_begins_at_the_next_line(self, tmp_path: Path, old: list[str]) -> None:
-        before = read_events(tmp_path)
-        for number in (2, 3):
-            commit(tmp_path, "asked", number, "c", [])
-        assert read_events(tmp_path)[: len(before)] == before
-        lines = (tmp_path / "journal.jsonl").read_text().splitlines()
-        assert lines[: len(old)] == old
-        assert ['"previous"' in line for line in lines] == [False] * len(old) + [True, True]
-        assert refusal(tmp_path, [*lines[:-2], lines[-1]]).startswith("1: ")
-
-    def test_from_then_on_the_old_part_is_covered(self, tmp_path: Path, old: list[str]) -> None:
-        commit(tmp_path, "asked", 2, "c", [])
-        (new,) = (tmp_path / "journal.jsonl").read_text().splitlines()[len(old) :]
-        words = f"1: the journal was changed in its first {len(old)} lines, of version 0.1"
-        assert refusal(tmp_path, [old[1], old[0], *old[2:], new]) == words
-        assert refusal(tmp_path, [old[0].replace("arm4", "arm5"), *old[1:], new]) == words
-        assert refusal(tmp_path, [*old[:-1], old[-1].replace("1000", "1001"), new]) == words
-        assert refusal(tmp_path, [*old[1:], new]).startswith("1: ")
-        assert refusal(tmp_path, [new]).startswith("1: ")
-        write(tmp_path, [*old, new])
-        assert len(read_events(tmp_path)) == len(old) + 1
+def test_a_byte_that_is_no_text_is_found(tmp_path: Path, lines: list[str]) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(path.read_bytes().replace(b'"created"', b'"creat\xe9d"', 1))
+    with pytest.raises(UsageError, match=r"was edited \[.*journal\.jsonl:1\]"):
+        read_events(tmp_path)

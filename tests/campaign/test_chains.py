@@ -58,10 +58,10 @@ def test_the_first_is_designed_from_the_limits_alone(long: Campaign, tmp_path: P
     ask(long)
     facts = long.state().rounds[1].asked
     assert facts is not None
-    assert facts["status"].startswith("from the limits alone: 2 segments")
-    assert facts["gain"] is None
-    assert facts["learned"] == 0
-    assert facts["value"] >= facts["baseline_value"]
+    assert facts.status.startswith("from the limits alone: 2 segments")
+    assert facts.gain is None
+    assert facts.learned == 0
+    assert facts.value >= facts.baseline_value
     again = make_campaign(tmp_path / "again", config=LONG)
     ask(again)
     assert chain_of(again).to_json() == chain_of(long).to_json()
@@ -74,7 +74,7 @@ def test_what_waits_for_its_log_is_not_asked_for_again(long: Campaign, tmp_path:
     # both have the measure of the limits alone, and the second is given the first
     assert facts[0] is not None
     assert facts[1] is not None
-    assert facts[1]["value"] > facts[0]["value"]
+    assert facts[1].value > facts[0].value
     apart = make_campaign(tmp_path / "alone", seed=long.state().seed, config=LONG)
     (apart.path / "proposals").mkdir()
     assert chain_of(long, 2).to_json() != chain_of(long, 1).to_json()
@@ -88,7 +88,7 @@ def test_each_segment_is_a_group(long: Campaign, tmp_path: Path) -> None:
     facts = long.state().rounds[1].told
     assert facts is not None
     starts = [start for start, label, _ in chain.pieces() if label == "segment"]
-    assert facts["segments"] == starts
+    assert list(facts.segments) == list(starts)
     # a log of no proposal is one group
     tell(long, write_log(tmp_path / "two.csv", random_motion(long, 3)), foreign=True, learner=stub_learner)
     samples = told_samples(long, [1, 2])
@@ -105,8 +105,8 @@ def test_at_half_speed_segments_start_later(long: Campaign, tmp_path: Path) -> N
     told = tell(long, write_log(tmp_path / "slow.csv", slow), learner=stub_learner)
     facts = long.state().rounds[told.number].told
     assert facts is not None
-    assert facts["speed"] == 50
-    assert facts["segments"][1] == pytest.approx(2.0 * chain_of(long).pieces()[2][0])
+    assert facts.speed == 50
+    assert facts.segments[1] == pytest.approx(2.0 * chain_of(long).pieces()[2][0])
 
 
 def test_a_log_that_breaks_off_in_the_second_segment_is_still_aligned(long: Campaign, tmp_path: Path) -> None:

@@ -115,8 +115,8 @@ def test_new_learns_from_it_and_those_to_come_alone(fresh: Campaign, waiting: Pa
     assert learned(fresh) == [4]
     facts = fresh.state().trained[-1].trained
     assert facts is not None
-    assert (facts["logs"], facts["models"]) == ([4], {})
-    assert fresh.events()[-2].facts["aside"] == [1, 2, 3]
+    assert (facts.logs, facts.models) == ((4,), {})
+    assert fresh.events()[-2].fact.aside == (1, 2, 3)
     later = write_changed(tmp_path / "5.csv", fresh, 5, CHANGES["friction has changed"])
     assert tell(fresh, later).learned == (5,)
     old = write_log(tmp_path / "6.csv", random_motion(fresh, 6), 6)

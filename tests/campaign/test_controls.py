@@ -17,6 +17,7 @@ from etude.campaign.propose.ask import ask
 from etude.campaign.propose.constraints import kept_now, kept_then, kept_under, seen_errors
 from etude.campaign.propose.export import export
 from etude.campaign.record.controls import FEEDBACK, FILE, IN_WORDS, LEARNED, asked_under, required
+from etude.campaign.record.events import Asked, Exported, Ingested
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import stored_trajectory
@@ -44,11 +45,9 @@ def told(*logs: tuple[float, str | None]) -> State:
     """Logs with these largest errors under these controls; None: of before this was kept."""
     rounds = {}
     for i, (size, control) in enumerate(logs, 1):
-        facts: dict[str, Any] = {
-            "tracked": {"fourier": [[size, size], [size, size], [0.0, 0.0]]},
-            "time": str(i),
-        }
-        rounds[i] = Round(i, {}, facts | ({} if control is None else {"control": control}))
+        tracked = {"fourier": ((size, size), (size, size), (0.0, 0.0))}
+        log = Ingested(sha256=str(i), tracked=tracked, control=control or "")
+        rounds[i] = Round(i, Asked(status=""), log, told_at=str(i))
     return State(rounds=rounds)
 
 
@@ -140,7 +139,7 @@ def test_a_certificate_says_which_control_its_margins_are_of(lab: Campaign, tmp_
 def test_a_log_has_the_control_that_its_motion_was_asked_for(lab: Campaign, tmp_path: Path) -> None:
     ask(lab)
     log = run(lab, tmp_path, 1)
-    assert (lab.round(1).told or {})["control"] == FEEDBACK
+    assert lab.round(1).told.control == FEEDBACK
     before = lab.events()
     tell(lab, log, control=LEARNED)  # told twice is told once, whatever is said with it
     assert lab.events() == before
@@ -190,7 +189,7 @@ def test_run_under_a_control_that_it_was_not_asked_for(lab: Campaign, tmp_path: 
     assert not np.any(other.margins["fourier"][1])
     assert other.controls == (LEARNED,)
     with lab.writing():
-        lab.commit("exported", 2, [], format="x", effort=True, **other.as_facts())
+        lab.commit(other.recorded(Exported(format="x", effort=True)), 2)
     ask(lab, control=LEARNED, new=True)
     run(lab, tmp_path, 3)
     written = kept_under(lab, 2, LEARNED).margins["fourier"]
@@ -200,7 +199,7 @@ def test_run_under_a_control_that_it_was_not_asked_for(lab: Campaign, tmp_path: 
     np.testing.assert_array_equal(
         np.stack(later.margins["fourier"]), np.stack(kept(lab, lab.state(), LEARNED))
     )
-    assert (lab.round(3).told or {})["control"] == LEARNED
+    assert lab.round(3).told.control == LEARNED
 
 
 def test_written_with_the_learned_command_it_is_taken_to_be_run_so(tmp_path: Path) -> None:
@@ -214,7 +213,7 @@ def test_written_with_the_learned_command_it_is_taken_to_be_run_so(tmp_path: Pat
     assert {row.control for row in found.certificate.rows if row.margin} == {"learned feedforward"}
     assert {row.confidence for row in found.certificate.rows if row.margin} == {0.0}
     tell(lab, write_log(tmp_path / "2.csv", motion))
-    assert (lab.round(2).told or {})["control"] == LEARNED
+    assert lab.round(2).told.control == LEARNED
     confirms = ask_to_confirm(lab)
     under = {row.control for row in confirms.certificate.rows if row.margin}
     assert under == {"feedback alone or learned feedforward"}
@@ -237,11 +236,11 @@ def test_a_simulated_robot_is_run_under_what_its_margins_are_of(tmp_path: Path) 
     sky = open_campaign(sky.path)
     list(simulate(sky, 2))
     assert [asked_under(sky.round(n).asked) for n in (1, 2)] == [(FEEDBACK,), (LEARNED,)]
-    assert [(sky.round(n).told or {})["control"] for n in (1, 2)] == [FEEDBACK, LEARNED]
+    assert [sky.round(n).told.control for n in (1, 2)] == [FEEDBACK, LEARNED]
     side = [next(row for row in rows(sky, n) if row["axis"] == "x") for n in (1, 2)]
     assert [row["tracking_margin"] for row in side] == [
         sky.spec.margin
     ] * 2  # not what the first flight taught
     ask(sky, go_on=True)
     list(simulate(sky, 1))
-    assert (sky.round(3).told or {})["control"] == FEEDBACK
+    assert sky.round(3).told.control == FEEDBACK

@@ -10,6 +10,7 @@ from small_robot import ROBOT
 
 from etude import plugins
 from etude.campaign.create import create_campaign, find_robot, load_robot
+from etude.campaign.record.events import Created
 from etude.errors import UsageError
 
 
@@ -100,13 +101,9 @@ def test_a_folder_that_is_a_campaign_is_refused_before_the_robot_is_read(
 
 def test_the_folder_says_what_it_is(tmp_path: Path) -> None:
     campaign, _ = create_campaign(tmp_path / "lab", "quadrotor", seed=2)
-    facts = campaign.events()[0].facts
-    assert facts == {
-        "seed": 2,
-        "preset": "default",
-        "kind": "quadrotor",
-        "robot": "quadrotor",
-        "axes": ["x", "y", "z"],
-    }
+    axes = ("x", "y", "z")
+    assert campaign.events()[0].fact == Created(
+        seed=2, preset="default", kind="quadrotor", robot="quadrotor", axes=axes
+    )
     assert 'kind = "quadrotor"' in (campaign.path / "campaign.toml").read_text()
-    assert (campaign.name, campaign.command.units[0], campaign.notes) == ("quadrotor", "V", ())
+    assert (campaign.name, campaign.command.units[0]) == ("quadrotor", "V")

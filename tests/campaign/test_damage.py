@@ -120,7 +120,7 @@ def test_a_journal_that_is_no_text(
     journal.write_bytes(data)
     code, words = said(capsys, command, str(lab))
     assert code == 2
-    assert "this line of the journal is not an event" in words.lower()
+    assert "this journal has no hashes" in words.lower()
     assert f"where: {journal}:1" in words
 
 

@@ -11,6 +11,7 @@ from small_robot import make_campaign, stub_learner
 
 from etude import plugins
 from etude.campaign.propose.ask import ask
+from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.errors import UsageError
 
@@ -20,14 +21,14 @@ def lab(tmp_path: Path) -> Campaign:
     return make_campaign(tmp_path / "lab")
 
 
-def exported(lab: Campaign) -> list[dict]:
-    return [{**e.facts, "files": e.files} for e in lab.events() if e.event == "exported"]
+def exported(lab: Campaign) -> list[Exported]:
+    return [e.fact for e in lab.events() if isinstance(e.fact, Exported)]
 
 
 def test_a_format_is_written_certified_and_committed_once(lab: Campaign) -> None:
     found = ask(lab, formats=("ros2_yaml", "lerobot"), learner=stub_learner)
     again = ask(lab, formats=("ros2_yaml", "lerobot"), learner=stub_learner)
-    assert [(e["format"], e["effort"]) for e in exported(lab)] == [("ros2_yaml", False), ("lerobot", False)]
+    assert [(e.format, e.effort) for e in exported(lab)] == [("ros2_yaml", False), ("lerobot", False)]
     assert [one.files for one in again.exported] == [one.files for one in found.exported]
     one = found.exported[0]
     assert one.certificate.ok

@@ -47,21 +47,19 @@ def told(tmp_path_factory) -> Campaign:
 
 def test_flights_without_position_are_learned_and_what_is_missing_is_said(told, capsys) -> None:
     facts = told.state().trained[-1].trained
-    assert facts["logs"] == [1, 2]
-    assert (
-        "Not every flight tells its altitude and body velocity; the model does without." in facts["warnings"]
-    )
+    assert facts.logs == (1, 2)
+    assert "Not every flight tells its altitude and body velocity; the model does without." in facts.warnings
     assert main(["tell", str(told.path), str(EXAMPLE / "log10_thrust.csv"), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["repeated"]
-    assert again["warnings"] == facts["warnings"]
-    assert {"identified", "gp", "identified+gp", "linear"} <= set(facts["models"])
-    assert facts["models"]["gp"]["nmse"] != facts["models"]["identified"]["nmse"]
+    assert again["warnings"] == list(facts.warnings)
+    assert {"identified", "gp", "identified+gp", "linear"} <= set(facts.models)
+    assert facts.models["gp"].nmse != facts.models["identified"].nmse
 
 
 def test_what_the_recipe_found_is_on_record(told) -> None:
     """The lag of the motors, measured in all flights together."""
-    first, second = (round_.trained["recipe"] for round_ in told.state().trained)
+    first, second = (round_.trained.recipe for round_ in told.state().trained)
     lags = [float(said.split("lags ")[1].split(" s")[0]) for (said,) in (first, second)]
     assert 0.02 < lags[1] < lags[0] < 0.08
 
@@ -94,13 +92,13 @@ def test_a_flight_that_tells_less_than_those_before_is_learned_too(tmp_path, cap
         assert main(["tell", str(folder), str(path), "--foreign"]) == 0
         capsys.readouterr()
         assert main(["status", str(folder)]) == 0
-        assert f"(in use: {campaign.state().trained[-1].trained['chosen']})" in capsys.readouterr().out
+        assert f"(in use: {campaign.state().trained[-1].trained.chosen})" in capsys.readouterr().out
         widths.append(len(load_model(folder).inputs.columns))
     assert widths == [13, 9]
     first, second = (round_.trained for round_ in campaign.state().trained)
-    assert not any("does without" in said for said in first["warnings"])
-    assert sum("does without" in said for said in second["warnings"]) == 1
-    assert set(second["models"]) == {"linear"}  # no earlier model can say anything of it
+    assert not any("does without" in said for said in first.warnings)
+    assert sum("does without" in said for said in second.warnings) == 1
+    assert set(second.models) == {"linear"}  # no earlier model can say anything of it
     assert len(told_samples(campaign, [1, 2])) > 0
 
 

@@ -10,6 +10,7 @@ import pytest
 from etude.campaign.evaluate.stopping import POOLED, calibration_factor, seen_by_the_rule
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
+from journal_facts import trained
 
 LIMITS = (20.0, 10.0)
 """Of hip and knee, N m."""
@@ -27,7 +28,7 @@ def state(*z2: list[float | None], **facts: Any) -> State:
     rounds = {}
     for number, values in enumerate(z2, 1):
         models = {"gp": {"z2": values}, "linear": {"z2": [99.0, 99.0]}}
-        rounds[number] = Round(number, trained={**common, "models": models, **facts, "order": number})
+        rounds[number] = Round(number, trained=trained(**{**common, "models": models, **facts}), order=number)
     return State(rounds=rounds)
 
 

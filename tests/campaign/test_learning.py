@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -57,14 +57,11 @@ def test_a_log_is_scored_before_it_is_learned(learned: Campaign) -> None:
     assert first.trained is not None
     assert second.trained is not None
     assert third.trained is not None
-    assert first.trained["models"] == {}
-    assert set(second.trained["models"]["gp"]) == {
-        *("nmse", "z2", "coverage", "msll"),
-        *("nmse_all", "z2_all", "coverage_all"),
-    }
-    assert max(third.trained["models"]["gp"]["nmse"]) < 0.2
-    assert third.trained["logs"] == [1, 2, 3]
-    assert third.trained["robot_seconds"] == pytest.approx(3 * 20.5, abs=2.0)
+    assert first.trained.models == {}
+    assert all(len(figures) == 2 for figures in astuple(second.trained.models["gp"]))
+    assert max(third.trained.models["gp"].nmse) < 0.2
+    assert third.trained.logs == (1, 2, 3)
+    assert third.trained.robot_seconds == pytest.approx(3 * 20.5, abs=2.0)
 
 
 def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: Campaign) -> None:
@@ -77,27 +74,27 @@ def test_the_linear_baseline_has_not_seen_the_log_that_it_is_scored_on(learned: 
             taught, use = known & usable, new & usable & moving
             weights = np.linalg.lstsq(inputs[taught], tau[taught], rcond=None)[0]
             nmse.append(np.mean((tau[use] - inputs[use] @ weights) ** 2) / np.var(tau[use]))
-        scored = learned.state().rounds[newest + 1].trained["models"]["linear"]  # type: ignore[index]
-        np.testing.assert_allclose(scored["nmse"], nmse, rtol=1e-6)
+        scored = learned.state().rounds[newest + 1].trained.models["linear"]  # type: ignore[union-attr]
+        np.testing.assert_allclose(scored.nmse, nmse, rtol=1e-6)
 
 
 def test_later_trajectories_are_designed(learned: Campaign) -> None:
     facts = learned.state().rounds[3].asked
     assert facts is not None
-    assert facts["criterion"] == "log_ivr"
-    assert facts["learned"] == 2
-    assert 0.0 < facts["gain"] < 1.0
+    assert facts.criterion == "log_ivr"
+    assert facts.learned == 2
+    assert 0.0 < facts.gain < 1.0
 
 
 def test_evidence_joins_what_was_asked_and_learned(learned: Campaign) -> None:
     state = learned.state()
     evidence = seen_by_the_rule(learned, state)
     assert [e.number for e in evidence] == [1, 2, 3]
-    gains = [state.rounds[n].asked["gain"] for n in (2, 3)]  # type: ignore[index]
+    gains = [state.rounds[n].asked.gain for n in (2, 3)]  # type: ignore[union-attr]
     assert [e.gain for e in evidence] == [*gains, None]
     assert seen_by_the_rule(learned, state, 0.25)[-1].gain == 0.25
     assert [e.robot_minutes for e in evidence] == sorted(e.robot_minutes for e in evidence)
-    z2 = [z for n in (2, 3) for z in state.rounds[n].trained["models"]["gp"]["z2"]]  # type: ignore[index]
+    z2 = [z for n in (2, 3) for z in state.rounds[n].trained.models["gp"].z2]  # type: ignore[union-attr]
     assert calibration_factor(state.trained) == pytest.approx(np.mean(z2))
 
 
@@ -166,8 +163,8 @@ def test_every_rung_can_be_learned_forecast_and_designed_with(rung: str, tmp_pat
         tell(campaign, write_log(tmp_path / f"{seed}.csv", random_motion(campaign, seed)), foreign=True)
     facts = campaign.state().trained[-1].trained
     assert facts is not None
-    assert rung in (facts["chosen"], "auto")
-    assert len(facts["rungs"]) == 2
+    assert rung in (facts.chosen, "auto")
+    assert len(facts.rungs) == 2
     assert ask(campaign, go_on=True).certificate.ok
 
 
@@ -186,8 +183,8 @@ def test_a_log_that_moves_one_joint_teaches_what_the_others_cannot(
     assert [r.number for r in campaign.state().learned] == [1, 2]
     facts = campaign.state().trained[-1].trained
     assert facts is not None
-    assert "held_out" not in facts
-    assert any("No blocks of log 2 were held out" in said and "hip" in said for said in facts["warnings"])
+    assert facts.held_out is None
+    assert any("No blocks of log 2 were held out" in said and "hip" in said for said in facts.warnings)
     assert status(campaign)["held_out"]["number"] == 1
 
 

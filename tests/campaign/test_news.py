@@ -14,20 +14,25 @@ from test_stopping import CONFIG, OPEN, RULES, series
 
 from etude.campaign.evaluate.stopping import judge
 from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
+from etude.campaign.record.state import CHANGED, Round, State
 from etude.cli import main
 from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
 from etude.types import Finding
+from journal_facts import fact, trained
 
 OUTPUTS = ("hip", "knee")
 GOOD = {"nmse": [0.01, 0.02], "z2": [1.0, 1.0], "coverage": [0.95, 0.93]}
 LINEAR = {"nmse": [0.1, 0.2]}
+TOLD = {"sha256": "a", "robot_seconds": 60.0}
 
 
 def state(gp: dict[str, Any], told: dict[str, Any] | None = None, **round_: Any) -> State:
-    trained = {"predicted_by": "gp", "chosen": "gp", "models": {"gp": gp, "linear": LINEAR}, "order": 1}
-    return State(rounds={3: Round(3, told=told or {"robot_seconds": 60.0}, trained=trained, **round_)})
+    learned = trained(predicted_by="gp", models={"gp": gp, "linear": LINEAR})
+    return State(
+        rounds={3: Round(3, told=fact("told", **TOLD, **(told or {})), trained=learned, order=1, **round_)}
+    )
 
 
 def news(found: State) -> list[tuple[str, str]]:
@@ -68,7 +73,7 @@ def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None
         f"knee: the process erred 3 times as much as linear regression, but {TOO_FEW}; tell another one."
     ]
     own = state(GOOD)
-    rounds = {3: replace(own.rounds[3], trained=own.rounds[3].trained | {"warnings": [*told, "No battery."]})}
+    rounds = {3: replace(own.rounds[3], trained=replace(own.newest, warnings=(*told, "No battery.")))}
     found = bad_news(replace(own, rounds=rounds), OUTPUTS, 2)
     assert [(f.check, f.light) for f in found] == [
         ("too little motion", "yellow"),
@@ -76,7 +81,7 @@ def test_what_the_training_does_not_believe_is_told_until_the_next_one() -> None
     ]
     assert [f.step for f in found] == ["Tell another.", "Tell another one."]
     assert found[0].sentence.endswith(UNCERTAIN)
-    later = Round(4, told={"robot_seconds": 60.0}, trained=own.rounds[3].trained | {"order": 2})
+    later = Round(4, told=own.rounds[3].told, trained=own.newest, order=2)
     assert bad_news(replace(own, rounds=rounds | {4: later}), OUTPUTS, 2) == ()
 
 
@@ -103,8 +108,8 @@ def of_blocks(mixed: list[float | None], linear: list[float], number: int = 3) -
     """The first log, some of whose blocks were held out."""
     nmse = {"gp": [9.0, 9.0], "mixed": mixed, "linear regression": linear}
     blocks = {"blocks": [3], "of": 20, "chosen": "mixed", "nmse": nmse}
-    trained = {"chosen": "mixed", "models": {}, "held_out": blocks, "order": 1}
-    return State(rounds={number: Round(number, told={"robot_seconds": 60.0}, trained=trained)})
+    learned = trained(chosen="mixed", held_out=blocks)
+    return State(rounds={number: Round(number, told=fact("told", **TOLD), trained=learned, order=1)})
 
 
 @pytest.mark.parametrize(
@@ -143,7 +148,7 @@ def test_what_is_worse_than_a_constant_is_not_advised() -> None:
 
 def test_of_a_joint_that_did_not_move_that_is_said() -> None:
     own = of_blocks([0.1, 2.9], [0.2, 0.5])
-    rounds = {3: replace(own.rounds[3], trained=own.rounds[3].trained | {UNMOVED: ["knee"]})}
+    rounds = {3: replace(own.rounds[3], trained=replace(own.newest, unmoved=("knee",)))}
     (found,) = bad_news(State(rounds=rounds), OUTPUTS, 2)
     assert (found.check, found.light) == ("prediction", "red")
     assert "knee: it did not move" in found.sentence
@@ -227,10 +232,8 @@ def test_a_changed_robot_is_news_until_it_is_answered_and_other_findings_while_t
     ],
 )
 def test_tests_that_get_worse(errors: list[float], told: list[tuple[str, str]]) -> None:
-    alone = {"test": "moves", "baseline": "pd", "number": 0, "tracking_error_deg": [2.0, 2.0]}
-    rounds = [
-        {"test": "moves", "number": i, "tracking_error_deg": [e, e]} for i, e in enumerate(errors, start=1)
-    ]
+    alone = 0, Evaluated(test="moves", baseline="pd", errors=(2.0, 2.0), unit="deg")
+    rounds = [(i, Evaluated(test="moves", errors=(e, e), unit="deg")) for i, e in enumerate(errors, start=1)]
     assert news(replace(state(GOOD), evaluated=(alone, *rounds))) == told
 
 

@@ -60,8 +60,8 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
     # after one motion of 20 s a local process knows less of another motion than one process of all samples
     # and of twenty spectral points, hardly trained, it depends on the draw: 0.6 to 2.1 over four motions
     worst = {"local_gp": 0.8, "lwpr": 0.8, "ssgp_fixed": 3.0}.get(process, 0.5)
-    assert max(second.trained["models"]["gp"]["nmse"]) < worst
-    assert second.trained["moved"] is not None
+    assert max(second.trained.models["gp"].nmse) < worst
+    assert second.trained.moved is not None
     model = newest_model(campaign, campaign.state())
     assert model is not None
     own = [p for c in model.candidates if c.rung == "gp" for p in c.process.own]
@@ -72,5 +72,5 @@ def test_a_campaign_learns_and_designs_with_it(process, kind, tmp_path) -> None:
 
 def test_an_unknown_process_is_refused_with_the_file_the_key_and_the_names() -> None:
     with pytest.raises(UsageError, match="process must be one of exact, fitc") as caught:
-        parse_config(b'[model]\nprocess = "magic"\n', "campaign.toml")
+        parse_config(b'kind = "arm"\n[model]\nprocess = "magic"\n', "campaign.toml")
     assert "campaign.toml [model] model.process = 'magic'" in str(caught.value.where)

@@ -45,7 +45,7 @@ def test_the_rigid_body_of_a_vehicle(tmp_path: Path) -> None:
     path = create_campaign(tmp_path / "cf", str(EXAMPLE / "crazyflie.toml"))[0].path
     campaign = configured(path, {**QUICK, 'rung = "auto"': 'rung = "identified"'})
     tell(campaign, sorted(EXAMPLE.glob("log*.csv")), foreign=True)
-    assert set(campaign.state().trained[-1].trained["chosen"].split(", ")) == {"identified"}
+    assert set(campaign.state().trained[-1].trained.chosen.split(", ")) == {"identified"}
     found = promote(campaign)
     assert found.promoted, found.refused
     assert [one.against for one in found.compared] == ["a constant command"]

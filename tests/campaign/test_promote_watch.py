@@ -20,6 +20,7 @@ from etude.campaign.evaluate.expected_tracking_error import SPREAD
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import tell
 from etude.campaign.record.deployed_model import model_in_use, pinned
+from etude.campaign.record.events import Promoted
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import read_events
 from etude.campaign.record.stored import newest_model
@@ -126,7 +127,7 @@ def test_a_model_that_beats_physics_is_promoted_and_stays_while_others_are_learn
     assert (physics.against, physics.segments, physics.decision) == ("linear regression", 5, "better")
     assert physics.upper < 1.0
     event = read_events(fresh.path)[-1]
-    assert (event.event, event.number, event.facts["forced"]) == ("promoted", 5, False)
+    assert (event.event, event.number, event.fact.forced) == ("promoted", 5, False)
     assert event.files == {f"promoted/{found.sha256[:12]}.npz": found.sha256}
     assert promote(fresh).repeated
     one_more(fresh, tmp_path, 6)
@@ -176,12 +177,9 @@ def test_force_says_why_and_is_recorded(fresh: Campaign, tmp_path: Path) -> None
     assert found.promoted
     assert found.forced
     assert found.refused
-    facts = read_events(fresh.path)[-1].facts
-    assert (facts["forced"], facts["reason"], facts["refused"]) == (
-        True,
-        "a demonstration",
-        list(found.refused),
-    )
+    fact = read_events(fresh.path)[-1].fact
+    assert isinstance(fact, Promoted)
+    assert (fact.forced, fact.reason, fact.refused) == (True, "a demonstration", found.refused)
     assert rollback(fresh, reason="over") == (6, 5)
     assert model_in_use(fresh).number == 5
     assert read_events(fresh.path)[-1].event == "rolled_back"
@@ -257,12 +255,12 @@ def test_runs_that_confirm_are_measured_and_never_learned(fresh: Campaign, tmp_p
     assert max(found["with"]) < 0.02
     assert found["units"] == ["deg", "deg"]
     ratio, first = np.array(found["left_over"]), fresh.round(made.number).runs["without"]
-    part = ratio * first["moving"]
-    most = np.hypot(SPREAD * part, np.hypot(first["late"], first["noise"]))
-    wide = np.stack([np.hypot(part / SPREAD, first["noise"]), most], axis=1)
+    part = ratio * np.array(first.moving)
+    most = np.hypot(SPREAD * part, np.hypot(first.late, first.noise))
+    wide = np.stack([np.hypot(part / SPREAD, first.noise), most], axis=1)
     np.testing.assert_allclose(found["forecast"], wide)
     assert np.all((ratio > 0.0) & (ratio < 1.0))
-    assert first["moving"][0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
+    assert first.moving[0] == pytest.approx(np.rad2deg(0.02), rel=0.02)
     assert found["moving"][0] == pytest.approx(found["with"][0], rel=0.5)
     page = str(confirmation(read_record(fresh.path)))
     assert f"Trajectory {made.number}." in page

@@ -48,8 +48,7 @@ def flown(tmp_path_factory):
 
 def test_learning_beats_feedback_alone(flown):
     campaign, rounds = flown
-    by = {(e.get("baseline") or e["number"], e["test"]): e for e in campaign.state().evaluated}
-    by = {key: facts["tracking_error_m"] for key, facts in by.items()}
+    by = {(e.baseline or number, e.test): e.errors for number, e in campaign.state().evaluated}
     names = ("pid", "analytic", "exact_drag", "rigid_body", 1, 2)
     assert set(by) == {(who, test) for who in names for test in ("uniform", "boundary")}
     for test in ("uniform", "boundary"):
@@ -59,7 +58,7 @@ def test_learning_beats_feedback_alone(flown):
     assert rounds[-1].mean_errors()["uniform"] == by[2, "uniform"][-1]
     assert rounds[-1].robot_seconds == pytest.approx(24.0, abs=0.5)
     learned = campaign.state().trained[-1].trained
-    np.testing.assert_allclose(learned["inputs"]["drag"], [0.573, 0.573, 0.0], atol=0.03)
+    np.testing.assert_allclose(learned.inputs["drag"], [0.573, 0.573, 0.0], atol=0.03)
 
 
 def test_the_linear_baseline_has_not_seen_the_flight_that_it_is_scored_on(flown):
@@ -68,9 +67,9 @@ def test_the_linear_baseline_has_not_seen_the_flight_that_it_is_scored_on(flown)
     known, new = data.take(data.group == 0), data.take(data.group == 1)
     inputs = campaign.kind.inputs(campaign.spec, campaign.config).tuned(data)
     error = new.command - LinearPhysics(inputs)(known).predict(new.log)
-    scored = campaign.state().rounds[2].trained["models"]["linear"]
+    scored = campaign.state().rounds[2].trained.models["linear"]
     expected = np.mean(error**2, axis=0) / np.var(new.command, axis=0)
-    np.testing.assert_allclose(scored["nmse"], expected, rtol=1e-6)
+    np.testing.assert_allclose(scored.nmse, expected, rtol=1e-6)
 
 
 def test_every_proposal_is_certified_from_its_bytes(flown):
@@ -142,8 +141,8 @@ def test_the_thesis_preset_runs(tmp_path):
     campaign = made(tmp_path / "lab", preset="thesis")
     list(simulate(campaign, 2))
     trained = campaign.state().trained[-1].trained
-    assert trained["chosen"] == "gp"
-    assert not trained["calibrated"]
+    assert trained.chosen == "gp"
+    assert not trained.calibrated
     assert len(load_model(campaign.path).inputs.columns) == 10
 
 

@@ -13,6 +13,7 @@ from etude.campaign.ingest.log_groups import SIMULATED
 from etude.campaign.ingest.tell import tell
 from etude.campaign.learn import training as learning
 from etude.campaign.learn.training import TrainingOutcome
+from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign
 from etude.campaign.simulate.simulation import simulate
 from etude.errors import UsageError
@@ -34,7 +35,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """A campaign of a robot that exists, where learning costs nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
-        return TrainingOutcome([], {"models": {}, "chosen": "gp", "rungs": ["gp"] * 2, "robot_seconds": 8.0})
+        return TrainingOutcome([], Trained(chosen="gp", rungs=("gp",) * 2, robot_seconds=8.0))
 
     monkeypatch.setattr(learning, "learn_log", learn)
     (tmp_path / "made.urdf").write_text(ROBOT)

@@ -16,6 +16,7 @@ from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.ingest.tell import CHECK, planned_states, share_within, tell
 from etude.campaign.learn.training import _scores
 from etude.campaign.propose.ask import ask
+from etude.campaign.record.events import Asked, Exported
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored_files import stored_trajectory
 from etude.cli.status import _lines as lines
@@ -33,13 +34,12 @@ def asked_and_run(campaign: Campaign, folder: Path, motion: Trajectory | None = 
     file = campaign.proposal(number) / "trajectory.json"
     if motion is not None:
         file.write_text(motion.to_json())
-        campaign.commit("exported", number, [file])
+        campaign.commit(Exported(), number, [file])
     trajectory = from_json(file.read_bytes())
     return tell(
         campaign,
         write_log(folder / f"{number}.csv", trajectory, seed=number),
         number=number,
-        learner=stub_learner,
     )
 
 
@@ -67,7 +67,7 @@ def test_the_same_motion_again_is_no_new_group(
     campaign, motion = told_once
     (sentence,) = repeats(asked_and_run(campaign, tmp_path, motion))
     assert sentence.startswith("it repeats log 1: 100 %")
-    assert campaign.state().rounds[2].told["repeats"] == 1  # type: ignore[index]
+    assert campaign.state().rounds[2].told.repeats == 1  # type: ignore[union-attr]
     assert f"log 2: {sentence}" in [news["sentence"] for news in status(campaign)["news"]]
     assert repeats(asked_and_run(campaign, tmp_path, random_motion(campaign, 7))) == []
     samples = told_samples(campaign, [1, 2, 3])
@@ -117,9 +117,9 @@ def test_choice_is_read_from_the_newest_design(told_once: tuple[Campaign, Trajec
     state = campaign.state()
     from etude.campaign.evaluate.status import _choice
 
-    one = replace(state.rounds[1], asked={"learned": 1, "choice": 0.3})
-    before = replace(state.rounds[1], number=2, asked={"learned": 0, "choice": 0.9})
-    none = replace(state.rounds[1], number=3, asked={"learned": 2, "choice": None})
+    one = replace(state.rounds[1], asked=Asked(status="", learned=1, choice=0.3))
+    before = replace(state.rounds[1], number=2, asked=Asked(status="", choice=0.9))
+    none = replace(state.rounds[1], number=3, asked=Asked(status="", learned=2))
     assert _choice(replace(state, rounds={1: one, 2: before, 3: none})) == 0.3
 
 

@@ -17,6 +17,7 @@ from etude.campaign.learn import training as learning
 from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.propose import ask as asking
 from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import Asked, Trained
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import CHANGED
 from etude.campaign.simulate import simulation as module
@@ -38,12 +39,11 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     """Learning and designing cost nothing, and the model says nothing."""
 
     def learn(campaign: Campaign, state: Any, number: int) -> TrainingOutcome:
-        facts = {"models": {}, "chosen": "gp", "rungs": ["gp"] * 4, "robot_seconds": 8.0 * number}
-        return TrainingOutcome([], facts)
+        return TrainingOutcome([], Trained(chosen="gp", rungs=("gp",) * 4, robot_seconds=8.0 * number))
 
     def again(campaign: Campaign, _: Any, rng: np.random.Generator, *rest: Any) -> Any:
         *_, limits, _ = rest
-        return typical_motions(campaign, rng, 1, limits)[0], {"status": "", "gain": None}
+        return typical_motions(campaign, rng, 1, limits)[0], Asked(status="")
 
     def silent(_: Any, spec: Any, config: Any, model: Model) -> Controller | None:
         return None
@@ -66,12 +66,12 @@ def test_rounds_tests_and_baselines(arm: Campaign) -> None:
     assert [r.number for r in done] == [1, 2]
     assert [round(r.robot_seconds) for r in done] == [8, 16]
     evaluated = arm.state().evaluated
-    keys = [(e["number"], e.get("baseline"), e["test"]) for e in evaluated]
+    keys = [(number, e.baseline, e.test) for number, e in evaluated]
     assert len(set(keys)) == len(keys) == 8
-    by = {key: np.mean(e["tracking_error_deg"]) for key, e in zip(keys, evaluated, strict=True)}
+    by = {key: np.mean(e.errors) for key, (_, e) in zip(keys, evaluated, strict=True)}
     assert by[0, "perfect", "fourier"] < 0.3 * by[0, "pd", "fourier"]
     # a model that says nothing is PD alone
-    assert by[1, None, "fourier"] == pytest.approx(by[0, "pd", "fourier"])
+    assert by[1, "", "fourier"] == pytest.approx(by[0, "pd", "fourier"])
     kept = sorted(path.name for path in (arm.path / "tests").iterdir())
     who = ("0000.pd", "0001.learned", "0002.learned")
     assert kept == [f"{name}.{test}.parquet" for name in who for test in ("fourier", "moves")]
@@ -120,8 +120,8 @@ def test_the_other_engine_agrees(arm: Campaign, tmp_path: Path) -> None:
     (other.path / "campaign.toml").write_text(CONFIG)
     list(simulate(open_campaign(other.path), 0, "compiled"))
     pairs = zip(arm.state().evaluated, other.state().evaluated, strict=True)
-    for a, b in pairs:
-        np.testing.assert_allclose(a["tracking_error_deg"], b["tracking_error_deg"], atol=0.002)
+    for (_, a), (_, b) in pairs:
+        np.testing.assert_allclose(a.errors, b.errors, atol=0.002)
 
 
 @pytest.fixture
@@ -202,8 +202,8 @@ def test_online_each_test_is_run_once_more_by_a_learner_of_its_own(arm, monkeypa
             return lambda: made.append(campaign) or Learner()
 
     list(simulate(arm, 1, online=Learning()))
-    events = [e for e in arm.state().evaluated if e.get("baseline") == "online"]
-    assert [e["test"] for e in events] == list(motions_of(arm))
+    events = [e for _, e in arm.state().evaluated if e.baseline == "online"]
+    assert [e.test for e in events] == list(motions_of(arm))
     assert made == [arm] * len(events)
     list(simulate(arm, 0, online=Learning()))
     assert len(made) == len(events)
@@ -226,6 +226,6 @@ def test_motions_that_teach_are_run_with_what_was_learned_if_wanted(
 
     monkeypatch.setattr(type(arm.kind), "controller", exact)
     list(simulate(arm, 2, feedforward=feedforward))
-    first, second = ((r.told or {})["tracked"]["fourier"][0] for r in arm.state().told)
+    first, second = (r.told.tracked["fourier"][0] for r in arm.state().told if r.told)
     ratio = np.max(second) / np.max(first)
     assert ratio < 0.5 if feedforward else ratio > 0.5

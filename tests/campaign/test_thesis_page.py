@@ -14,7 +14,8 @@ BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 
 
 def parsed(text: str) -> CampaignConfig:
-    return parse_config(text.encode(), "docs/thesis_settings.md").config
+    """A part of a campaign.toml of an arm."""
+    return parse_config(f'kind = "arm"\n{text}'.encode(), "docs/thesis_settings.md").config
 
 
 def preset(name: str) -> CampaignConfig:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tyro
-from small_robot import make_campaign, stub_learner, write_log
+from small_robot import make_campaign, write_log
 
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.propose.constraints import kept_now, kept_then
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import stored_trajectory
@@ -22,6 +23,7 @@ from etude.errors import UsageError
 from etude.limits.tracking import HIDDEN
 from etude.trajectories.fourier import FourierTrajectory
 from etude.types import Proof
+from journal_facts import fact
 
 RANDOM = '[trajectory]\nduration = 12.0\n[data]\ncutoff_hz = 5.0\n[design]\nfirst = "random"\n'
 
@@ -33,7 +35,7 @@ def lab(tmp_path: Path) -> Campaign:
 
 def run_and_tell(lab: Campaign, folder: Path, number: int, speed: int = 100) -> None:
     log = write_log(folder / f"{number}.csv", stored_trajectory(lab, number, speed))
-    tell(lab, log, number=number, learner=stub_learner)
+    tell(lab, log, number=number)
 
 
 def rows(lab: Campaign, number: int, quantity: str) -> list[dict[str, float]]:
@@ -57,7 +59,7 @@ def test_a_log_is_measured_and_the_next_margin_is_three_times_its_error(
     run_and_tell(lab, tmp_path, 1)
     told = lab.state().rounds[1].told
     assert told is not None
-    table = np.array(told["tracked"]["fourier"])
+    table = np.array(told.tracked["fourier"])
     assert table.shape == (3, 2)
     motion = stored_trajectory(lab, 1)
     assert 0.0 < table[0].max() < 0.05
@@ -89,7 +91,7 @@ def test_a_proposal_keeps_the_margins_of_its_time(lab: Campaign, tmp_path: Path)
 def test_a_slower_run_says_nothing_of_the_full_one(lab: Campaign, tmp_path: Path) -> None:
     ask(lab, speed=50)
     run_and_tell(lab, tmp_path, 1, speed=50)
-    assert "tracked" not in (lab.state().rounds[1].told or {})
+    assert lab.state().rounds[1].told.tracked == {}
 
 
 def test_ask_says_slowly_first_until_a_log_shows_how_far_it_leaves_its_plan(
@@ -132,9 +134,11 @@ def test_impossible_gains_are_refused(lab: Campaign) -> None:
 def test_without_margins_nothing_is_kept_or_stored(tmp_path: Path) -> None:
     lab = make_campaign(tmp_path, config=RANDOM + '[tracking]\nmargin = "none"\n')
     ask(lab)
-    assert {"margins", "unheld"}.isdisjoint(lab.state().rounds[1].asked or {})
+    asked = lab.state().rounds[1].asked
+    assert asked is not None
+    assert (asked.margins, asked.unheld) == ({}, ())
     assert all(row["tracking_margin"] == 0.0 for row in rows(lab, 1, "velocity"))
-    assert kept_then({"seed": [1]}).margins == {}
+    assert kept_then(Asked(status="")).margins == {}
     assert kept_then(None).margins == {}
 
 
@@ -144,7 +148,9 @@ def test_a_flight_keeps_its_owners_room_unless_logs_show_more(tmp_path: Path) ->
     def box(*largest: float) -> Proof:
         """The row of x after logs with these errors."""
         rounds = {
-            i: Round(i, {}, {"tracked": {"fourier": [[size, 0.0, 0.0], [0.1] * 3, [0.0] * 3]}})
+            i: Round(
+                i, told=fact("told", sha256="", tracked={"fourier": [[size, 0.0, 0.0], [0.1] * 3, [0.0] * 3]})
+            )
             for i, size in enumerate(largest, 1)
         }
         (found,) = [

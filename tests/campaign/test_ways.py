@@ -106,7 +106,7 @@ def test_a_log_of_the_whole_answers_the_proposal(lab: Campaign, tmp_path: Path) 
     log = write_log(tmp_path / "whole.csv", way.whole)
     told = tell(lab, log, learner=stub_learner)
     assert (told.number, told.foreign) == (1, False)
-    errors = np.array((lab.state().rounds[1].told or {})["tracked"]["fourier"])
+    errors = np.array(lab.state().rounds[1].told.tracked["fourier"])
     assert errors[0].max() < 0.01
 
 

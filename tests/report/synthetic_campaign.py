@@ -12,7 +12,6 @@ import numpy as np
 
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import config_text
-from etude.campaign.record.journal import commit
 from etude.limits.certificate import certify
 from etude.limits.feasible import FeasibleSet
 from etude.limits.samplers import uniform
@@ -24,6 +23,7 @@ from etude.types import Log
 from etude_arm.inputs import ArmInputs
 from etude_arm.kind import KIND
 from etude_arm.spec import ArmSpec, Axis
+from journal_facts import commit
 
 SECONDS = 20.0
 CONFIG = "0" * 64
@@ -51,7 +51,7 @@ def write_campaign(
     rng = np.random.default_rng(7)
     write_robot(folder, robot)
     write_atomic(folder / "campaign.toml", config_text(DEFAULT, KIND).encode())
-    commit(folder, "created", None, CONFIG, [], seed=3, etude_version="0.1.0")
+    commit(folder, "created", None, CONFIG, [], seed=3)
     if evaluated:
         _evaluate_baselines(folder, robot.dof)
     for number in range(1, rounds + 2):

@@ -20,7 +20,6 @@ from synthetic_campaign import (
     write_campaign,
 )
 
-from etude.campaign.record.journal import commit
 from etude.errors import UsageError
 from etude.logs.readers.log_file import read_log_file, write_log
 from etude.report import record as record_module
@@ -29,6 +28,7 @@ from etude.report.markup import number
 from etude.report.record import read_record
 from etude.report.sections.uncertainty import deviation_maps, map_panel
 from etude.types import Log
+from journal_facts import commit
 
 JOINTS = set(CONTENTS) - {"paths", "motion", "confirmation"}
 """Sections of a robot without a model file, whose path is none through space, where nothing was confirmed."""
@@ -76,8 +76,8 @@ def test_the_headline_says_the_journals_numbers(campaign: Path) -> None:
 
 def test_every_evaluation_in_the_journal_is_in_the_page(campaign: Path) -> None:
     text = drawn(campaign).text
-    for event in read_record(campaign).state.evaluated:
-        for value in event["tracking_error_deg"]:
+    for _, run in read_record(campaign).state.evaluated:
+        for value in run.errors:
             assert number(value) in text
 
 
@@ -85,9 +85,9 @@ def test_every_score_of_the_newest_ladder_is_in_the_page(campaign: Path) -> None
     trained = read_record(campaign).state.trained[-1].trained
     text = drawn(campaign).text
     assert trained is not None
-    for scores in trained["models"].values():
-        assert number(float(np.mean(scores["z2"]))) in text
-        for value in scores["nmse"]:
+    for scores in trained.models.values():
+        assert number(float(np.mean(scores.z2))) in text
+        for value in scores.nmse:
             assert number(value) in text
 
 
@@ -144,8 +144,8 @@ def test_a_campaign_without_evaluation_shows_held_out_scores(tmp_path: Path) -> 
     text = drawn(tmp_path).text
     trained = read_record(tmp_path).state.trained[-1].trained
     assert trained is not None
-    error = float(np.mean(trained["models"]["identified+gp"]["nmse"]))
-    linear = float(np.mean(trained["models"]["linear"]["nmse"]))
+    error = float(np.mean(trained.models["identified+gp"].nmse))
+    linear = float(np.mean(trained.models["linear"].nmse))
     assert f"explained {number(100 * (1 - error))} % of the variance" in text
     assert f"Linear regression on the same data explained {number(100 * (1 - linear))} %" in text
 

@@ -15,6 +15,7 @@ from page import Page
 
 from etude.campaign.create import create_campaign
 from etude.campaign.propose.ask import ask
+from etude.campaign.record.events import to_json
 from etude.campaign.record.folder import open_campaign
 from etude.campaign.record.journal import chained, read_events
 from etude.campaign.record.stored import stored_model
@@ -84,7 +85,7 @@ def as_if_real(folder: Path) -> Path:
     for event in read_events(folder):
         if event.event != "evaluated":
             files = {name: sha256_of(folder / name) for name in event.files if (folder / name).is_file()}
-            lines.append(chained(replace(event, files=event.files | files).to_json(), lines))
+            lines.append(chained(to_json(replace(event, files={**event.files, **files})), lines))
     journal.write_text("\n".join(lines) + "\n")
     shutil.rmtree(folder / "tests")
     return folder
@@ -102,13 +103,11 @@ def test_the_page_is_complete_and_asks_for_nothing_outside_itself(flown: Path, p
 
 def test_headline_and_table_say_the_journals_distances(flown: Path, page: Page) -> None:
     evaluated = read_record(flown).state.evaluated
-    for event in evaluated:
-        for value in event["tracking_error_m"]:
+    for _, run in evaluated:
+        for value in run.errors:
             assert number(value) in page.text
-    first = {
-        e.get("baseline", e["number"]): e["tracking_error_m"][-1] for e in evaluated if e["test"] == "uniform"
-    }
-    now, seconds = with_unit(first[ROUNDS], "m"), evaluated[-1]["robot_seconds"]
+    first = {e.baseline or n: e.errors[-1] for n, e in evaluated if e.test == "uniform"}
+    now, seconds = with_unit(first[ROUNDS], "m"), evaluated[-1][1].robot_seconds
     after = f"After {ROUNDS} trajectories ({duration(seconds)} of robot time)"
     assert f"{after} the robot follows a random test flight" in page.text
     assert f"a mean error of {now}." in page.text
@@ -118,11 +117,11 @@ def test_headline_and_table_say_the_journals_distances(flown: Path, page: Page) 
 
 def test_an_evaluation_in_space_stands_for_its_distance(flown: Path) -> None:
     test = curves.tests(read_record(flown))[0]
-    facts = next(e for e in read_record(flown).state.evaluated if e.get("baseline") == "pid")
+    run = next(e for _, e in read_record(flown).state.evaluated if e.baseline == "pid")
     pid = test.baseline("pid")
     assert pid is not None
-    assert pid.mean == facts["tracking_error_m"][3]
-    assert pid.parts.tolist() == facts["tracking_error_m"][:3]
+    assert pid.mean == run.errors[3]
+    assert pid.parts.tolist() == list(run.errors[:3])
 
 
 def test_two_flights_are_not_calibrated_and_the_page_says_so(page: Page) -> None:
@@ -286,8 +285,8 @@ def test_every_rung_of_the_ladder_has_its_curve(flown: Path, page: Page) -> None
     trained = read_record(flown).state.trained[-1].trained
     assert trained is not None
     for title, rungs in (
-        ("On told logs left out", trained["held_out_mae"]),
-        ("On each new log", trained["models"]),
+        ("On told logs left out", trained.held_out_mae),
+        ("On each new log", trained.models),
     ):
         (svg,) = panels(flown, title)
         words = [text.text for text in svg.iter("text")]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from etude.campaign.record.config_file import load_config
+from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import open_campaign
 from etude.errors import UsageError
 from etude_studies import arm
@@ -32,8 +33,8 @@ def test_rows_are_means_over_campaigns_beside_the_perfect_model(monkeypatch, tmp
         campaign = open_campaign(tmp_path / cell.name)
         for baseline, error in (("perfect", 0.1), ("pd", 3.0 + cell.seed)):
             with campaign.writing():
-                facts = {"test": "fourier", "baseline": baseline, "tracking_error_deg": [error] * 4}
-                campaign.commit("evaluated", 0, [], robot_seconds=0.0, **facts)
+                run = Evaluated(test="fourier", baseline=baseline, errors=(error,) * 4, unit="deg")
+                campaign.commit(run, 0)
     rows = {row.metric: row for row in arm_rows(tmp_path, cells)}
     assert set(rows) == {"arm4_gp_fourier_pd", "arm4_gp_fourier_pd_ci95"}
     assert rows["arm4_gp_fourier_pd"].value == pytest.approx(3.5)

@@ -13,11 +13,12 @@ from etude._runtime.toml_tables import decoded
 from etude._runtime.trust import folder_id, trust_own
 from etude.campaign.record.config import preset_config
 from etude.campaign.record.config_file import CONFIG, config_text, load_config
+from etude.campaign.record.events import Created
 from etude.campaign.record.folder import ROBOT, Campaign, names_of, open_campaign, require_plain
 from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.errors import UsageError
 from etude.protocols import Kind
-from etude.storage import write_atomic, writer_lock
+from etude.storage import sha256_of, write_atomic, writer_lock
 from etude.types import Described
 
 GROUP = "etude.robots"
@@ -71,9 +72,10 @@ def create_campaign(
         spec = kind.spec(path / ROBOT)
         axes = next(c.parts for c in kind.channels(spec) if c.name == kind.path)
         write_atomic(path / CONFIG, config_text(config, kind).encode())
-        facts = {"seed": seed, "preset": preset_name, "kind": kind.name, "robot": spec.name}
+        fact = Created(seed=seed, preset=preset_name, kind=kind.name, robot=spec.name, axes=tuple(axes))
         # campaign.toml is not listed: people may edit it, and its hash is in every event anyway
-        commit(path, "created", None, load_config(path).sha256, files, **facts, axes=list(axes))
+        own, robot_file = load_config(path).sha256, sha256_of(path / ROBOT)
+        commit(path, fact, files=files, config_sha256=own, robot_sha256=robot_file)
     trust_own(path, folder_id(path / JOURNAL))
     return open_campaign(path), described.confirm
 

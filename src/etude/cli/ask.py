@@ -16,7 +16,7 @@ from etude.errors import UsageError
 if TYPE_CHECKING:
     from etude.campaign.propose.approach import Approached
     from etude.campaign.propose.ask import Proposal
-    from etude.campaign.propose.export import Exported
+    from etude.campaign.propose.export import ExportedMotion
     from etude.campaign.propose.proposal import Swept
     from etude.campaign.record.folder import Campaign
     from etude.limits.certificate import Certificate
@@ -64,7 +64,7 @@ class Ask(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.propose.proposal import as_facts
 
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         found = self._found(campaign, say)
         unseen, slowly = _unseen(found), self.speed == 100 and _assumed(found.certificate)
         files = [str(found.folder / name) for name in (*FILES, *((FEEDFORWARD,) if self.confirm else ()))]
@@ -246,7 +246,7 @@ def _ends(certificate: Certificate) -> str:
     return f"the plan is in motion at its ends, at {100 * certificate.end_speed:.0f} % of the speed limit"
 
 
-def _exported(one: Exported) -> list[str]:
+def _exported(one: ExportedMotion) -> list[str]:
     """The files, and what is proved of what their receiver plays."""
     missing = [row for row in one.certificate.rows if row.status == "not looked at"]
     but = (

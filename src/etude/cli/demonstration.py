@@ -9,7 +9,7 @@ from typing import Any
 
 from etude.campaign.create import create_campaign, find_robot
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.rounds import SimulatedRound, measured, summary
+from etude.campaign.record.rounds import SimulatedRound, summary
 from etude.campaign.simulate.simulation import simulate
 from etude.cli.outcome import Say
 from etude.errors import UsageError
@@ -131,9 +131,9 @@ def _new_folder() -> Path:
 def _baselines(campaign: Campaign, test: str) -> dict[str, float]:
     """Newest error of each baseline on the test motion; an identified one knows all the data."""
     return {
-        event["baseline"]: summary(measured(event)[0], len(campaign.axes))
-        for event in campaign.state().evaluated
-        if event.get("baseline") and event["test"] == test
+        run.baseline: summary(run.errors, len(campaign.axes))
+        for _, run in campaign.state().evaluated
+        if run.baseline and run.test == test
     }
 
 

@@ -40,10 +40,10 @@ class Export(Common):
     """More of a target: motion or format of trajectory, interface of ros2; those of other packages'
     targets."""
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.campaign.deployment.model_export import export, given
 
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         options = given(
             real=self.real,
             variance=self.variance,

@@ -30,14 +30,11 @@ class Common:
     """Run code that the folder's files name as module:attribute; remembered for you and this folder."""
 
 
-def opened(folder: Path, say: Callable[[str], None]) -> Campaign:
-    """The campaign in a folder; says what a reader of its campaign.toml should know."""
+def opened(folder: Path) -> Campaign:
+    """The campaign in a folder."""
     from etude.campaign.record.folder import open_campaign
 
-    campaign = open_campaign(folder)
-    for note in campaign.notes:
-        say(note)
-    return campaign
+    return open_campaign(folder)
 
 
 Say = Callable[[str], None]

@@ -32,7 +32,7 @@ class Predict(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.deployment.predict import check_table, predict, write_table
 
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         path = self.output or self.motion.with_name(f"{self.motion.stem}.commands.csv")
         check_table(path)
         found = predict(campaign, self.motion, degrees=self.degrees, say=say)

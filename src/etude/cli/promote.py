@@ -32,7 +32,7 @@ class Promote(Common):
         from etude.campaign.record.known_faults import affected
         from etude.cli.status import faults
 
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         found = promote(campaign, force=self.force, reason=self.reason, say=say)
         data = asdict(found) | {"decisions": [one.decision for one in found.compared]}
         lines = _lines(found, campaign.command.parts)
@@ -82,9 +82,9 @@ class Rollback(Common):
     reason: str = ""
     """Kept in the journal."""
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.campaign.deployment.promote import rollback
 
-        left, back = rollback(opened(self.folder, say), reason=self.reason)
+        left, back = rollback(opened(self.folder), reason=self.reason)
         text = f"The model of log {left} is no longer in use; that of log {back} is."
         return Outcome(text, {"left": left, "in_use": back})

@@ -39,7 +39,7 @@ class Report(Common):
     def run(self, say: Say) -> Outcome:
         from etude.report.build import build_report, live_report
 
-        opened(self.folder, say)
+        opened(self.folder)
         if self.serve:
             return served(live_report(self.folder), self.port, self.json, say)
         say("Drawing the report.")

@@ -13,6 +13,7 @@ from etude.cli.outcome import Common, Folder, Outcome, Say, code_of, opened, tab
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from etude.campaign.record.events import Evaluated
     from etude.campaign.record.rounds import SimulatedRound
     from etude.campaign.record.state import State
     from etude.campaign.simulate.simulation import Adaptation
@@ -55,7 +56,7 @@ class Simulate(Common):
         if self.rounds < 0:
             raise UsageError(f"the number of rounds must be 0 or more, not {self.rounds}")
         rounds: list[SimulatedRound] = []
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         learning = _learning(self.method) if self.online else None
         change = _changes(self.change)
         for done in simulate(
@@ -145,14 +146,16 @@ def _table(baselines: dict[str, dict[str, float]], rounds: Sequence[SimulatedRou
     return table([f"tracking error, {unit}", "robot s", *next(iter(baselines.values()), {})], rows)
 
 
-def _baselines(evaluated: Sequence[dict[str, Any]], axes: int) -> tuple[dict[str, dict[str, float]], str]:
+def _baselines(
+    evaluated: Sequence[tuple[int, Evaluated]], axes: int
+) -> tuple[dict[str, dict[str, float]], str]:
     """Newest error by baseline and test, and its unit."""
-    from etude.campaign.record.rounds import measured, summary
+    from etude.campaign.record.rounds import summary
 
     found: dict[str, dict[str, float]] = {}
     unit = ""
-    for event in evaluated:
-        if event.get("baseline"):
-            errors, unit = measured(event)
-            found.setdefault(event["baseline"], {})[event["test"]] = summary(errors, axes)
+    for _, run in evaluated:
+        if run.baseline:
+            unit = run.unit
+            found.setdefault(run.baseline, {})[run.test] = summary(run.errors, axes)
     return found, unit

@@ -26,10 +26,10 @@ class Status(Common):
 
     folder: Folder
 
-    def run(self, say: Say) -> Outcome:
+    def run(self, _: Say) -> Outcome:
         from etude.campaign.evaluate.status import status
 
-        found = status(opened(self.folder, say))
+        found = status(opened(self.folder))
         return Outcome("\n".join(_lines(found)), found)
 
 

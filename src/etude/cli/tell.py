@@ -58,7 +58,7 @@ class Tell(Common):
 
         if not self.logs and not self.changed:
             raise UsageError("there is no log to tell", next_step="Name one or more files.")
-        campaign = opened(self.folder, say)
+        campaign = opened(self.folder)
         options: dict[str, Any] = {
             "foreign": self.foreign,
             "degrees": self.degrees,

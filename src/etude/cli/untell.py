@@ -21,7 +21,7 @@ class Untell(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ingest.untell import untell
 
-        changed = untell(opened(self.folder, say), self.number, say=say)
+        changed = untell(opened(self.folder), self.number, say=say)
         text = f"Log {self.number} is taken back." if changed else "It was taken back before."
         return Outcome(text, {"number": self.number, "changed": changed})
 
@@ -37,6 +37,6 @@ class Abandon(Common):
     def run(self, say: Say) -> Outcome:
         from etude.campaign.ingest.untell import abandon
 
-        changed = abandon(opened(self.folder, say), self.number, say=say)
+        changed = abandon(opened(self.folder), self.number, say=say)
         text = f"Trajectory {self.number} is abandoned." if changed else "It was abandoned before."
         return Outcome(text, {"number": self.number, "changed": changed})

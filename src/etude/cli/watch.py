@@ -36,7 +36,7 @@ class Watch(Common):
         from etude.campaign.deployment.monitor import watch
 
         found = watch(
-            opened(self.folder, say),
+            opened(self.folder),
             self.logs,
             degrees=self.degrees,
             accept=self.accept,

@@ -30,7 +30,7 @@ from etude.storage import arrays_of, packed, write_atomic
 from etude.types import Array
 
 VERSION = 2
-"""Of the contents; 1 were the files of 0.1, an .npz beside a .json."""
+"""Of the contents."""
 WORDS = "words"
 # a RuntimeError covers zip features that damage seems to ask for, and JSON nested too deeply; TokenError is
 # what NumPy's reader of array headers lets through

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from etude.campaign.record.events import Evaluated, Figures, Trained
 from etude.campaign.record.rounds import summary
 from etude.report.markup import with_unit
-from etude.report.record import Facts, Record
+from etude.report.record import Record
 from etude.types import Array
 
-ERROR = "tracking_error_"
 RUNGS = {
     "gp": "GP",
     "identified": "identified physics",
@@ -85,77 +86,61 @@ class Test:
 
 def tests(record: Record) -> tuple[Test, ...]:
     """Every test motion the journal has evaluations of, in the order of their first appearance."""
-    events = [facts for facts in record.state.evaluated if _unit(facts)]
-    names = dict.fromkeys(str(e.get("test", "test")) for e in events)
+    runs = [(number, run) for number, run in record.state.evaluated if run.errors]
+    names = dict.fromkeys(run.test for _, run in runs)
     axes = len(record.names)
+    return tuple(_test(name, [own for own in runs if own[1].test == name], axes) for name in names)
+
+
+def _test(name: str, runs: Sequence[tuple[int, Evaluated]], axes: int) -> Test:
+    found = {
+        baseline: _series([own for own in runs if own[1].baseline == baseline], axes)
+        for baseline in dict.fromkeys(run.baseline for _, run in runs)
+    }
+    return Test(name, found.pop("", ()), found)
+
+
+def _series(runs: Sequence[tuple[int, Evaluated]], axes: int) -> tuple[Evaluation, ...]:
+    latest = dict(runs)
     return tuple(
-        _test(name, [e for e in events if str(e.get("test", "test")) == name], axes) for name in names
+        Evaluation(number, run.robot_seconds, np.array(run.errors), run.unit, axes)
+        for number, run in sorted(latest.items(), key=lambda own: own[0])
     )
-
-
-def _test(name: str, events: list[Facts], axes: int) -> Test:
-    learned = _series((e for e in events if not e.get("baseline")), axes)
-    others = dict.fromkeys(str(e["baseline"]) for e in events if e.get("baseline"))
-    return Test(
-        name,
-        learned,
-        {other: _series((e for e in events if e.get("baseline") == other), axes) for other in others},
-    )
-
-
-def _series(events: Iterable[Facts], axes: int) -> tuple[Evaluation, ...]:
-    latest = {int(e.get("number") or 0): e for e in events}
-    return tuple(
-        Evaluation(
-            number,
-            float(latest[number].get("robot_seconds", 0.0)),
-            np.atleast_1d(np.asarray(latest[number][ERROR + _unit(latest[number])], dtype=float)),
-            _unit(latest[number]),
-            axes,
-        )
-        for number in sorted(latest)
-    )
-
-
-def _unit(facts: Facts) -> str:
-    """Of an evaluation's tracking error; empty if it has none."""
-    return next((key.removeprefix(ERROR) for key in facts if key.startswith(ERROR)), "")
 
 
 def robot_seconds(record: Record) -> float:
     """Robot time spent in the whole campaign, s."""
-    spent = [float(e.facts["robot_seconds"]) for e in record.events if e.event in ("trained", "evaluated")]
+    facts = (e.fact for e in record.events)
+    spent = [fact.robot_seconds for fact in facts if isinstance(fact, Trained | Evaluated)]
     return max(spent, default=0.0)
 
 
-def chosen_rung(event: Facts | None) -> str | None:
-    """The rung that was in use after this `trained` event; several, joined, where commands differ."""
-    return str(event["chosen"]) if event and event.get("chosen") else None
+def chosen_rung(trained: Trained | None) -> str | None:
+    """The rung that was in use after this training; several, joined, where commands differ."""
+    return trained.chosen if trained else None
 
 
-def score(event: Facts | None, rung: str | None, quantity: str) -> Array | None:
-    """(J,) prequential score of one rung in one `trained` event; None if no command has one."""
-    models = (event or {}).get("models") or {}
-    values = (models.get(rung) or {}).get(quantity)
-    if values is None:
-        return None
+Quantity = Literal["nmse", "z2", "coverage", "msll", "nmse_all", "z2_all", "coverage_all"]
+
+
+def score(trained: Trained | None, rung: str | None, quantity: Quantity) -> Array | None:
+    """(J,) prequential score of one rung in one training; None if no command has one."""
+    values = getattr(trained.score_of(rung or ""), quantity) if trained else ()
     table = _numbers(values)
     return table if np.isfinite(table).any() else None
 
 
-def held_out(event: Facts | None) -> dict[str, Array]:
+def held_out(trained: Trained | None) -> dict[str, Array]:
     """(J,) nMSE on held-out blocks of one log for each rung that was scored so; empty if none was."""
-    blocks = ((event or {}).get("held_out") or {}).get("nmse") or {}
-    scores = {str(rung): _numbers(values) for rung, values in blocks.items()}
+    blocks = trained.held_out.nmse if trained and trained.held_out else {}
+    scores = {rung: _numbers(values) for rung, values in blocks.items()}
     return {rung: values for rung, values in scores.items() if np.isfinite(values).any()}
 
 
-def _numbers(values: object) -> Array:
-    return np.array([np.nan if v is None else float(v) for v in np.atleast_1d(np.asarray(values, object))])
+def _numbers(values: Figures) -> Array:
+    return np.array([np.nan if v is None else v for v in values])
 
 
 def scored_rungs(record: Record) -> tuple[str, ...]:
     """Every rung with scores anywhere in the journal."""
-    return tuple(
-        dict.fromkeys(rung for r in record.state.trained for rung in ((r.trained or {}).get("models") or {}))
-    )
+    return tuple(dict.fromkeys(rung for r in record.state.trained if r.trained for rung in r.trained.models))

@@ -86,8 +86,8 @@ def of_campaign(campaign: Campaign) -> Html:
 
 
 def _held_out(record: Record) -> Html:
-    logs = [r for r in record.state.trained if r.trained]
-    found = {r.number: score(r.trained, (r.trained or {}).get("predicted_by"), "nmse") for r in logs}
+    logs = [(r.number, r.trained) for r in record.state.trained if r.trained]
+    found = {number: score(own, own.predicted_by, "nmse") for number, own in logs}
     known = {number: values for number, values in found.items() if values is not None}
     marks: list[Mark] = [
         Line(np.array(list(known), dtype=float), np.array(column), name, joint_style(j), markers=True)
@@ -95,7 +95,7 @@ def _held_out(record: Record) -> Html:
             zip(record.outputs, zip(*known.values(), strict=True), strict=False)
         )
     ]
-    count = max([1, *(r.number for r in logs)])
+    count = max([1, *(number for number, _ in logs)])
     title = "Each log, predicted before it was learned" if known else "No log has been predicted yet"
     axes = Axis("log", limits=(0.5, count + 0.5), whole=True), Axis("nMSE (1)", log=bool(known))
     return panel(title, *axes, marks, size=SIZE)

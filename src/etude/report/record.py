@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etude.campaign.record.journal import JOURNAL, Event, read_events, recorded
+from etude.campaign.record.events import Evaluated, Event
+from etude.campaign.record.journal import JOURNAL, read_events, recorded
 from etude.campaign.record.state import State, replay
 from etude.errors import EtudeError, UsageError
 from etude.storage import sha256_of
@@ -94,14 +95,14 @@ class Record:
     def log(self, number: int) -> Log | None:
         return self.read(f"runs/{number:04d}.parquet", _log)
 
-    def test_run(self, baseline: str | None, test: str | None = None) -> tuple[Event, Log] | None:
-        """The last readable run of a test (None: the first); baseline None is the learned controller."""
-        tests = [e for e in self.events if e.event == "evaluated"]
+    def test_run(self, baseline: str, test: str | None = None) -> tuple[Event, Log] | None:
+        """The last readable run of a test (None: the first); baseline "" is the learned controller."""
+        tests = [(e, e.fact) for e in self.events if isinstance(e.fact, Evaluated)]
         if not tests:
             return None
-        wanted = {"baseline": baseline, "test": test or tests[0].facts.get("test")}
-        for event in reversed(tests):
-            if all(event.facts.get(name) == value for name, value in wanted.items()):
+        wanted = baseline, test or tests[0][1].test
+        for event, fact in reversed(tests):
+            if (fact.baseline, fact.test) == wanted:
                 for name in event.files:
                     log = self.read(name, _log) if name.endswith(".parquet") else None
                     if log is not None:

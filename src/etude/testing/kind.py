@@ -114,11 +114,10 @@ class KindSuite(InputsSuite, PhysicsSuite, RobotSuite):
         for _ in simulate(campaign, self.rounds):
             pass
         evaluated = campaign.state().evaluated
-        test = evaluated[0]["test"]
-        learned = [e for e in evaluated if e["test"] == test and not e.get("baseline")]
-        baselines = [e for e in evaluated if e["test"] == test and e["number"] == 0 and e.get("baseline")]
-        alone = max(_mean(e) for e in baselines)
-        assert _mean(learned[-1]) < alone, f"{_mean(learned[-1]):.3g} with learning, {alone:.3g} without"
+        own = [(number, run) for number, run in evaluated if run.test == evaluated[0][1].test]
+        learned = [float(np.mean(run.errors)) for _, run in own if not run.baseline]
+        alone = max(float(np.mean(run.errors)) for number, run in own if number == 0 and run.baseline)
+        assert learned[-1] < alone, f"{learned[-1]:.3g} with learning, {alone:.3g} without"
 
 
 def run_laws(suite: object) -> None:
@@ -126,11 +125,6 @@ def run_laws(suite: object) -> None:
     for name in dir(suite):
         if name.startswith("test_"):
             getattr(suite, name)()
-
-
-def _mean(facts: dict[str, object]) -> float:
-    found = [v for k, v in facts.items() if k.startswith("tracking_error")]
-    return float(np.mean(np.asarray(found[0], dtype=float)))
 
 
 def _family_suite(here: World) -> FamilySuite:

@@ -27,7 +27,7 @@ FORMS: dict[str, Callable[..., Trajectory]] = {**SINGLE, "chain": _chain}
 
 
 def from_json(text: str | bytes) -> Trajectory:
-    """The trajectory that `to_json` wrote, of any form, bit for bit. Files of 0.1 say `kind` for `form`.
+    """The trajectory that `to_json` wrote, of any form, bit for bit.
 
     Raises:
         UsageError: not JSON, an unknown form, missing or unknown keys, or values that make no trajectory.
@@ -40,11 +40,10 @@ def from_json(text: str | bytes) -> Trajectory:
 
 
 def _made(content: Any, forms: dict[str, Callable[..., Trajectory]]) -> Trajectory:
-    key = "form" if isinstance(content, dict) and "form" in content else "kind"
-    form = content.get(key) if isinstance(content, dict) else None
+    form = content.get("form") if isinstance(content, dict) else None
     if not isinstance(form, str) or form not in forms:
         raise UsageError(f"the trajectory file's 'form' is not one of: {', '.join(forms)}")
-    values = {name: value for name, value in content.items() if name != key}
+    values = {name: value for name, value in content.items() if name != "form"}
     try:
         return forms[form](**values)
     except (TypeError, ValueError) as error:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etude import plugins
-from etude.campaign.ingest.questions import Answers, Asked
+from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.config import preset_config
 from etude.logs.checks.brake import without_spans
 from etude.logs.checks.jump import jump_finding
@@ -110,9 +110,9 @@ def test_simulated_flights_do_not_jump_and_one_that_does_is_cut_unless_accepted(
             found = {f.check: f for f in kind.checks(spec, log)}
             assert found["jump"].light == "green"
     moved = log.put(log.channels["position"], log["position"] + 1.7 * (log.t > 10.0)[:, None])
-    cleaned = Asked(kind, spec, Answers()).cleaned(moved)
+    cleaned = LogQuestions(kind, spec, Answers()).cleaned(moved)
     assert len(cleaned) < len(moved)
     assert any("jumps where no speed" in s and s.endswith("That was cut.") for s in cleaned.repairs)
-    kept = Asked(kind, spec, Answers(accept=("jump",))).cleaned(moved)
+    kept = LogQuestions(kind, spec, Answers(accept=("jump",))).cleaned(moved)
     assert len(kept) == len(moved)
     assert any("jumps where no speed" in s for s in kept.repairs)

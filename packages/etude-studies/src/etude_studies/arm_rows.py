@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.rounds import measured
 from etude.campaign.record.stored import stored_model
 from etude.logs.readers.log_file import read_log_file
 from etude.models.score import score
@@ -52,23 +51,21 @@ def _tracking_rows(name: str, campaigns: Sequence[Campaign]) -> list[Row]:
             errors = tracking_errors(campaigns, test, baseline, None)
             rows += mean_rows(f"{name}_{test}_{baseline}", errors, "deg", "perfect model", perfect)
         for number in ROUNDS_SHOWN:
-            errors = tracking_errors(campaigns, test, None, number)
+            errors = tracking_errors(campaigns, test, "", number)
             rows += mean_rows(f"{name}_{test}_k{number}", errors, "deg", "perfect model", perfect)
     return rows
 
 
 def tracking_errors(
-    campaigns: Sequence[Campaign], test: str, baseline: str | None, number: int | None
+    campaigns: Sequence[Campaign], test: str, baseline: str, number: int | None
 ) -> list[float]:
     """Mean over joints, one value per campaign; the newest evaluation where several fit."""
     found = []
     for campaign in campaigns:
         fitting = [
-            measured(event)[0]
-            for event in campaign.state().evaluated
-            if event["test"] == test
-            and event.get("baseline") == baseline
-            and number in (None, event.get("number"))
+            run.errors
+            for own, run in campaign.state().evaluated
+            if (run.test, run.baseline) == (test, baseline) and number in (None, own)
         ]
         found += [float(np.mean(fitting[-1]))] if fitting else []
     return found
@@ -97,8 +94,8 @@ def _next_score(campaign: Campaign, number: int) -> tuple[float, float]:
     after = campaign.state().rounds[number + 1].trained
     assert before is not None
     assert after is not None
-    found = after["models"][before["chosen"]]
-    return _mean(found["z2"]), _mean(found["coverage"])
+    found = after.models[before.chosen]
+    return _mean(found.z2), _mean(found.coverage)
 
 
 def _test_score(campaign: Campaign, number: int) -> tuple[float, float]:

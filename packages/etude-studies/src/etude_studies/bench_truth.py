@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from etude.campaign.ingest.questions import Answers, Asked, judged_commands
+from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
 from etude.errors import EtudeError
 from etude.logs.checks.filtered_motion import seen
 from etude.logs.checks.finding_texts import Mendable
@@ -115,7 +115,7 @@ def findings(world: World, log: Log) -> list[Finding]:
         if any(f.flag for f in commands):
             return [*motion, *commands]
         try:
-            clean = clean_log(log, channels, known.limits, (), Asked(kind, spec, Answers()).motion)
+            clean = clean_log(log, channels, known.limits, (), LogQuestions(kind, spec, Answers()).motion)
         except EtudeError as error:
             return [*motion, *commands, Finding(REFUSED, "red", error.fact)]
         return [*motion, *commands, *kind.checks(spec, clean)]

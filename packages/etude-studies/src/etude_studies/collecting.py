@@ -65,8 +65,12 @@ def _all_teach(config: CampaignConfig) -> CampaignConfig:
 
 def collected(campaign: Campaign) -> float:
     """Largest position error of any joint in the motions from the second on, degrees."""
-    told = [(r.told or {})["tracked"] for r in campaign.state().told[1:]]
-    return float(np.degrees(max(np.max(table[0]) for by_form in told for table in by_form.values())))
+    told = [r.told.tracked for r in campaign.state().told[1:] if r.told]
+    return float(
+        np.degrees(
+            max(np.max(np.array(table[0], dtype=float)) for by_form in told for table in by_form.values())
+        )
+    )
 
 
 def table(folder: Path, seeds: Sequence[int]) -> str:
@@ -80,7 +84,7 @@ def table(folder: Path, seeds: Sequence[int]) -> str:
             largest = float(np.median([collected(campaign) for campaign in own]))
             for test in TESTS:
                 cells = [
-                    _cell(tracking_errors(own, test, None, k), tracking_errors(alone, test, None, k), manner)
+                    _cell(tracking_errors(own, test, "", k), tracking_errors(alone, test, "", k), manner)
                     for k in SHOWN
                 ]
                 lines.append(f"| `{robot}` | {manner} | {test} | {' | '.join(cells)} | {largest:.1f} deg |")

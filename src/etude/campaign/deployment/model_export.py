@@ -15,6 +15,7 @@ from etude.campaign.ingest.log_groups import told_samples
 from etude.campaign.propose.constraints import kept_now, kept_under
 from etude.campaign.record.controls import LEARNED
 from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.events import Created, Exported
 from etude.campaign.record.folder import ROBOT, Campaign, open_campaign
 from etude.campaign.record.stored import stored_log
 from etude.campaign.record.stored_files import EXPORTS, MARK, require_description, stored_trajectory
@@ -123,7 +124,7 @@ def description(campaign: Campaign) -> Mapping[str, bytes]:
     UsageError: another one of them was changed.
     """
     require_description(campaign)
-    created = next(event for event in campaign.events() if event.event == "created")
+    created = next(event for event in campaign.events() if isinstance(event.fact, Created))
     return {name: (campaign.path / name).read_bytes() for name in sorted({ROBOT, *created.files})}
 
 
@@ -165,7 +166,7 @@ def _recorded(campaign: Campaign, to: str, folder: Path, digest: str) -> tuple[s
     place = str(folder.resolve())
     try:
         with campaign.writing():
-            campaign.commit("exported", None, [], target=to, place=place, model_sha256=digest)
+            campaign.commit(Exported(target=to, place=place, model_sha256=digest))
     except EtudeError as error:
         return (f"The journal does not know of this export: {error.fact}.",)
     return ()

@@ -87,8 +87,7 @@ def _is_plan(campaign: Campaign, place: Path) -> bool:
     except UsageError:
         return False
     inputs = campaign.kind.inputs(campaign.spec, campaign.config)
-    table = place.read_bytes()  # Étude 0.1 left out the row after the end
-    return len(table) > 0 and csv_bytes(motion, inputs, table_rate(campaign.spec)).startswith(table)
+    return place.read_bytes() == csv_bytes(motion, inputs, table_rate(campaign.spec))
 
 
 def _lacking(place: Path) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from etude.campaign.ingest.log_groups import groups_of, told_samples
 from etude.campaign.record.deployed_model import check_pinned, pin, promoted_model
+from etude.campaign.record.events import Promoted, RolledBack
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import State
@@ -92,16 +92,16 @@ def promote(
         number = state.trained[-1].number
         path = campaign.model_folder(number) / MODEL
         digest = sha256_of(path)
-        if state.promoted and state.promoted[-1]["sha256"] == digest:
+        if state.promoted and state.promoted[-1][1].sha256 == digest:
             if force:  # its copy was altered: the original is whole
                 pin(campaign, path)
-            check_pinned(campaign, state.promoted[-1])
+            check_pinned(campaign, *state.promoted[-1])
             return Promotion(number, digest, True, repeated=True)
         found = _judged(campaign, state, number, digest, force, say)
         if found.promoted:
             copy, digest = pin(campaign, path)
-            facts = _facts(found, reason) | {"logs": _learned_logs(state)}
-            campaign.commit("promoted", number, [copy], sha256=digest, **facts)
+            fact = replace(_recorded(found, reason), sha256=digest, logs=_learned_logs(state))
+            campaign.commit(fact, number, [copy])
         return found
 
 
@@ -122,12 +122,10 @@ def rollback(campaign: Campaign, *, reason: str = "") -> tuple[int, int]:
                 where=str(campaign.path),
                 next_step=f"Promote one: etude promote {campaign.path}.",
             )
-        left, back = promoted[-1], promoted[-2]
-        check_pinned(campaign, back)
-        campaign.commit(
-            "rolled_back", left["number"], [], sha256=left["sha256"], to=back["sha256"], reason=reason
-        )
-        return left["number"], back["number"]
+        (number, left), (before, back) = promoted[-1], promoted[-2]
+        check_pinned(campaign, before, back)
+        campaign.commit(RolledBack(sha256=left.sha256, to=back.sha256, reason=reason), number)
+        return number, before
 
 
 def _judged(campaign: Campaign, state: State, number: int, digest: str, force: bool, say: Say) -> Promotion:
@@ -143,9 +141,9 @@ def _judged(campaign: Campaign, state: State, number: int, digest: str, force: b
             raise
         return Promotion(number, digest, True, forced=True, refused=(f"not compared: {error.fact}",))
     narrow, wide = coverage(left_out.error, left_out.variance)
-    calibrated = bool((state.trained[-1].trained or {}).get("calibrated", True))
+    calibrated = state.newest is None or state.newest.calibrated
     refused = (*_reasons(found), *_misfits(campaign.command.parts, wide, calibrated))
-    parts = tuple(jsonable(narrow)), tuple(jsonable(wide))
+    parts = jsonable(narrow), jsonable(wide)
     return Promotion(
         number, digest, force or not refused, False, bool(refused) and force, tuple(found), *parts, refused
     )
@@ -159,9 +157,9 @@ def _with_physics(left_out: CrossValidationResiduals) -> Compared:
 
 def _with_model_in_use(campaign: Campaign, state: State, left_out: CrossValidationResiduals) -> Compared:
     """On the segments of logs that the model in use was not trained on."""
-    facts = state.promoted[-1]
-    before = promoted_model(campaign, facts)
-    logs = list((state.trained[-1].trained or {})["logs"])
+    number, promoted = state.promoted[-1]
+    before = promoted_model(campaign, number, promoted)
+    logs = _newest_logs(state)
     samples = in_order(told_samples(campaign, logs)).take(left_out.rows)
     if not np.array_equal(samples.group, left_out.group):
         raise DataError(
@@ -169,13 +167,13 @@ def _with_model_in_use(campaign: Campaign, state: State, left_out: CrossValidati
             where=str(campaign.path),
             next_step="campaign.toml was edited since: tell another log, and all are learned again.",
         )
-    fresh = _unseen(campaign, state, logs, set(facts.get("logs", ())))
+    fresh = _unseen(campaign, state, logs, set(promoted.logs))
     error = _errors(before, samples)
     # of the same samples, or the pair would not be one
     both = np.isfinite(left_out.error) & np.isfinite(error)
     own, other = (np.where(both, e, np.nan) for e in (left_out.error, error))
     pair = (by_segment(e, left_out.group, fresh) for e in (own, other))
-    return compared(f"the model in use, of log {facts['number']}", *pair)
+    return compared(f"the model in use, of log {number}", *pair)
 
 
 def _errors(model: LearnedModel, samples: Samples) -> Array:
@@ -192,15 +190,20 @@ def _unseen(campaign: Campaign, state: State, logs: Sequence[int], known: set[st
         group
         for number, own in groups.items()
         for _, group in own
-        if (state.rounds[number].told or {}).get("sha256") in known
+        if (told := state.rounds[number].told) is not None and told.sha256 in known
     }
     return sorted({group for own in groups.values() for _, group in own} - seen)
 
 
-def _learned_logs(state: State) -> list[str]:
+def _newest_logs(state: State) -> Sequence[int]:
+    """Numbers of the logs in the newest model."""
+    return state.newest.logs if state.newest else ()
+
+
+def _learned_logs(state: State) -> tuple[str, ...]:
     """Hashes of the logs in the newest model."""
-    logs = set((state.trained[-1].trained or {}).get("logs", ()))
-    return sorted(str((r.told or {})["sha256"]) for r in state.told if r.number in logs)
+    logs = _newest_logs(state)
+    return tuple(sorted(r.told.sha256 for r in state.told if r.told and r.number in logs))
 
 
 def _reasons(found: Sequence[Compared]) -> list[str]:
@@ -227,10 +230,17 @@ def _misfits(commands: Sequence[str], wide: Array, calibrated: bool) -> list[str
     return [*out, f"its 95 % intervals hold {told} {wanted}"] if told else out
 
 
-def _facts(found: Promotion, reason: str) -> dict[str, Any]:
+def _recorded(found: Promotion, reason: str) -> Promoted:
     rows = [asdict(one) | {"decision": one.decision} for one in found.compared]
     for row in rows:
         row |= {name: jsonable([row[name]])[0] for name in ("ratio", "lower", "upper")}
         row["by_command"] = jsonable(row["by_command"])
-    facts = {"forced": found.forced, "compared": rows, "narrow": list(found.narrow), "wide": list(found.wide)}
-    return facts | {"refused": list(found.refused), "reason": reason}
+    return Promoted(
+        sha256=found.sha256,
+        forced=found.forced,
+        compared=tuple(rows),
+        narrow=found.narrow,
+        wide=found.wide,
+        refused=found.refused,
+        reason=reason,
+    )

@@ -9,11 +9,10 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
+from etude.campaign.evaluate.expected_tracking_error import left_over, trained_speeds
 from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
 from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
@@ -21,6 +20,7 @@ from etude.campaign.propose.export import export, require_formats
 from etude.campaign.propose.motions import from_rest, typical_motions
 from etude.campaign.record.controls import FEEDBACK, LEARNED
 from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import FULL, require_description, stored_trajectory, take_up
@@ -91,8 +91,8 @@ def _fed(campaign: Campaign, number: int, files: TrajectoryFiles) -> dict[Path, 
 
     UsageError: that model is gone since.
     """
-    place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked or {}
-    model = model_of_sha256(campaign, str(asked.get("model_sha256")))
+    place, asked = campaign.proposal(number) / FEEDFORWARD, campaign.round(number).asked
+    model = None if asked is None else model_of_sha256(campaign, asked.model_sha256)
     if model is None:
         raise UsageError(
             f"the model whose commands are in {FEEDFORWARD} is not in use any more",
@@ -113,18 +113,16 @@ def _propose(
     folder = campaign.proposal(number)
     table = folder / FEEDFORWARD
     write_atomic(table, feedforward_bytes(campaign, files, used.model))
-    facts: dict[str, Any] = {
-        "confirm": True,
-        "status": status,
-        "gain": None,
-        "seed": seed,
-        "learned": len(state.trained),
-        "active_limits": [list(pair) for pair in files.certificate.active()],
-        "model_sha256": used.sha256,
-        **_forecast(campaign, used.model, files.trajectory),
-        **kept.of(files.trajectory).as_facts(),
-    }
-    campaign.commit("asked", number, [*files.write(folder), table], **facts)
+    asked = Asked(
+        confirm=True,
+        status=status,
+        seed=tuple(seed),
+        learned=len(state.trained),
+        active_limits=tuple(files.certificate.active()),
+        model_sha256=used.sha256,
+    )
+    asked = _with_forecast(kept.of(files.trajectory).recorded(asked), campaign, used.model, files.trajectory)
+    campaign.commit(asked, number, [*files.write(folder), table])
     return files, status
 
 
@@ -170,11 +168,12 @@ def feedforward_bytes(campaign: Campaign, files: TrajectoryFiles, model: Learned
     return text.getvalue().encode()
 
 
-def _forecast(campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> dict[str, Any]:
-    """Facts of what error to expect; none where commands are not one an axis. See `foretold`."""
+def _with_forecast(asked: Asked, campaign: Campaign, model: LearnedModel, trajectory: Trajectory) -> Asked:
+    """With what error to expect; nothing where commands are not one an axis."""
     channel, path = campaign.command, campaign.kind.path
     if channel.acts_on != path or len(channel.parts) != len(campaign.axes):
-        return {}
+        return asked
     rates = next((c for c in campaign.channels if c.derivative_of == path), None)
     trained = trained_speeds(model, rates) if rates is not None else np.zeros(len(campaign.axes))
-    return {LEFT_OVER: left_over(model, trajectory, trained), TRAINED: trained.tolist()}
+    left = tuple(left_over(model, trajectory, trained))
+    return replace(asked, left_over=left, trained_speeds=tuple(trained.tolist()))

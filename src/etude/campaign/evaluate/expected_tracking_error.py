@@ -22,8 +22,6 @@ FRACTION = 0.05
 top speed is below that part of the one it was trained at hardly moves, and stands at all times."""
 STEP_S, LEAST = 0.1, 10
 """s between the instants that are looked at; of fewer where a joint moves nothing is said."""
-LEFT_OVER, TRAINED = "left_over", "trained_speeds"
-"""Facts of the `asked` event: see `left_over` and `moving`."""
 HALF_NORMAL = math.sqrt(2.0 / math.pi)
 """Mean absolute value of a normal number, in its deviations."""
 SPREAD = 3.0

@@ -8,6 +8,7 @@ from typing import Any
 from etude.campaign.evaluate.stopping import calibration_factor, judge, seen_by_the_rule
 from etude.campaign.ingest.confirmation_runs import confirmed
 from etude.campaign.record.alerts import bad_news
+from etude.campaign.record.events import plain
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import damaged_files
 from etude.campaign.record.known_faults import affected
@@ -35,7 +36,7 @@ def status(campaign: Campaign) -> dict[str, Any]:
     verdict = judge(evidence, campaign.config.stop)
     news = bad_news(state, campaign.command.parts, len(campaign.axes))
     trained = state.trained
-    newest = (trained[-1].trained or {}) if trained else {}
+    newest = state.newest
     return {
         "news": [asdict(finding) for finding in news],
         "folder": str(campaign.path),
@@ -47,11 +48,11 @@ def status(campaign: Campaign) -> dict[str, Any]:
         "preset": campaign.config.preset,
         "seed": state.seed,
         "trajectories": [_trajectory(r) for _, r in sorted(state.rounds.items())],
-        "robot_seconds": sum(r.told["robot_seconds"] for r in state.told if r.told),
+        "robot_seconds": state.robot_seconds,
         "scored_log": trained[-1].number if trained else None,
-        "prequential": newest.get("models", {}),
-        "chosen": newest.get("chosen"),
-        "rungs": newest.get("rungs"),
+        "prequential": plain(newest.models) if newest else {},
+        "chosen": newest.chosen if newest else None,
+        "rungs": list(newest.rungs) if newest else None,
         "calibration_factor": calibration_factor(trained),
         "forecast_fraction": evidence[-1].forecast if evidence else None,
         "next_gain": evidence[-1].gain if evidence else None,
@@ -76,20 +77,20 @@ def _in_use(state: State) -> dict[str, Any] | None:
     """The promotion in force, and whether something newer was learned since."""
     if not state.promoted:
         return None
-    facts = state.promoted[-1]
+    number, promoted = state.promoted[-1]
     newest = state.trained[-1].number if state.trained else None
-    return {name: facts[name] for name in ("number", "sha256", "forced")} | {"newest": newest}
+    return {"number": number, "sha256": promoted.sha256, "forced": promoted.forced, "newest": newest}
 
 
 def _trajectory(round_: Round) -> dict[str, Any]:
-    told, trained = round_.told or {}, round_.trained or {}
+    told, trained = round_.told, round_.trained
     return {
         "number": round_.number,
         "standing": _standing(round_),
         "foreign": round_.asked is None,
-        "robot_seconds": told.get("robot_seconds"),
-        "source": told.get("source"),
-        "chosen": trained.get("chosen"),
+        "robot_seconds": told.robot_seconds if told else None,
+        "source": told.source if told else None,
+        "chosen": trained.chosen if trained else None,
     }
 
 
@@ -112,11 +113,11 @@ def _choice(state: State) -> float | None:
     from what was learned says so.
     """
     asked = [r.asked for _, r in sorted(state.rounds.items()) if r.asked]
-    found = [a["choice"] for a in asked if a["learned"] and a.get("choice") is not None]
-    return float(found[-1]) if found else None
+    found = [a.choice for a in asked if a.learned and a.choice is not None]
+    return found[-1] if found else None
 
 
 def _held_out(state: State) -> dict[str, Any] | None:
     """Block scores of the newest log that has them."""
-    scored = [r for r in state.trained if r.trained and r.trained.get("held_out")]
-    return {"number": scored[-1].number, **(scored[-1].trained or {})["held_out"]} if scored else None
+    scored = [(r.number, r.trained.held_out) for r in state.trained if r.trained and r.trained.held_out]
+    return {"number": scored[-1][0], **plain(scored[-1][1])} if scored else None

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -193,7 +192,7 @@ def calibration_factor(trained: list[Round]) -> float | None:
         value
         for facts in (r.trained for r in trained[-POOLED:])
         if facts
-        for value in facts["models"].get(facts.get("predicted_by") or facts["chosen"], {}).get("z2") or []
+        for value in facts.score_in_use().z2
         if value is not None and math.isfinite(value)
     ]
     return float(np.mean(values)) if values else None
@@ -202,15 +201,16 @@ def calibration_factor(trained: list[Round]) -> float | None:
 def _gains_after(state: State) -> dict[int, float | None]:
     """Forecast gain of the trajectory asked for after k logs were learned, by k."""
     asked = [r.asked for r in state.rounds.values() if r.asked]
-    return {a["learned"]: a["gain"] for a in asked if a.get("gain") is not None}
+    return {a.learned: a.gain for a in asked if a.gain is not None}
 
 
 def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minutes: float) -> Evidence:
-    facts: dict[str, Any] = trained[-1].trained or {}
+    facts = trained[-1].trained
+    assert facts is not None
     calibration = calibration_factor(trained)
-    deviation = np.array(facts["forecast_deviation"]) * math.sqrt(max(calibration or 1.0, 1.0))
-    noise = facts.get("noise_deviation")
-    ratio = None if noise is None else (np.array(facts["latent_deviation"]) / np.maximum(noise, 1e-300)) ** 2
+    deviation = np.array(facts.forecast_deviation) * math.sqrt(max(calibration or 1.0, 1.0))
+    noise = facts.noise_deviation
+    ratio = None if noise is None else (np.array(facts.latent_deviation) / np.maximum(noise, 1e-300)) ** 2
     return Evidence(
         number=trained[-1].number,
         forecast=float(np.max(deviation / campaign.kind.limit(campaign.spec))),
@@ -218,7 +218,7 @@ def _evidence(campaign: Campaign, trained: list[Round], gain: float | None, minu
         gain=gain,
         gain_minutes=minutes,
         calibration=calibration,
-        moved=facts.get("moved"),
-        robot_minutes=float(facts["robot_seconds"]) / 60.0,
+        moved=facts.moved,
+        robot_minutes=facts.robot_seconds / 60.0,
         coverage=min((c for c in coverages(trained[-1]) if c is not None), default=None),
     )

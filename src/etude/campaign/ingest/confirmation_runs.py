@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,10 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.evaluate.confirm import FEEDFORWARD
-from etude.campaign.evaluate.expected_tracking_error import (
-    LEFT_OVER,
-    TRAINED,
-    Without,
-    errors,
-    moving,
-    without_it,
-)
+from etude.campaign.evaluate.expected_tracking_error import Without, errors, moving, without_it
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
-from etude.campaign.ingest.questions import Asked, answers_of
+from etude.campaign.ingest.questions import LogQuestions, answers_of
+from etude.campaign.record.events import Asked, Confirmed, Figures
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored_files import RESTORE, stored_bytes, stored_trajectory
@@ -53,19 +47,19 @@ def take_run(campaign: Campaign, state: State, path: Path, digest: str, number: 
             where=str(campaign.path),
             next_step=f"etude ask {campaign.path} --confirm.",
         )
-    again = [n for n in known if state.rounds[n].runs.get(run, {}).get("sha256") == digest]
+    again = [n for n in known if run in state.rounds[n].runs and state.rounds[n].runs[run].sha256 == digest]
     if again:
         return Told(again[0], True, False, (), (), run=run)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = Asked(campaign.kind, campaign.spec, answers)
+    asked = LogQuestions(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     number, aligned = _confirming(campaign, log, known if number is None else [number])
     sent = Sent.of(campaign, number)
-    facts = run_facts(campaign, aligned, stored_trajectory(campaign, number), run, sent)
+    found = measured_run(campaign, aligned, stored_trajectory(campaign, number), run, sent)
     place = campaign.run_file(number).with_suffix(f".{run}.parquet")
     write_atomic(place, log_bytes(replace(aligned, source=path.name)))
-    more = {"sha256": digest, "source": path.name, "repairs": list(aligned.repairs)}
-    campaign.commit("confirmed", number, [place], **facts, **more)
+    found = replace(found, sha256=digest, source=path.name, repairs=aligned.repairs)
+    campaign.commit(found, number, [place])
     return Told(number, False, False, aligned.repairs, (), findings=tuple(asked.accepted), run=run)
 
 
@@ -97,13 +91,13 @@ def check_no_confirmation(campaign: Campaign, state: State, log: Log, path: Path
     )
 
 
-def run_facts(
+def measured_run(
     campaign: Campaign, log: Log, trajectory: Trajectory, run: str, sent: Sent | None = None
-) -> dict[str, Any]:
-    """Facts of a `confirmed` event: mean absolute tracking error of each axis, and its unit.
+) -> Confirmed:
+    """A run that confirms: mean absolute tracking error of each axis, and its unit.
 
     With the feedforward of the motion also "moving", the error while the axis moves (None: it hardly does),
-    and of the run without it what a lag and noise are of that (`foretold.Without`).
+    and of the run without it what a lag and noise are of that (`expected_tracking_error.Without`).
 
     Raises:
         DataError: the log has no positions along the motion.
@@ -120,7 +114,14 @@ def run_facts(
         found["moving"] = errors(log, path, trajectory, use)
         found |= vars(without_it(log, path, trajectory, use, sent.at(log.t))) if run == RUNS[0] else {}
     shown = {name: _shown(values, units) for name, values in found.items()}
-    return {"run": run, **shown, "units": ["deg" if u == "rad" else u for u in units]}
+    return Confirmed(
+        run=run,
+        error=shown["error"],
+        units=tuple("deg" if u == "rad" else u for u in units),
+        moving=shown.get("moving"),
+        late=shown.get("late"),
+        noise=shown.get("noise"),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +135,10 @@ class Sent:
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> Sent | None:
         """None of a motion that has no forecast."""
-        trained = (campaign.round(number).asked or {}).get(TRAINED)
-        if trained is None:
+        asked = campaign.round(number).asked
+        if asked is None or asked.trained_speeds is None:
             return None
+        trained = asked.trained_speeds
         rows = read_table(_fed(campaign, number))[1]
         return cls(rows[:, 0], rows[:, -len(trained) :], np.asarray(trained))
 
@@ -154,10 +156,10 @@ def _fed(campaign: Campaign, number: int) -> bytes:
         raise UsageError(str(error), where=str(campaign.path), next_step=RESTORE) from None
 
 
-def _shown(values: Array, units: Sequence[str]) -> list[float | None]:
+def _shown(values: Array, units: Sequence[str]) -> Figures:
     """In degrees where the unit is rad; None for NaN."""
     scaled = [math.degrees(v) if u == "rad" else float(v) for v, u in zip(values, units, strict=True)]
-    return [None if math.isnan(v) else v for v in scaled]
+    return tuple(None if math.isnan(v) else v for v in scaled)
 
 
 def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
@@ -166,28 +168,27 @@ def confirmed(campaign: Campaign, one: Round) -> dict[str, Any]:
     "without", "with": errors over the whole motion; "moving": that with, while the axis moves; "forecast": of
     the same, least and most, None of an axis that hardly moves. Motions of earlier versions have neither.
     """
-    asked, runs = one.asked or {}, one.runs
-    without, fed = runs.get("without") or {}, runs.get("with") or {}
-    units = next((list(facts["units"]) for facts in runs.values()), None)
+    asked, runs = one.asked, one.runs
+    without, fed = runs.get("without"), runs.get("with")
+    units = next((list(run.units) for run in runs.values()), None)
     return {
         "number": one.number,
         "axes": list(campaign.axes),
         "units": units,
-        "without": without.get("error"),
-        "with": fed.get("error"),
-        "moving": fed.get("moving"),
+        "without": without.error if without else None,
+        "with": fed.error if fed else None,
+        "moving": fed.moving if fed else None,
         "forecast": _forecast(asked, without) or None,
-        "left_over": asked.get(LEFT_OVER),
-        "model_sha256": asked.get("model_sha256"),
+        "left_over": asked.left_over if asked else None,
+        "model_sha256": asked.model_sha256 if asked else None,
     }
 
 
-def _forecast(asked: Mapping[str, Any], without: Mapping[str, Any]) -> list[tuple[float, float] | None]:
-    left = asked.get(LEFT_OVER)
-    if left is None or "late" not in without:
+def _forecast(asked: Asked | None, without: Confirmed | None) -> list[tuple[float, float] | None]:
+    if asked is None or asked.left_over is None or without is None or without.late is None:
         return []
-    parts = (np.array(without[name], dtype=float) for name in ("moving", "late", "noise"))
-    return Without(*parts).expected(left)
+    parts = (np.array(own, dtype=float) for own in (without.moving, without.late, without.noise))
+    return Without(*parts).expected(asked.left_over)
 
 
 def in_words(value: float | Sequence[float] | None) -> str:

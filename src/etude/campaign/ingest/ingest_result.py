@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
-from etude.campaign.ingest.questions import Answers, Asked
+from etude.campaign.ingest.questions import Answers, LogQuestions
 from etude.campaign.record.folder import Campaign
 from etude.logs.alignment.alignment import align
 from etude.logs.cleaning.read import read_log
@@ -81,7 +81,7 @@ def read(
     *,
     degrees: bool = False,
     topics: Sequence[str] = (),
-    asked: Asked | None = None,
+    asked: LogQuestions | None = None,
 ) -> Log:
     """The cleaned log in a file, by its own clock.
 
@@ -94,7 +94,7 @@ def read(
             looks for.
     """
     expected = campaign.kind.expected(campaign.spec)
-    asked = asked or Asked(campaign.kind, campaign.spec, Answers())
+    asked = asked or LogQuestions(campaign.kind, campaign.spec, Answers())
     log = read_log(
         path,
         campaign.channels,

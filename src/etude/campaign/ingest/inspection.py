@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.create import find_robot
-from etude.campaign.ingest.questions import Answers, Asked, judged_commands
+from etude.campaign.ingest.questions import Answers, LogQuestions, judged_commands
 from etude.campaign.record.config_file import CONFIG
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.errors import EtudeError
@@ -257,7 +257,7 @@ def read_log(
         rate=known.rate,
         degrees=degrees,
         limits=known.limits,
-        settle=Asked(kind, spec, Answers()).motion,
+        settle=LogQuestions(kind, spec, Answers()).motion,
         topics=topics,
         config=config,
     )

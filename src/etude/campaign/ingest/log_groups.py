@@ -31,9 +31,9 @@ def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tupl
     rounds, count = campaign.state().rounds, 0
     found: dict[int, list[tuple[float, int]]] = {}
     for number in numbers:
-        told = rounds[number].told or {}
-        starts = told.get("segments", [0.0])
-        repeats = found.get(told.get("repeats", number))
+        told = rounds[number].told
+        starts = told.segments if told else (0.0,)
+        repeats = found.get(told.repeats) if told and told.repeats is not None else None
         last = 0 if repeats is None else len(repeats) - 1
         found[number] = [
             (start, count + i if repeats is None else repeats[min(i, last)][1])

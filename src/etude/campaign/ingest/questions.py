@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etude.campaign.record.config import preset_config
+from etude.campaign.record.events import Given
 from etude.campaign.record.state import State
 from etude.errors import DataError, UsageError
 from etude.logs.checks.brake import CHECK as BRAKE
@@ -38,8 +39,6 @@ CUT: Mapping[str, Callable[[Log, Finding], Log]] = {
     JUMP: without_spans,
 }
 """What teaches nothing, and how it is cut."""
-Given = tuple[str, str, tuple[float, ...]]
-"""An answer: "accept" or "repair", the check, and what was found of it (`Mendable.by`)."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +75,12 @@ def answers_of(state: State, accept: Sequence[str], repair: Sequence[str]) -> An
                 f"there is no check '{check}'", where=flag, next_step=f"Known: {', '.join(known)}."
             )
     rounds = sorted(state.rounds.values(), key=lambda r: -r.number)  # the newest answer counts
-    facts = [r.told or {} for r in rounds if r.told and not r.abandoned]
-    before = [(what, check, tuple(by)) for told in facts for what, check, by in told.get("answers", ())]
-    return Answers(tuple(accept), tuple(repair), tuple(before))
+    before = tuple(own for r in rounds if r.told and not r.abandoned for own in r.told.answers)
+    return Answers(tuple(accept), tuple(repair), before)
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class LogQuestions:
     """The questions of one log as it is read.
 
     Attributes:

@@ -11,9 +11,10 @@ from typing import Literal
 
 import numpy as np
 
+from etude.campaign.record.events import Changed
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import CHANGED, State
-from etude.campaign.record.stored import is_stored, stored_model
+from etude.campaign.record.stored import stored_model
 from etude.errors import DataError, UsageError
 from etude.logs.cleaning.filters import duration
 from etude.models.change.diagnosis import SENSOR, Cause
@@ -47,18 +48,15 @@ STEP = (
 def change_found(campaign: Campaign, state: State, log: Log) -> Finding | None:
     """The finding that this log is not of the robot that the model in use knows; None if nothing says so.
 
-    The log is aligned, and not stored yet. Where there is no model in the present form, or the log lacks what
-    it looks at, nothing can be said.
+    The log is aligned, and not stored yet. Nothing can be said without a model, or where the log lacks what
+    the model looks at.
     """
-    trained = [r for r in state.trained if is_stored(r)]
-    if not trained or trained[-1] != state.trained[-1]:
-        return None
-    if len((trained[-1].trained or {}).get("logs", ())) < LEAST_LOGS:
+    if state.newest is None or len(state.newest.logs) < LEAST_LOGS:
         return None
     group = np.zeros(len(log), dtype=np.int64)
     samples = campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     try:
-        model = stored_model(campaign, trained[-1].number)
+        model = stored_model(campaign, state.trained[-1].number)
         return _finding(model, samples, duration(log))
     # an input that this log lacks; of a damaged model learning speaks
     except (KeyError, DataError, UsageError):
@@ -103,5 +101,5 @@ def answer(campaign: Campaign, state: State, choice: str, told: Sequence[int]) -
     aside = {"new": others, "forget": meant, "same": []}[choice]
     if not meant or not (held or aside):
         return False
-    campaign.commit("changed", max(meant), [], choice=choice, logs=meant, aside=aside)
+    campaign.commit(Changed(choice=choice, logs=tuple(meant), aside=tuple(aside)), max(meant))
     return True

@@ -5,22 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
 from etude.campaign.ingest.confirmation_runs import check_no_confirmation, take_run
 from etude.campaign.ingest.ingest_result import How, Told, aligned_with, read
 from etude.campaign.ingest.log_groups import mixed
-from etude.campaign.ingest.questions import Asked, Given, answers_of
+from etude.campaign.ingest.questions import LogQuestions, answers_of
 from etude.campaign.ingest.robot_changed import answer, change_found
 from etude.campaign.learn.training import Learner, learn_pending
-from etude.campaign.propose.constraints import errors_told, start_in_words
-from etude.campaign.record.alerts import as_facts, kept_findings
+from etude.campaign.propose.constraints import start_in_words, with_tracking_errors
 from etude.campaign.record.controls import required
+from etude.campaign.record.events import Ingested
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored import stored_log
@@ -213,13 +213,13 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
     known = state.round_of_log(digest)
     if known is not None:
         check_same_number(known, number, path)
-        facts = known.told or {}
-        repairs, findings = tuple(facts.get("repairs", ())), kept_findings(facts)
+        before = known.told
+        repairs, findings = (before.repairs, before.findings) if before else ((), ())
         return Told(known.number, True, known.asked is None, repairs, (), findings=findings)
     control = how.get("control", "")
     required(control)
     answers = answers_of(state, how.get("accept", ()), how.get("repair", ()))
-    asked = Asked(campaign.kind, campaign.spec, answers)
+    asked = LogQuestions(campaign.kind, campaign.spec, answers)
     log = read(campaign, path, degrees=how.get("degrees", False), topics=how.get("topics", ()), asked=asked)
     log, answered, speed = _identify(campaign, state, path, number, how.get("foreign", False), log)
     if answered is not None and not holds_enough(log, stored_trajectory(campaign, answered, speed).duration):
@@ -235,19 +235,29 @@ def take(campaign: Campaign, path: Path, number: int | None = None, **how: Unpac
         *([] if change is None else [change]),
         *([] if again is None else [warning(*again)]),
     )
-    aligned = {} if answered is None else _of_motion(campaign, number, log, speed, control)
-    facts = {"foreign": answered is None, "speed": speed, **aligned, **as_facts(findings)}
-    facts |= {} if again is None else {"repeats": again[0]}
-    _store(campaign, number, log, path, digest, asked.given, facts)
-    start = start_in_words(campaign, facts)
+    fact = Ingested(
+        sha256=digest,
+        source=path.name,
+        robot_seconds=_seconds(log),
+        rows=len(log),
+        repairs=log.repairs,
+        foreign=answered is None,
+        speed=speed,
+        answers=tuple(asked.given),
+        findings=findings,
+        repeats=None if again is None else again[0],
+    )
+    if answered is not None:
+        fact = _with_motion(campaign, number, log, fact, control)
+    _store(campaign, number, log, path, fact)
+    start = start_in_words(campaign, fact)
     return Told(number, False, answered is None, log.repairs, (), findings=findings, start=start)
 
 
 def newest_warnings(campaign: Campaign, state: State) -> tuple[str, ...]:
-    """Of the newest training (the oldest journals have none), and whether it learned from two robots."""
-    trained = state.trained
-    facts = trained[-1].trained if trained else None
-    return (*(facts or {}).get("warnings", ()), *mixed(campaign, state))
+    """Of the newest training, and whether it learned from two robots."""
+    own = state.newest.warnings if state.newest else ()
+    return (*own, *mixed(campaign, state))
 
 
 def _identify(
@@ -286,49 +296,30 @@ def _identify(
     )
 
 
-def _of_motion(campaign: Campaign, number: int, log: Log, speed: int, control: str) -> dict[str, Any]:
-    """Facts of the log of a proposal: where its segments start, its control, and how far it left its plan."""
-    trajectory = stored_trajectory(campaign, number, speed)
+def _with_motion(campaign: Campaign, number: int, log: Log, fact: Ingested, control: str) -> Ingested:
+    """Of the log of a proposal: where its segments start, its control, and how far it left its plan."""
+    trajectory = stored_trajectory(campaign, number, fact.speed)
     starts = segment_starts(trajectory)
-    facts = {"segments": starts} if len(starts) > 1 else {}
-    return facts | errors_told(campaign, number, log, trajectory, speed, control)
+    fact = replace(fact, segments=tuple(starts)) if len(starts) > 1 else fact
+    return with_tracking_errors(campaign, number, log, trajectory, fact, control)
 
 
-def _store(
-    campaign: Campaign,
-    number: int,
-    log: Log,
-    path: Path,
-    digest: str,
-    given: Sequence[Given],
-    facts: Mapping[str, Any],
-) -> None:
-    """Writes the cleaned log and its origin, then commits these facts and its own; refuses a log that gives
-    no samples.
-    """
+def _store(campaign: Campaign, number: int, log: Log, path: Path, fact: Ingested) -> None:
+    """Writes the cleaned log and its origin, then commits the fact; refuses a log that gives no samples."""
     group = np.zeros(len(log), dtype=np.int64)
     campaign.kind.samples(campaign.spec, campaign.config, [log], [group])
     _keep_earlier(campaign, number)
     write_atomic(campaign.run_file(number), log_bytes(replace(log, source=path.name)))
     origin = {
         "path": str(path.resolve()),
-        "sha256": digest,
+        "sha256": fact.sha256,
         "bytes": bytes_of_log(path),
         "repairs": list(log.repairs),
     }
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in origin.items())
     write_atomic(campaign.source_file(number), text.encode())
     files = [campaign.run_file(number), campaign.source_file(number)]
-    own: dict[str, Any] = {
-        "sha256": digest,
-        "source": path.name,
-        "robot_seconds": _seconds(log),
-        "rows": len(log),
-        "repairs": list(log.repairs),
-    }
-    if given:
-        own["answers"] = [[what, check, list(by)] for what, check, by in given]
-    campaign.commit("told", number, files, **own, **facts)
+    campaign.commit(fact, number, files)
 
 
 def _keep_earlier(campaign: Campaign, number: int) -> None:

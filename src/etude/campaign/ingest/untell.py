@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from etude.campaign.learn.training import Learner, learn_pending
+from etude.campaign.record.events import Abandoned, Untold
 from etude.campaign.record.folder import Campaign, Say
 from etude.errors import UsageError
 
@@ -28,7 +29,7 @@ def untell(
                 next_step=f"To give the trajectory up: etude abandon {campaign.path} {number}.",
             )
         if before.told is not None:
-            campaign.commit("untold", number, [], sha256=before.told["sha256"])
+            campaign.commit(Untold(sha256=before.told.sha256), number)
         learn_pending(campaign, learner, say)
         return before.told is not None
 
@@ -46,6 +47,6 @@ def abandon(
     with campaign.writing():
         before = campaign.round(number)
         if not before.abandoned:
-            campaign.commit("abandoned", number, [], had_log=before.told is not None)
+            campaign.commit(Abandoned(had_log=before.told is not None), number)
         learn_pending(campaign, learner, say)
         return not before.abandoned

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,16 @@ import numpy as np
 from etude import plugins
 from etude.campaign.ingest.log_groups import known_groups, told_samples
 from etude.campaign.propose.motions import typical_motions
+from etude.campaign.record.events import BlockScores, PrequentialScore, Trained
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
-from etude.campaign.record.state import UNMOVED, Round, State
+from etude.campaign.record.state import Round, State
 from etude.campaign.record.stored import (
     LEFT_OUT,
     LINEAR,
     MIXED,
     MODEL,
     check_model,
-    is_stored,
     label,
     stored_log,
     stored_model,
@@ -60,11 +60,11 @@ class TrainingOutcome:
 
     Attributes:
         files: stored models.
-        facts: of the `trained` event.
+        fact: the training.
     """
 
     files: list[Path]
-    facts: dict[str, Any]
+    fact: Trained
 
 
 Learner = Callable[[Campaign, State, int], TrainingOutcome]
@@ -82,8 +82,6 @@ def learn_pending(campaign: Campaign, learner: Learner | None = None, say: Say =
         DataError, NumericalError: not even all logs together can be learned.
     """
     learn = learner or learn_log
-    if learner is None:
-        _renew(campaign, say)
     _say_if_compiling(campaign, say)
     numbers = [r.number for r in campaign.state().pending]
     try:
@@ -121,8 +119,8 @@ def _learn_together(campaign: Campaign, learn: Learner, numbers: Sequence[int], 
         return
     say(f"Learning log{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}.")
     learned = learn(campaign, campaign.state(), numbers[-1])
-    together = {"together": list(numbers)} if len(numbers) > 1 else {}
-    campaign.commit("trained", numbers[-1], learned.files, **{**learned.facts, **together})
+    together = tuple(numbers) if len(numbers) > 1 else ()
+    campaign.commit(replace(learned.fact, together=together), numbers[-1], learned.files)
 
 
 REFERENCE_STREAM = 5
@@ -130,10 +128,10 @@ REFERENCE_STREAM = 5
 STATES = 100
 
 
-def forecast(
-    model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
-) -> dict[str, Any]:
-    """Facts for the `trained` event, each list per command, in its unit.
+def with_forecast(
+    fact: Trained, model: LearnedModel, before: LearnedModel | None, campaign: Campaign, state: State
+) -> Trained:
+    """The training with what the model expects of itself, for each command in its unit.
 
     forecast_deviation: root mean square error expected at the reference states, calibrated;
     latent_deviation, noise_deviation: of the process, uncalibrated, and of its noise;
@@ -149,12 +147,13 @@ def forecast(
         latent[own] = view.factors * np.sqrt(np.mean(view.posterior.predict(X)[1]))
         noise[own] = view.factors * np.sqrt(view.posterior.noise_variance)
         expected[own] = [expected_variance(model, j, X) for j in own]
-    return {
-        "forecast_deviation": np.sqrt(expected).tolist(),
-        "latent_deviation": latent.tolist(),
-        "noise_deviation": noise.tolist(),
-        "moved": None if before is None else _moved(model, before),
-    }
+    return replace(
+        fact,
+        forecast_deviation=tuple(np.sqrt(expected).tolist()),
+        latent_deviation=tuple(latent.tolist()),
+        noise_deviation=tuple(noise.tolist()),
+        moved=None if before is None else _moved(model, before),
+    )
 
 
 def expected_variance(model: LearnedModel, command: int, X: Array) -> float:
@@ -210,7 +209,8 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     physics, limit = kind.physics(spec, config), kind.limit(spec)
     # nothing scores the first log before it is learned, and a log of another motion may be unlike all others:
     # blocks of these are held out, and predicted from the rest
-    foreign = bool((state.rounds[number].told or {}).get("foreign"))
+    told = state.rounds[number].told
+    foreign = told is not None and told.foreign
     blocks = foreign or not trained
     with part(0.5 if blocks else 1.0):
         ladder = train_ladder(samples, inputs, physics, limit, config.model, rng, previous=before)
@@ -218,48 +218,50 @@ def learn_log(campaign: Campaign, state: State, number: int) -> TrainingOutcome:
     save_model(path, ladder.model)
     left_out = campaign.model_folder(number) / LEFT_OUT
     write_atomic(left_out, residuals_of(ladder).to_bytes())
-    told = [r.told for r in state.told if r.told and r.number in logs]
-    facts: dict[str, Any] = {
-        "logs": logs,
-        "models": _scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
-        "held_out_mae": _left_out(ladder),
-        "predicted_by": trained[-1].trained["chosen"] if trained and trained[-1].trained else None,
-        "chosen": label(ladder.chosen),
-        "rungs": list(ladder.chosen),
-        "calibrated": ladder.model.calibrated,
-        **_unmoved(campaign, samples),
-        "robot_seconds": float(sum(t["robot_seconds"] for t in told)),
-        "recipe": _said(campaign, logs, samples),
-        "inputs": {name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
-        "warnings": [*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings],
-        **forecast(ladder.model, before, campaign, state),
-    }
+    learned = [r.told for r in state.told if r.told and r.number in logs]
+    fact = Trained(
+        logs=tuple(logs),
+        models=_scores(before, inputs, samples, known_groups(campaign, logs[: -1 - len(waiting)])),
+        held_out_mae=_left_out(ladder),
+        predicted_by=trained[-1].trained.chosen if trained and trained[-1].trained else None,
+        chosen=label(ladder.chosen),
+        rungs=tuple(ladder.chosen),
+        calibrated=ladder.model.calibrated,
+        unmoved=_unmoved(campaign, samples),
+        robot_seconds=float(sum(one.robot_seconds for one in learned)),
+        recipe=tuple(_said(campaign, logs, samples)),
+        inputs={name: np.asarray(a).tolist() for name, a in ladder.model.inputs.arrays().items()},
+        warnings=(*getattr(ladder.model.inputs, "notes", ()), *ladder.model.warnings),
+    )
+    fact = with_forecast(fact, ladder.model, before, campaign, state)
     if blocks:
         with part(0.5):
-            facts |= _held_out_of(campaign, number, rng, facts["warnings"], 0.0 if foreign else GAP_S)
-    return TrainingOutcome([path, left_out], facts)
+            fact = _with_blocks(fact, campaign, number, rng, 0.0 if foreign else GAP_S)
+    return TrainingOutcome([path, left_out], fact)
 
 
-def _unmoved(campaign: Campaign, samples: Samples) -> dict[str, list[str]]:
+def _unmoved(campaign: Campaign, samples: Samples) -> tuple[str, ...]:
     """Commands of coordinates that stood still, where each coordinate has a command of its own."""
     if campaign.command.parts != campaign.axes:
-        return {}
+        return ()
     path = samples.log[campaign.kind.path]
     low, high = campaign.kind.expected(campaign.spec).limits[campaign.kind.path]
     width = np.minimum(np.asarray(high, dtype=float) - low, 2.0 * np.pi)
     still = np.ptp(path, axis=0) < STILL * width
-    return {UNMOVED: np.array(campaign.axes)[still].tolist()} if still.any() else {}
+    return tuple(np.array(campaign.axes)[still].tolist())
 
 
 def _comparable(campaign: Campaign, trained: Sequence[Round], inputs: Inputs) -> LearnedModel | None:
     """The newest model, unless it looks at other inputs: some logs tell less, or [data] was edited."""
-    if not trained or not is_stored(trained[-1]):
+    if not trained:
         return None
     before = stored_model(campaign, trained[-1].number)
     return before if tuple(before.inputs.columns) == tuple(inputs.columns) else None
 
 
-def _scores(before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int) -> dict[str, Any]:
+def _scores(
+    before: LearnedModel | None, inputs: Inputs, samples: Samples, known: int
+) -> dict[str, PrequentialScore]:
     """Each rung of the earlier model on all but the `known` first groups, and what every rung has to beat."""
     newest = samples.group >= known
     if not newest.any():  # logs that repeat others are no new motion
@@ -282,11 +284,17 @@ def _said(campaign: Campaign, logs: Sequence[int], samples: Samples) -> list[str
     return [sentence for sentence in samples.log.repairs if sentence not in told]
 
 
-def _plain(found: PredictionScore) -> dict[str, list[float | None]]:
-    """Figures where the joint moved and, as "all", where any did."""
-    names = ("nmse", "z2", "coverage", "msll")
-    both = {name: jsonable(getattr(found, name)) for name in names}
-    return both | {f"{name}_all": jsonable(getattr(found.usable, name)) for name in names[:3]}
+def _plain(found: PredictionScore) -> PrequentialScore:
+    every = found.usable
+    return PrequentialScore(
+        nmse=jsonable(found.nmse),
+        z2=jsonable(found.z2),
+        coverage=jsonable(found.coverage),
+        msll=jsonable(found.msll),
+        nmse_all=jsonable(every.nmse),
+        z2_all=jsonable(every.z2),
+        coverage_all=jsonable(every.coverage),
+    )
 
 
 def _left_out(ladder: Ladder) -> dict[str, float | None]:
@@ -295,18 +303,20 @@ def _left_out(ladder: Ladder) -> dict[str, float | None]:
     return dict(zip(errors, jsonable(list(errors.values())), strict=True))
 
 
-def _held_out_of(
-    campaign: Campaign, number: int, rng: np.random.Generator, before: list[str], gap_s: float
-) -> dict[str, Any]:
-    """The figures of a log's blocks; of one that cannot be learned alone a warning instead."""
+def _with_blocks(
+    fact: Trained, campaign: Campaign, number: int, rng: np.random.Generator, gap_s: float
+) -> Trained:
+    """The training with the scores of a log's blocks; of one that cannot be learned alone with a warning."""
     try:
-        return {"held_out": _held_out(campaign, told_samples(campaign, [number]), rng, gap_s)}
+        return replace(fact, held_out=_held_out(campaign, told_samples(campaign, [number]), rng, gap_s))
     except DataError as error:
         said = f"No blocks of log {number} were held out, since alone it cannot be learned: {error.fact}"
-        return {"warnings": [*before, f"{said} ({error.where})." if error.where else f"{said}."]}
+        return replace(
+            fact, warnings=(*fact.warnings, f"{said} ({error.where})." if error.where else f"{said}.")
+        )
 
 
-def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> dict[str, Any]:
+def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s: float) -> BlockScores:
     """nMSE per command on held-out blocks of one log, of each rung and of linear regression."""
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
     train, test = split_blocks(log, gap_s)
@@ -321,23 +331,4 @@ def _held_out(campaign: Campaign, log: Samples, rng: np.random.Generator, gap_s:
     nmse["linear regression"] = jsonable(beside.nmse)
     every = {rung: jsonable(found.usable.nmse) for rung, found in scores.items() if rung != LINEAR}
     every["linear regression"] = jsonable(beside.usable.nmse)
-    return {
-        "blocks": list(held_out_blocks()),
-        "of": BLOCKS,
-        "chosen": label(ladder.chosen),
-        "nmse": nmse,
-        "nmse_all": every,
-    }
-
-
-def _renew(campaign: Campaign, say: Say) -> None:
-    """Trains the model in use again if Étude 0.1 stored it; what was measured with it stays on record."""
-    state = campaign.state()
-    if not state.trained or is_stored(state.trained[-1]):
-        return
-    newest = state.trained[-1]
-    old = newest.trained or {}
-    say("The model was stored by Étude 0.1: it is trained again from its logs.")
-    learned = learn_log(campaign, state, newest.number)
-    kept: dict[str, Any] = {name: old[name] for name in ("models", "predicted_by", "held_out") if name in old}
-    campaign.commit("trained", newest.number, learned.files, **{**learned.facts, **kept})
+    return BlockScores(tuple(held_out_blocks()), BLOCKS, label(ladder.chosen), nmse, every)

@@ -13,6 +13,7 @@ import numpy as np
 
 from etude.campaign.propose.constraints import Constraints
 from etude.campaign.propose.motions import ways_of
+from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, render
@@ -80,7 +81,7 @@ def approached(
     place = folder / f"from_{_label(campaign, start, pose)}"
     certificates = {stem: files.certificate for stem, files in made.items()}
     contents = {path: data for files in made.values() for path, data in files.contents(place).items()}
-    renewed = settle(campaign, number, contents, start=pose.tolist())
+    renewed = settle(campaign, number, contents, Exported(start=tuple(pose.tolist())))
     return Approached(place, tuple(contents), certificates, found.whole, renewed)
 
 

@@ -14,8 +14,9 @@ from etude.campaign.evaluate.stopping import judge, seen_by_the_rule
 from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
 from etude.campaign.propose.proposal import Swept, as_facts, proposed, swept, teaches_little
 from etude.campaign.record.controls import require_learned, require_same, required
+from etude.campaign.record.events import Asked, Exported
 from etude.campaign.record.folder import Campaign, Say
-from etude.campaign.record.journal import Event, recorded, require_intact
+from etude.campaign.record.journal import recorded, require_intact
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import is_learned, newest_model
 from etude.campaign.record.stored_files import (
@@ -39,7 +40,7 @@ from etude.storage import write_atomic
 if TYPE_CHECKING:
     from etude.campaign.learn.training import Learner
     from etude.campaign.propose.approach import Approached
-    from etude.campaign.propose.export import Exported
+    from etude.campaign.propose.export import ExportedMotion
     from etude.limits.certificate import Certificate
 
 Beside = Callable[[TrajectoryFiles], Mapping[Path, bytes]]
@@ -70,7 +71,7 @@ class Proposal:
     duration: float
     new: bool
     status: str
-    exported: tuple[Exported, ...] = ()
+    exported: tuple[ExportedMotion, ...] = ()
     way: Approached | None = None
     renewed: tuple[str, ...] = ()
     swept: tuple[Swept, ...] = ()
@@ -200,7 +201,7 @@ def _way_check(campaign: Campaign, start: str, speed: int) -> Callable[[Trajecto
 
 def _exported(
     campaign: Campaign, number: int, whole: tuple[Trajectory, Path], formats: Sequence[str], effort: bool
-) -> tuple[Exported, ...]:
+) -> tuple[ExportedMotion, ...]:
     if not formats:
         return ()
     from etude.campaign.propose.export import export
@@ -236,11 +237,11 @@ def _propose(
     kept = kept.using(newest_model(campaign, state)) if state.trained else kept
     limits = kept.limits(campaign)
     require_possible(limits)
-    trajectory, facts = proposed(
+    trajectory, found = proposed(
         campaign, kept.model(campaign), rng, motions, _open(campaign, state), limits, say
     )
     if not go_on:
-        _check_stop(campaign, state, facts["gain"])
+        _check_stop(campaign, state, found.gain)
     kept = kept.of(trajectory)
     files = _files(campaign, trajectory, limits, kept)
     check(files.trajectory, kept)
@@ -249,10 +250,10 @@ def _propose(
         copy = campaign.proposal(number) / f"tasks{tasks.suffix}"
         write_atomic(copy, tasks.read_bytes())
         written.append(copy)
-    at_limit = [list(pair) for pair in files.certificate.active()]
-    facts |= {"active_limits": at_limit, "seed": seed, "learned": len(state.trained), **kept.as_facts()}
-    campaign.commit("asked", number, written, **facts)
-    return files, str(facts["status"])
+    at_limit = tuple(files.certificate.active())
+    asked = replace(found, active_limits=at_limit, seed=tuple(seed), learned=len(state.trained))
+    campaign.commit(kept.recorded(asked), number, written)
+    return files, asked.status
 
 
 def _files(
@@ -276,7 +277,7 @@ def _again(campaign: Campaign, trajectory: Trajectory, kept: Constraints) -> Tra
 
 def _outside_now(campaign: Campaign, number: int, problem: UnsafeTrajectoryError) -> UnsafeTrajectoryError:
     """Why an open proposal cannot be run as it is, and how to come by another."""
-    asked = [e for e in campaign.events() if (e.event, e.number) == ("asked", number)]
+    asked = [e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number]
     why = changed_since(campaign, asked, [name for e in asked for name in e.files])
     confirm = "--confirm " * campaign.round(number).confirms
     return UnsafeTrajectoryError(
@@ -321,7 +322,7 @@ def present(
     if made is not None and speed == FULL:
         files = made[0]
     else:
-        _check(campaign, number, [name_of(campaign, campaign.proposal(number) / COEFFICIENTS)], advice)
+        _check(campaign, [name_of(campaign, campaign.proposal(number) / COEFFICIENTS)], advice)
         full = stored_trajectory(campaign, number)
         motion = at_speed(full, speed) if speed != FULL else full
         if made is None:
@@ -335,18 +336,18 @@ def present(
             own = stored_bytes(campaign, folder / COEFFICIENTS, advice)
             files = replace(files, coefficients=own)
         contents = {**files.contents(folder), **(beside(files) if speed == FULL else {})}
-        asked = next(e for e in campaign.events() if (e.event, e.number) == ("asked", number))
+        asked = next(e for e in campaign.events() if isinstance(e.fact, Asked) and e.number == number)
         settled = {name_of(campaign, path) for path in contents}
-        _check(campaign, number, [name for name in asked.files if name not in settled], advice)
-        renewed = settle(campaign, number, contents, advice, speed=speed)
+        _check(campaign, [name for name in asked.files if name not in settled], advice)
+        renewed = settle(campaign, number, contents, Exported(speed=speed), advice)
     status = "asked for before, still open" if made is None else made[1]
     rows = swept(campaign, files.trajectory, kept.limits(campaign))
     found = files.certificate, files.trajectory.duration, made is not None, status
     return Proposal(number, folder, *found, renewed=renewed, swept=rows)
 
 
-def _check(campaign: Campaign, number: int, names: Sequence[str], advice: str) -> None:
+def _check(campaign: Campaign, names: Sequence[str], advice: str) -> None:
     """UsageError: a file that was asked for is missing, or is not what was committed."""
     last = recorded(campaign.events())
     own = {name: last[name] for name in names if name in last}
-    require_intact(campaign.path, [Event("asked", "", number, "", own)], advice)
+    require_intact(campaign.path, own, advice)

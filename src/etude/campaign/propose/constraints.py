@@ -7,20 +7,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
-from etude.campaign.record.controls import (
-    CONTROL,
-    CONTROLS,
-    FEEDBACK,
-    LEARNED,
-    asked_under,
-    in_words,
-    run_under,
-    speaks_of,
-)
+from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under, in_words, run_under, speaks_of
+from etude.campaign.record.events import Constrained, Exported, Ingested, Table
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import require_stored, stored_model
@@ -33,10 +25,7 @@ from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.json_text import SINGLE
 from etude.types import Array, Log, Margins
 
-MARGINS, UNHELD, MODEL = "margins", "unheld", "model"
-"""Facts of an `asked` event: what was kept, what was not, and the round whose model said what the drives must
-give.
-"""
+C = TypeVar("C", bound=Constrained)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +85,8 @@ class Constraints:
         if self.number is None or self.model(campaign) is None:
             return None
         with contextlib.suppress(UsageError):
-            told = campaign.round(self.number).told or {}
-            if not told.get("foreign", True) and told.get("speed") == FULL:
+            told = campaign.round(self.number).told
+            if told is not None and not told.foreign and told.speed == FULL:
                 return stored_trajectory(campaign, self.number)
         return None
 
@@ -121,39 +110,31 @@ class Constraints:
         """The robot's, less the margins of a motion whose receiver knows no pieces."""
         return self._made(campaign, self.margins_of_chain(trajectory), described)
 
-    def as_facts(self) -> dict[str, Any]:
-        """For the `asked` event; no margins where nothing is kept."""
-        facts: dict[str, Any] = {} if self.number is None else {MODEL: self.number}
-        facts |= {CONTROLS: list(self.controls)} if self.controls else {}
-        if not self.margins:
-            return facts
-        margins = {form: [as_lists(own) for own in pair] for form, pair in self.margins.items()}
-        return {**facts, MARGINS: margins, UNHELD: list(self.unheld)}
+    def recorded(self, fact: C) -> C:
+        """The event with what is kept; no margins where nothing is."""
+        margins = {form: (as_rows(table), as_rows(sure)) for form, (table, sure) in self.margins.items()}
+        unheld = self.unheld if margins else ()
+        return replace(fact, model=self.number, controls=self.controls, margins=margins, unheld=unheld)
 
 
-def kept_then(asked: Mapping[str, Any] | None) -> Constraints:
+def kept_then(asked: Constrained | None) -> Constraints:
     """What was kept when a proposal was made; nothing of proposals that are older than margins."""
-    facts = asked or {}
-    margins = {
-        form: (as_table(table), as_table(sure)) for form, (table, sure) in facts.get(MARGINS, {}).items()
-    }
-    return Constraints(
-        margins, tuple(facts.get(UNHELD, ())), number=facts.get(MODEL), controls=asked_under(facts)
-    )
+    if asked is None:
+        return Constraints({})
+    margins = {form: (as_table(table), as_table(sure)) for form, (table, sure) in asked.margins.items()}
+    return Constraints(margins, asked.unheld, number=asked.model, controls=asked.controls)
 
 
-def as_lists(table: Array | float) -> Any:
-    """A table (O, k) for the journal, null for NaN."""
-    return [[None if np.isnan(v) else float(v) for v in row] for row in np.atleast_2d(table)]
+def as_rows(table: Array | float) -> Table:
+    """A table (O, k) for the journal, None for NaN."""
+    return tuple(tuple(None if np.isnan(v) else float(v) for v in row) for row in np.atleast_2d(table))
 
 
-def as_table(table: Sequence[Sequence[float | None]]) -> Array:
-    """(O, k) of the journal's lists."""
+def as_table(table: Table) -> Array:
+    """(O, k) of the journal's rows."""
     return np.array([[np.nan if v is None else v for v in row] for row in table], dtype=float)
 
 
-TRACKED, START = "tracked", "start"
-"""Facts of a `told` event: largest errors by form; s until tracking had settled, and the errors before."""
 SETTLED = 4
 """Logs under a feedforward that is learned anew after each of them, with which a margin counts as measured:
 what one model left of the error says little of the next. A vehicle then erred by five times as much.
@@ -184,7 +165,7 @@ def _under(
 ) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
     """Margins, and the sentences about them, by form, of motions under one control."""
     errors, ranges = seen_errors(state, control), ranges_of(campaign)
-    forms = list(dict.fromkeys([*SINGLE, *(form for r in state.told for form in _tables(r.told))]))
+    forms = list(dict.fromkeys([*SINGLE, *(form for r in state.told if r.told for form in r.told.tracked)]))
     wanted = _meeting(margins_of(campaign.config.tracking, ranges, errors, forms, _known(campaign)), errors)
     young = {form for form, own in errors.items() if control == LEARNED and len(own) < SETTLED}
     margins, by_form = {}, {}
@@ -219,10 +200,10 @@ def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
     asked = campaign.round(number).asked
     if not asked_under(asked) or control in asked_under(asked):
         return kept_then(asked)
-    written = [e.facts for e in campaign.events() if (e.event, e.number) == ("exported", number)]
-    for facts in reversed(written):
-        if asked_under(facts) == (control,):
-            return kept_then(facts)
+    written = [e.fact for e in campaign.events() if e.number == number]
+    for fact in reversed(written):
+        if isinstance(fact, Exported) and fact.controls == (control,):
+            return kept_then(fact)
     if seen_errors(campaign.state(), control):
         return kept_now(campaign, campaign.state(), control)
     kept = kept_then(asked)
@@ -230,29 +211,25 @@ def kept_under(campaign: Campaign, number: int, control: str) -> Constraints:
     return replace(kept, margins=assumed, controls=(control,), _limits={})
 
 
-def errors_told(
-    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, speed: int, control: str
-) -> dict[str, Any]:
-    """The facts of the log of a proposal: its control, if it is known (`run_under`), and the largest errors
-    by form; none of a run below full speed, which errs less.
+def with_tracking_errors(
+    campaign: Campaign, number: int, log: Log, trajectory: Trajectory, told: Ingested, control: str
+) -> Ingested:
+    """The log of a proposal with its control, if it is known (`run_under`), and the largest errors by form;
+    none of a run below full speed, which errs less.
     """
-    under = run_under(campaign, number, control)
-    facts: dict[str, Any] = {} if under is None else {CONTROL: under}
-    if speed != FULL:
-        return facts
+    told = replace(told, control=run_under(campaign, number, control))
+    if told.speed != FULL:
+        return told
     found = tracked(log, trajectory, campaign.kind.path)
-    facts |= (
-        {TRACKED: {form: as_lists(table) for form, table in found.errors.items()}} if found.errors else {}
-    )
-    start = found.start
-    return facts | ({START: [start.until, as_lists(start.errors)]} if start is not None else {})
+    start = None if found.start is None else (found.start.until, as_rows(found.start.errors))
+    return replace(told, tracked={form: as_rows(table) for form, table in found.errors.items()}, start=start)
 
 
-def start_in_words(campaign: Campaign, told: Mapping[str, Any] | None) -> str:
+def start_in_words(campaign: Campaign, told: Ingested | None) -> str:
     """A sentence about the start transient of a log, which is in no margin; "" without one."""
-    if START not in (told or {}):
+    if told is None or told.start is None:
         return ""
-    until, errors = (told or {})[START]
+    until, errors = told.start
     units, table = campaign.channel(campaign.kind.path).units, as_table(errors)
     rows = zip(campaign.axes, units, table[0], table[1], strict=True)
     text = ", ".join(f"{axis} by {e:.3g} {unit} and {v:.3g} {unit}/s" for axis, unit, e, v in rows)
@@ -262,22 +239,18 @@ def start_in_words(campaign: Campaign, told: Mapping[str, Any] | None) -> str:
 def seen_errors(state: State, control: str) -> dict[str, list[Array]]:
     """By form, the largest errors (orders, k) of each log of that control that is used, oldest first."""
     found: dict[str, list[Array]] = {}
-    for one in sorted(state.told, key=lambda r: str((r.told or {}).get("time", ""))):
-        if speaks_of(one.told or {}, control):
-            for form, table in _tables(one.told).items():
+    for one in sorted(state.told, key=lambda r: r.told_at):
+        if one.told is not None and speaks_of(one.told, control):
+            for form, table in one.told.tracked.items():
                 found.setdefault(form, []).append(as_table(table))
     return found
 
 
 def _last_start(campaign: Campaign, state: State, control: str) -> tuple[str, ...]:
     """What the newest log of that control that began with a transient says of it."""
-    own = [r.told for r in state.told if speaks_of(r.told or {}, control) and START in (r.told or {})]
-    newest = max(own, key=lambda told: str((told or {}).get("time", "")), default=None)
-    return () if newest is None else (start_in_words(campaign, newest),)
-
-
-def _tables(told: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    return (told or {}).get(TRACKED) or {}
+    own = [r for r in state.told if r.told and speaks_of(r.told, control) and r.told.start is not None]
+    newest = max(own, key=lambda r: r.told_at, default=None)
+    return () if newest is None else (start_in_words(campaign, newest.told),)
 
 
 def ranges_of(campaign: Campaign) -> Ranges:

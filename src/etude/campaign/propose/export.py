@@ -11,6 +11,7 @@ from etude import plugins
 from etude.campaign.propose.constraints import kept_under
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.deployed_model import model_in_use
+from etude.campaign.record.events import Exported
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.stored_files import settle
 from etude.deploy.commanded import Commanded, accelerated, commanded, require_forces
@@ -24,7 +25,7 @@ CERTIFICATE = "certificate.json"
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedMotion:
     """Files in another format.
 
     Attributes:
@@ -55,7 +56,7 @@ def export(
     *,
     effort: bool = False,
     drag: bool = True,
-) -> Exported:
+) -> ExportedMotion:
     """Writes `folder`/`name`/... and commits it, once; what lies there is held against that and the journal,
     and written anew where it is another by now.
 
@@ -83,10 +84,11 @@ def export(
     files, certificate = played(exporter, what, campaign.kind, campaign.spec, limits, kept.control)
     place = folder / (f"{name}_effort" if effort else name)
     contents = {**files, CERTIFICATE: _proof(certificate)}
-    facts = {} if kept.controls == own else kept.as_facts()
+    fact = Exported(format=name, effort=effort)
+    fact = fact if kept.controls == own else kept.recorded(fact)
     written = {place / file: data for file, data in contents.items()}
-    renewed = settle(campaign, number, written, format=name, effort=effort, **facts)
-    return Exported(name, tuple(written), certificate, renewed)
+    renewed = settle(campaign, number, written, fact)
+    return ExportedMotion(name, tuple(written), certificate, renewed)
 
 
 def _proof(certificate: Certificate) -> bytes:

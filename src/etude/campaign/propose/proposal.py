@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from etude.campaign.propose.motions import from_rest, reference_motions, segments_of, typical_motions, ways_of
+from etude.campaign.record.events import Asked
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.stored_files import FULL, stored_trajectory
 from etude.design.latents import Latent
@@ -41,8 +42,8 @@ def proposed(
     open_ones: Sequence[Trajectory],
     limits: Sequence[Limit],
     say: Say,
-) -> tuple[Trajectory, dict[str, Any]]:
-    """The next recording, and the facts of how it was found.
+) -> tuple[Trajectory, Asked]:
+    """The next recording, and how it was found.
 
     Before any log tasks are not looked at: a motion for them alone leaves the rest of the robot unknown.
 
@@ -53,12 +54,12 @@ def proposed(
     """
     known = _known(campaign, model)
     if known is None:
-        found, facts = _random(campaign, rng, limits)
+        found, asked = _random(campaign, rng, limits)
     else:
         what = "from what was learned" if known.learned else "from the limits alone"
         say(f"Designing the next trajectory {what}.")
-        found, facts = _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
-    return from_rest(campaign, found, limits), facts
+        found, asked = _designed(campaign, known, rng, tasks if known.learned else (), open_ones, limits)
+    return from_rest(campaign, found, limits), asked
 
 
 def _known(campaign: Campaign, model: Model | None) -> Known | None:
@@ -79,7 +80,7 @@ def _known(campaign: Campaign, model: Model | None) -> Known | None:
 
 def _random(
     campaign: Campaign, rng: np.random.Generator, limits: Sequence[Limit]
-) -> tuple[Trajectory, dict[str, Any]]:
+) -> tuple[Trajectory, Asked]:
     """Random segments, chained."""
     from etude.design.chain import cut_short, linked
 
@@ -90,7 +91,7 @@ def _random(
     trajectory, kept = linked(motions, ways_of(campaign), limits, home)
     several = f"{kept} segments, " if kept > 1 else ""
     status = f"{several}{FIRST[campaign.config.design.sampler]}: nothing has been learned yet"
-    return trajectory, {"status": status + cut_short(count - kept), "gain": None}
+    return trajectory, Asked(status=status + cut_short(count - kept))
 
 
 SMALL = 0.1
@@ -202,7 +203,7 @@ def visited_by(campaign: Campaign, reach: Reachable) -> Visited:
 
     found = Visited.nothing(reach)
     for told in campaign.state().told:
-        if told.asked is not None and not (told.told or {}).get("foreign", False):
+        if told.asked is not None and not (told.told and told.told.foreign):
             with contextlib.suppress(UsageError):
                 found = found.adding([stored_trajectory(campaign, told.number, FULL)])
             continue
@@ -221,8 +222,8 @@ def _designed(
     tasks: Sequence[Trajectory],
     open_ones: Sequence[Trajectory],
     limits: Sequence[Limit],
-) -> tuple[Trajectory, dict[str, Any]]:
-    """The recording that teaches most, and the facts of its search."""
+) -> tuple[Trajectory, Asked]:
+    """The recording that teaches most, and how it was found."""
     from etude.design.chain import design_chain
 
     kind, spec, config = campaign.kind, campaign.spec, campaign.config
@@ -246,16 +247,16 @@ def _designed(
         roam=roam_of(campaign, family, open_ones),
     )
     first, last = found.segments[0], found.segments[-1]
-    facts = {
-        "status": found.status if known.learned else f"from the limits alone: {found.status}",
-        "gain": found.variance_removed if known.learned else None,
-        "criterion": last.criterion,
-        "value": last.value,
-        "baseline_value": last.baseline,
-        "choice": max((c for own in found.segments if (c := own.choice) is not None), default=None),
-        "deviation_before": first.deviation_before.tolist(),
-        "deviation_after": last.deviation_after.tolist(),
-        "evaluations": sum(own.evaluations for own in found.segments),
-        "seconds": sum(own.seconds for own in found.segments),
-    }
-    return found.trajectory, facts
+    asked = Asked(
+        status=found.status if known.learned else f"from the limits alone: {found.status}",
+        gain=found.variance_removed if known.learned else None,
+        criterion=last.criterion,
+        value=last.value,
+        baseline_value=last.baseline,
+        choice=max((c for own in found.segments if (c := own.choice) is not None), default=None),
+        deviation_before=tuple(first.deviation_before.tolist()),
+        deviation_after=tuple(last.deviation_after.tolist()),
+        evaluations=sum(own.evaluations for own in found.segments),
+        seconds=sum(own.seconds for own in found.segments),
+    )
+    return found.trajectory, asked

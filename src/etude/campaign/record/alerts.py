@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from etude.campaign.record.rounds import measured, summary
-from etude.campaign.record.state import CHANGED, UNMOVED, Round, State
+from etude.campaign.record.events import Evaluated, PrequentialScore
+from etude.campaign.record.rounds import summary
+from etude.campaign.record.state import CHANGED, Round, State
 from etude.models.selection.selection_rule import TOO_FEW, UNCERTAIN
 from etude.types import Finding
 
@@ -37,30 +37,11 @@ def bad_news(state: State, outputs: Sequence[str], axes: int) -> tuple[Finding, 
     return tuple(sorted(found, key=lambda finding: finding.light != "red"))
 
 
-FACT = "findings"
-_NAMES = {field.name for field in fields(Finding)}
-
-
-def as_facts(findings: Sequence[Finding]) -> dict[str, Any]:
-    """Facts for the event; none where nothing was found."""
-    return {FACT: [asdict(finding) for finding in findings]} if findings else {}
-
-
-def kept_findings(told: Mapping[str, Any] | None) -> tuple[Finding, ...]:
-    """The findings of a `told` event; what a later version adds to them is left out."""
-    found = []
-    for facts in (told or {}).get(FACT, ()):
-        known = {name: value for name, value in facts.items() if name in _NAMES}
-        spans = tuple((float(since), float(until)) for since, until in known.pop("spans", ()))
-        found.append(Finding(**known, spans=spans))
-    return tuple(found)
-
-
 def _of_logs(state: State) -> list[Finding]:
     """What was found when logs were told that are used or wait; a changed robot only until it is answered."""
     found = []
     for r in state.told:
-        for finding in kept_findings(r.told):
+        for finding in r.told.findings if r.told else ():
             if finding.light not in ("red", "yellow") or (finding.check == CHANGED and not r.held):
                 continue
             sentence = f"log {r.number}: {finding.sentence.rstrip('.')}"
@@ -73,9 +54,8 @@ def _of_training(state: State) -> list[Finding]:
 
     Other warnings say what was done about it, or are of inputs.
     """
-    newest = (state.trained[-1].trained or {}) if state.trained else {}
-    found = []
-    for sentence in newest.get("warnings", ()):
+    newest, found = state.newest, []
+    for sentence in newest.warnings if newest else ():
         check = next((name for words, name in TOLD_BY_TRAINING.items() if words in sentence), None)
         if check is not None:
             fact, _, step = sentence.rstrip(".").rpartition("; ")
@@ -85,10 +65,10 @@ def _of_training(state: State) -> list[Finding]:
 
 def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
     """Of the newest log that was predicted before it was learned."""
-    scored = next((r for r in reversed(state.trained) if _in_use(r)), None)
+    scored = next((r for r in reversed(state.trained) if _in_use(r).nmse), None)
     if scored is None:
         return []
-    used, linear = _in_use(scored).get("nmse") or [], _scores(scored, "linear").get("nmse") or []
+    used, linear = _in_use(scored).nmse, _scores(scored, "linear").nmse
     where = f"on log {scored.number}, predicted before it was learned"
     coverage = coverages(scored)
     unsure = [(n, c) for n, c in zip(outputs, coverage, strict=False) if c is not None and c < LEAST_COVERAGE]
@@ -109,20 +89,17 @@ def _of_scores(state: State, outputs: Sequence[str]) -> list[Finding]:
 
 def _of_blocks(state: State, outputs: Sequence[str]) -> list[Finding]:
     """Of the newest log, where some of its blocks were held out: all there is to tell after the first one."""
-    newest = state.trained[-1] if state.trained else None
-    blocks = (newest.trained or {}).get("held_out") if newest else None
-    if not newest or not blocks:
+    blocks = state.newest.held_out if state.newest else None
+    if blocks is None:
         return []
-    nmse, chosen = blocks["nmse"], blocks["chosen"]
-    where = f"on blocks of log {newest.number} that were held out"
-    used, linear = nmse.get(chosen) or [], nmse.get("linear regression") or []
-    return _of_errors(outputs, used, linear, where, chosen, _unmoved(state))
+    where = f"on blocks of log {state.trained[-1].number} that were held out"
+    used, linear = blocks.nmse.get(blocks.chosen, ()), blocks.nmse.get("linear regression", ())
+    return _of_errors(outputs, used, linear, where, blocks.chosen, _unmoved(state))
 
 
 def _unmoved(state: State) -> list[str]:
     """Outputs whose joints did not move in any log that was learned, as the newest training found."""
-    newest = (state.trained[-1].trained or {}) if state.trained else {}
-    return list(newest.get(UNMOVED, ()))
+    return list(state.newest.unmoved) if state.newest else []
 
 
 def _of_errors(
@@ -186,23 +163,21 @@ def _instead(used: Sequence[Any], linear: Sequence[Any]) -> str:
 
 def coverages(scored: Round) -> list[float | None]:
     """Of each output, the part of the commands inside the intervals of the model then in use."""
-    return list(_in_use(scored).get("coverage") or [])
+    return list(_in_use(scored).coverage)
 
 
-def _in_use(r: Round) -> Mapping[str, Any]:
+def _in_use(r: Round) -> PrequentialScore:
     """Scores of what was in use when this log came; empty for the first log."""
     return _scores(r, _then(r))
 
 
 def _then(r: Round) -> str | None:
     """What was in use when this log came."""
-    facts = r.trained or {}
-    return facts.get("predicted_by") or facts.get("chosen")
+    return r.trained.in_use if r.trained else None
 
 
-def _scores(r: Round, rung: str | None) -> Mapping[str, Any]:
-    scores: Mapping[str, Any] = ((r.trained or {}).get("models") or {}).get(rung) or {}
-    return scores
+def _scores(r: Round, rung: str | None) -> PrequentialScore:
+    return r.trained.score_of(rung or "") if r.trained else PrequentialScore()
 
 
 def _named(outputs: Sequence[str], values: Sequence[Any], told: Any, others: Sequence[Any]) -> list[str]:
@@ -218,13 +193,13 @@ def _named(outputs: Sequence[str], values: Sequence[Any], told: Any, others: Seq
 def _of_tests(state: State, axes: int) -> list[Finding]:
     """Simulated tests that the newest model does worse than the one before, or than no model at all."""
     found = []
-    for name in dict.fromkeys(str(e["test"]) for e in state.evaluated):
-        own = [e for e in state.evaluated if str(e["test"]) == name]
-        rounds = [e for e in own if not e.get("baseline")]
+    for name in dict.fromkeys(e.test for _, e in state.evaluated):
+        own = [e for _, e in state.evaluated if e.test == name]
+        rounds = [e for e in own if not e.baseline]
         if not rounds:
             continue
         now, unit = _error(rounds[-1], axes)
-        alone = [_error(e, axes)[0] for e in own if e.get("baseline") in FEEDBACK]
+        alone = [_error(e, axes)[0] for e in own if e.baseline in FEEDBACK]
         if alone and now > alone[-1]:
             sentence = (
                 f"test {name}: with the model the error is {now:.3g} {unit}, without it {alone[-1]:.3g}"
@@ -239,10 +214,9 @@ def _of_tests(state: State, axes: int) -> list[Finding]:
     return found
 
 
-def _last(rounds: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+def _last(rounds: Sequence[Evaluated]) -> list[tuple[Evaluated, Evaluated]]:
     return list(pairwise(rounds))[-1:]
 
 
-def _error(facts: dict[str, Any], axes: int) -> tuple[float, str]:
-    errors, unit = measured(facts)
-    return summary(errors, axes), unit
+def _error(run: Evaluated, axes: int) -> tuple[float, str]:
+    return summary(run.errors, axes), run.unit

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from etude import plugins
 from etude._runtime.toml_tables import CORRECT, decoded, read_table, refuse_unknown, write_table
 from etude._runtime.trust import folder_id, is_trusted, names_in, require_trusted, trust
-from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config, tables_of
+from etude.campaign.record.config import SECTIONS, CampaignConfig, preset_config
 from etude.campaign.record.journal import JOURNAL
 from etude.errors import UsageError
 from etude.protocols import Kind
 from etude.storage import unreadable
 
 CONFIG = "campaign.toml"
-FIRST_KIND = "arm"
-"""Files of 0.1 name no kind for robots of joints."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +28,11 @@ class ConfigFile:
         config: what it says.
         kind: of the robot.
         sha256: of its bytes.
-        notes: one sentence for each key that was renamed since it was written.
     """
 
     config: CampaignConfig
     kind: Kind
     sha256: str
-    notes: tuple[str, ...]
 
 
 def load_config(folder: Path) -> ConfigFile:
@@ -94,82 +90,6 @@ def _names(data: bytes, where: str) -> dict[str, str]:
     return names_in({name: value for name, value in table.items() if name != "log"})
 
 
-KINDS = {"joints": "arm", "vehicle": "quadrotor"}
-"""Names that kinds of robot had."""
-
-
-@dataclass(frozen=True)
-class Renamed:
-    """One key of old.
-
-    Attributes:
-        old: "table.key".
-        new: "table.key" that took its place; "" if nothing had to.
-        values: old value -> new one, where these changed too; the rule then holds for these values alone.
-        reason: why nothing took its place.
-    """
-
-    old: str
-    new: str
-    values: Mapping[str, str] | None = None
-    reason: str = ""
-
-
-RENAMED = (
-    Renamed("model.kind", "model.rung"),
-    Renamed("model.kernel", "model.sharing", {"shared": "shared", "separate": "separate"}),
-    Renamed("model.hyperparameters", "model.schedule", {"refit": "update", "first_flight": "first"}),
-    Renamed("model.friction_fraction", "data.friction_fraction"),
-    Renamed("model.altitude", "data.altitude"),
-    Renamed("model.acceleration", "data.acceleration"),
-    Renamed("model.body_velocity", "data.body_velocity"),
-    Renamed("model.trims", "data.trims"),
-    Renamed("model.guard", "", reason="linear regression is a rung of the ladder now"),
-    Renamed("design.starts", "design.refine"),
-    Renamed("design.method", "", reason="there is one search, with exact gradients"),
-)
-
-
-def modern(
-    table: Mapping[str, Any], known: Mapping[str, tuple[str, ...]], where: str
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The tables of a campaign.toml under today's names, and one sentence for each key that was renamed.
-
-    Args:
-        table: what the file says.
-        known: today's keys of each table; a key that stands there is not renamed, whatever it was once.
-        where: the file.
-
-    Raises:
-        UsageError: the file has a key under both names.
-    """
-    tables = {name: dict(part) if isinstance(part, Mapping) else part for name, part in table.items()}
-    sentences = []
-    for rule in RENAMED:
-        section, key = rule.old.split(".")
-        part = tables.get(section)
-        if not isinstance(part, dict) or key not in part or (rule.values is None and key in known[section]):
-            continue
-        if rule.values is not None and part[key] not in rule.values:
-            continue
-        value = part.pop(key)
-        if not rule.new:
-            sentences.append(f"{rule.old} in campaign.toml has no use any more: {rule.reason}.")
-            continue
-        _put(tables, rule, value if rule.values is None else rule.values[value], where)
-        sentences.append(f"{rule.old} in campaign.toml is called {rule.new} now; it was read as that.")
-    return tables, tuple(sentences)
-
-
-def _put(tables: dict[str, Any], rule: Renamed, value: Any, where: str) -> None:
-    section, key = rule.new.split(".")
-    part = tables.setdefault(section, {})
-    if isinstance(part, dict) and key in part:
-        raise UsageError(f"{rule.old} and {rule.new} say the same thing twice", where=where)
-    if isinstance(part, dict):
-        part[key] = value
-
-
 def parse_config(data: bytes, where: str) -> ConfigFile:
     """The configuration in the bytes of a campaign.toml. Errors as `load_config`."""
     try:
@@ -177,11 +97,8 @@ def parse_config(data: bytes, where: str) -> ConfigFile:
     except UnicodeDecodeError as error:
         raise UsageError(f"not valid TOML: {error}", where=where, next_step=CORRECT) from None
     refuse_unknown(table, ["kind", "preset", "seed", *SECTIONS], where)
-    kind, notes = _kind(table, where)
-    known = {name: tuple(f.name for f in fields(cls)) for name, cls in tables_of(kind).items()}
-    table, renamed = modern(table, known, where)
-    config = _config(kind, table, where)
-    return ConfigFile(config, kind, hashlib.sha256(data).hexdigest(), (*notes, *renamed))
+    kind = _kind(table, where)
+    return ConfigFile(_config(kind, table, where), kind, hashlib.sha256(data).hexdigest())
 
 
 HEAD = """\
@@ -265,16 +182,21 @@ def config_text(config: CampaignConfig, kind: Kind) -> str:
     return "\n".join([head, *(write_table(n, getattr(config, n), comments[n]) for n in SECTIONS)])
 
 
-def _kind(table: Mapping[str, Any], where: str) -> tuple[Kind, tuple[str, ...]]:
-    name = table.get("kind", FIRST_KIND)
+def _kind(table: Mapping[str, Any], where: str) -> Kind:
+    if "kind" not in table:
+        raise UsageError(
+            "campaign.toml names no kind of robot",
+            where=where,
+            next_step='Write its kind at the top: kind = "arm", for example.',
+        )
+    name = table["kind"]
     if not isinstance(name, str):
         raise UsageError(f"kind = {name!r} must be the name of a kind of robot", where=f"{where} kind")
-    now = KINDS.get(name, name)
-    note = f'kind = "{name}" in campaign.toml is called "{now}" now; it was read as that.'
     try:
-        return plugins.load("etude.robots", now), (note,) if now != name else ()
+        found: Kind = plugins.load("etude.robots", name)
     except UsageError as error:
         raise UsageError(error.fact, where=f"{where} kind", next_step=error.next_step) from None
+    return found
 
 
 def _config(kind: Kind, table: Mapping[str, Any], where: str) -> CampaignConfig:

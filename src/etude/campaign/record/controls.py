@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from etude.campaign.record.events import Constrained, Exported, Ingested
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
 from etude.errors import UsageError
@@ -15,8 +15,6 @@ IN_WORDS = {
     FILE: "feedforward of the robot file's model",
     LEARNED: "learned feedforward",
 }
-CONTROL, CONTROLS = "control", "controls"
-"""Facts: the control of a `told` log; those that an `asked` or `exported` motion may be run under."""
 
 
 def required(control: str, effort: bool = False) -> str:
@@ -40,12 +38,12 @@ def required(control: str, effort: bool = False) -> str:
     return LEARNED if effort else control or FEEDBACK
 
 
-def asked_under(asked: Mapping[str, Any] | None) -> tuple[str, ...]:
+def asked_under(asked: Constrained | None) -> tuple[str, ...]:
     """The controls that a proposal was made for; none are known of those that are older than this fact."""
-    return tuple((asked or {}).get(CONTROLS, ()))
+    return () if asked is None else asked.controls
 
 
-def require_same(control: str, asked: Mapping[str, Any] | None, number: int) -> None:
+def require_same(control: str, asked: Constrained | None, number: int) -> None:
     """UsageError if a control was named that the open proposal `number` is not for."""
     own = asked_under(asked)
     if control and own and control not in own:
@@ -66,23 +64,24 @@ def require_learned(control: str, state: State) -> None:
         )
 
 
-def run_under(campaign: Campaign, number: int, given: str) -> str | None:
+def run_under(campaign: Campaign, number: int, given: str) -> str:
     """The control that the log of a proposal was run under.
 
     As its teller says; else learned feedforward if the proposal was written with the learned command, else
-    what it was asked for. None where it is older than this fact: its log then counts for each control.
+    what it was asked for. "" where it is older than this fact: its log then counts for each control.
     """
     if given:
         return required(given)
-    if any(e.facts.get("effort") for e in campaign.events() if (e.event, e.number) == ("exported", number)):
+    written = (e.fact for e in campaign.events() if e.number == number)
+    if any(fact.effort for fact in written if isinstance(fact, Exported)):
         return LEARNED
     own = asked_under(campaign.round(number).asked)
-    return own[0] if len(own) == 1 else None
+    return own[0] if len(own) == 1 else ""
 
 
-def speaks_of(told: Mapping[str, Any], control: str) -> bool:
-    """Whether a log tells of motions under that control; one whose control nobody kept tells of each."""
-    return told.get(CONTROL) in (None, control)
+def speaks_of(told: Ingested, control: str) -> bool:
+    """Whether a log tells of motions under that control; one whose control is unknown tells of each."""
+    return told.control in ("", control)
 
 
 def in_words(controls: Sequence[str]) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from etude.campaign.record.events import Promoted, Trained
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.journal import ROBOT_SHA256
 from etude.campaign.record.state import State
 from etude.campaign.record.stored import MODEL, newest_model, read_stored
 from etude.campaign.record.stored_files import require_description
@@ -54,24 +52,25 @@ def model_in_use(campaign: Campaign, state: State | None = None) -> InUse:
         digest = sha256_of(path)
         said = f"Nothing was promoted yet: the newest model is used, of log {number} ({digest[:12]})."
         return InUse(model, number, path, digest, False, said + _of_another(campaign, number))
-    facts = state.promoted[-1]
-    said = f"The promoted model is used, of log {facts['number']} ({facts['sha256'][:12]})."
-    model, path = promoted_model(campaign, facts), pinned(campaign, facts["sha256"])
-    said += _of_another(campaign, facts["number"])
-    return InUse(model, facts["number"], path, facts["sha256"], True, said)
+    number, promoted = state.promoted[-1]
+    said = f"The promoted model is used, of log {number} ({promoted.sha256[:12]})."
+    model, path = promoted_model(campaign, number, promoted), pinned(campaign, promoted.sha256)
+    said += _of_another(campaign, number)
+    return InUse(model, number, path, promoted.sha256, True, said)
 
 
 def _of_another(campaign: Campaign, number: int) -> str:
     """A sentence, if robot.toml changed since the model was learned: its physics are of the file as it is."""
-    trained = [e for e in campaign.events() if (e.event, e.number) == ("trained", number)]
-    before = trained[-1].facts.get(ROBOT_SHA256) if trained else None
-    if before in (None, campaign.robot_sha256):
+    trained = [e for e in campaign.events() if isinstance(e.fact, Trained) and e.number == number]
+    before = trained[-1].robot_sha256 if trained else ""
+    if before in ("", campaign.robot_sha256):
         return ""
-    told = campaign.state().rounds[number].told or {}
+    told = campaign.state().rounds[number].told
+    log = told.source if told is not None else "LOG"
     return (
         " robot.toml changed since it was learned, so its physics are others. The next log that is told has "
         f"all learned again; or now: etude untell {campaign.path} {number}, then "
-        f"etude tell {campaign.path} {told.get('source', 'LOG')}."
+        f"etude tell {campaign.path} {log}."
     )
 
 
@@ -84,24 +83,23 @@ def model_of_sha256(campaign: Campaign, digest: str) -> LearnedModel | None:
     return None
 
 
-def promoted_model(campaign: Campaign, facts: Mapping[str, Any]) -> LearnedModel:
-    """The model of a promotion, from its own copy of the file. Errors as `model_in_use`."""
-    path = pinned(campaign, facts["sha256"])
-    check_pinned(campaign, facts)
-    return read_stored(campaign, path)
+def promoted_model(campaign: Campaign, number: int, promoted: Promoted) -> LearnedModel:
+    """The model of a promotion, of log `number`, from its own copy of the file. Errors as `model_in_use`."""
+    check_pinned(campaign, number, promoted)
+    return read_stored(campaign, pinned(campaign, promoted.sha256))
 
 
-def check_pinned(campaign: Campaign, facts: Mapping[str, Any]) -> None:
+def check_pinned(campaign: Campaign, number: int, promoted: Promoted) -> None:
     """Holds the file of a promoted model against the journal. UsageError: it is missing or was changed."""
-    path = pinned(campaign, facts["sha256"])
-    if path.is_file() and sha256_of(path) == facts["sha256"]:
+    path = pinned(campaign, promoted.sha256)
+    if path.is_file() and sha256_of(path) == promoted.sha256:
         return
     what = "was changed after it was promoted" if path.is_file() else "is missing"
     folder = campaign.path
     force = f'promote the newest: etude promote {folder} --force --reason "altered file"'
     other = f"go back: etude rollback {folder}" if len(campaign.state().promoted) > 1 else force
     raise UsageError(
-        f"the promoted model of log {facts['number']} {what}",
+        f"the promoted model of log {number} {what}",
         where=str(path),
         next_step=f"Do not use it. Restore the file from a copy, or {other}.",
     )

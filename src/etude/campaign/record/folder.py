@@ -14,12 +14,13 @@ from etude._runtime.pictures import Picture, picture_of
 from etude._runtime.trust import folder_id
 from etude.campaign.record.config import CampaignConfig
 from etude.campaign.record.config_file import CONFIG, load_config, trusting
-from etude.campaign.record.journal import JOURNAL, ROBOT_SHA256, Event, commit, read_events
+from etude.campaign.record.events import Created, Event, Fact
+from etude.campaign.record.journal import JOURNAL, commit, read_events
 from etude.campaign.record.state import Round, State, replay
 from etude.errors import UsageError
 from etude.plugins import named_in
 from etude.protocols import Kind, Limit, Model
-from etude.storage import GENERATION, sha256_of, writer_lock
+from etude.storage import sha256_of, writer_lock
 from etude.types import Channel, Margins
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ class Campaign:
         config_sha256: of campaign.toml's bytes. robot_sha256: of robot.toml's.
         kind: of the robot.
         spec: robot.toml, as the kind describes its robots.
-        notes: what a reader of campaign.toml should know: a sentence for each key that was renamed.
     """
 
     path: Path
@@ -50,7 +50,6 @@ class Campaign:
     config_sha256: str
     kind: Kind
     spec: Any
-    notes: tuple[str, ...] = ()
     robot_sha256: str = ""
 
     def __repr__(self) -> str:
@@ -121,13 +120,13 @@ class Campaign:
         """The state that all committed events add up to."""
         return replay(self.events())
 
-    def commit(self, event: str, number: int | None, files: list[Path], **facts: Any) -> None:
-        """Appends a fact to the journal, with the robot and the generation that it is of.
+    def commit(self, fact: Fact, number: int | None = None, files: Sequence[Path] = ()) -> None:
+        """Appends a fact to the journal, with the robot and the configuration that it is of.
 
         Its files are on the disk already. The caller holds the lock.
         """
-        own = {ROBOT_SHA256: self.robot_sha256, "generation": GENERATION}
-        commit(self.path, event, number, self.config_sha256, files, **facts, **own)
+        own, robot = self.config_sha256, self.robot_sha256
+        commit(self.path, fact, number, files, config_sha256=own, robot_sha256=robot)
 
     @contextlib.contextmanager
     def writing(self, wait_s: float | None = None) -> Iterator[None]:
@@ -191,7 +190,7 @@ def open_campaign(path: Path) -> Campaign:
     """
     path = Path(path)
     found = load_config(path)
-    if not any(event.event == "created" for event in read_events(path)):
+    if not any(isinstance(event.fact, Created) for event in read_events(path)):
         raise UsageError(
             "this campaign was not finished being made",
             where=str(path / CONFIG),
@@ -200,7 +199,7 @@ def open_campaign(path: Path) -> Campaign:
     spec = _spec(path, found.kind)
     parts = [part for channel in found.kind.channels(spec) for part in channel.parts]
     require_plain((part for part in parts if part), str(path / ROBOT))
-    return Campaign(path, found.config, found.sha256, found.kind, spec, found.notes, sha256_of(path / ROBOT))
+    return Campaign(path, found.config, found.sha256, found.kind, spec, sha256_of(path / ROBOT))
 
 
 def _spec(path: Path, kind: Kind) -> Any:

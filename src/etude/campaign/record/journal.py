@@ -1,10 +1,7 @@
 """The journal: one JSON object a line, append-only. It is the campaign's only memory of what happened.
 
 Its lines are a chain of hashes, checked whenever it is read. Each line ends with two hashes: `previous` is
-the SHA-256 of the line before it, and `seal` is the SHA-256 of this line's own text up to there. Journals of
-version 0.1 have neither. They are read as they are; the first line that is added to one carries the hash of
-everything before it, and from then on an edit of the old part is found too, though not its line. A line that
-lost its hashes is told from one of 0.1 by what else it says: see `NEWER`.
+the SHA-256 of the line before it, and `seal` is the SHA-256 of this line's own text up to there.
 
 What the chain cannot see: lines cut off at the end leave a whole, shorter chain. Only the files that those
 lines spoke of, where they still lie, show that there was more. Nor is it a signature: who computes every hash
@@ -14,70 +11,20 @@ behind an edit again has written another journal.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
+from etude.campaign.record.events import Event, Fact, Figures, NewerFormatError, from_json, to_json
 from etude.errors import UsageError
-from etude.storage import append_line, read_lines, sha256_of
+from etude.storage import GENERATION, append_line, read_lines, sha256_of
 
 JOURNAL = "journal.jsonl"
-NEWER = frozenset(
-    ("kind", "generation", "robot_sha256", "rungs", "controls", "margins", "segments", "recipe", "together")
-)
-"""Facts that version 0.1 never wrote: a line without hashes that has one had them once."""
 BY_HAND = ("robot.toml", "campaign.toml")
 """Files that people edit: each event has the hashes of them as they were then."""
-ROBOT_SHA256 = "robot_sha256"
-EVENTS = (
-    "created",
-    "edited",
-    "asked",
-    "exported",
-    "told",
-    "untold",
-    "changed",
-    "trained",
-    "evaluated",
-    "abandoned",
-    "promoted",
-    "rolled_back",
-    "confirmed",
-)
-
-
-@dataclass(frozen=True)
-class Event:
-    """One fact.
-
-    Attributes:
-        event: one of `EVENTS`.
-        time: when it was committed, ISO 8601 with the zone.
-        number: trajectory it speaks of; None for facts about the whole campaign.
-        config_sha256: hash of campaign.toml at that moment.
-        files: path relative to the campaign folder -> SHA-256, for each file the fact rests on.
-        facts: everything else, as JSON values.
-    """
-
-    event: str
-    time: str
-    number: int | None
-    config_sha256: str
-    files: dict[str, str] = field(default_factory=dict)
-    facts: dict[str, Any] = field(default_factory=dict)
-
-    def to_json(self) -> str:
-        """The fact alone, without the hashes that make it a line of the journal."""
-        own = {"event": self.event, "time": self.time, "number": self.number}
-        return json.dumps(
-            {**own, "config_sha256": self.config_sha256, "files": self.files, **self.facts}, allow_nan=False
-        )
-
 
 PREVIOUS, SEAL = "previous", "seal"
 _HASH = "[0-9a-f]{64}"
@@ -102,26 +49,26 @@ def check_chain(lines: Sequence[str], path: object) -> None:
     """Holds every line against its seal and against the line before it.
 
     Raises:
-        UsageError: a line was deleted, moved or edited; says which.
+        UsageError: a line was deleted, moved or edited; says which. The first line has no hashes.
     """
-    first = next((i for i, line in enumerate(lines) if is_chained(line)), len(lines))
-    for i in range(first, len(lines)):
-        found = _END.fullmatch(lines[i])
+    if lines and not is_chained(lines[0]):
+        raise UsageError(
+            "this journal has no hashes: an early version of Étude wrote it, or its first line was edited",
+            where=f"{path}:1",
+            next_step="Restore the line from a copy; or make a new campaign with etude init, and tell it the "
+            "logs in runs/.",
+        )
+    for i, line in enumerate(lines):
+        found = _END.fullmatch(line)
         if found is None or found["seal"] != _sha256(found["text"]):
             raise _changed("this line of the journal was edited", path, i)
-        # the line before is chained, but for the first one's: that hash is of all before, which may be much
-        if found["previous"] == _link(lines[:i] if i == first else lines[i - 1 : i]):
-            continue
-        if i == first and i > 0:
-            raise _changed(f"the journal was changed in its first {i} lines, of version 0.1", path, 0)
-        raise _changed("a line of the journal was deleted, added or moved just before this one", path, i)
+        if found["previous"] != _link(lines[:i]):
+            raise _changed("a line of the journal was deleted, added or moved just before this one", path, i)
 
 
 def _link(before: Sequence[str]) -> str:
-    """The hash that the next line carries: of the line before, or of all lines where that one is of 0.1."""
-    if before and is_chained(before[-1]):
-        return _sha256(before[-1])
-    return _sha256("".join(f"{line}\n" for line in before))
+    """The hash that the next line carries: of the line before."""
+    return _sha256(before[-1] if before else "")
 
 
 def _sha256(text: str) -> str:
@@ -137,29 +84,33 @@ def read_events(folder: Path) -> list[Event]:
     """Every committed event, oldest first. A torn last line was never committed and is left out.
 
     Raises:
-        UsageError: somebody edited the journal: a whole line is not an event, or the chain is broken.
+        UsageError: somebody edited the journal: a whole line is not an event, or the chain is broken. Or a
+            newer version wrote it, or one that is too old.
     """
     path = Path(folder) / JOURNAL
     lines = read_lines(path)
-    events = [_parse(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
     check_chain(lines, path)
-    return events
+    return [_parse(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
 
 
 def commit(
-    folder: Path, event: str, number: int | None, config_sha256: str, files: list[Path], **facts: Any
+    folder: Path,
+    fact: Fact,
+    number: int | None = None,
+    files: Sequence[Path] = (),
+    *,
+    config_sha256: str = "",
+    robot_sha256: str = "",
 ) -> Event:
     """Appends one event, with the hash of each of `files` (already on the disk, inside `folder`).
 
     The caller holds the writer's lock. When this returns, the event survives any crash.
     """
-    if event not in EVENTS or {PREVIOUS, SEAL} & facts.keys():
-        raise ValueError(f"{event!r} is not one of {EVENTS}, or a fact is called {PREVIOUS} or {SEAL}")
     hashes = {str(path.relative_to(folder).as_posix()): sha256_of(path) for path in files}
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
-    fact = Event(event, now, number, config_sha256, hashes, facts)
-    append_line(folder / JOURNAL, chained(fact.to_json(), read_lines(folder / JOURNAL)))
-    return fact
+    event = Event(fact, now, number, config_sha256, hashes, robot_sha256, GENERATION)
+    append_line(folder / JOURNAL, chained(to_json(event), read_lines(folder / JOURNAL)))
+    return event
 
 
 def recorded(events: Iterable[Event]) -> dict[str, str]:
@@ -171,8 +122,12 @@ def damaged_files(folder: Path, events: list[Event]) -> list[str]:
     """One sentence for each committed file that is missing or no longer has its recorded hash; of what people
     edit only if it is missing.
     """
+    return _damaged(folder, recorded(events))
+
+
+def _damaged(folder: Path, files: Mapping[str, str]) -> list[str]:
     problems = []
-    for name, digest in sorted(recorded(events).items()):
+    for name, digest in sorted(files.items()):
         try:
             if sha256_of(folder / name) != digest and name not in BY_HAND:
                 problems.append(f"{name} was changed after it was committed")
@@ -183,13 +138,13 @@ def damaged_files(folder: Path, events: list[Event]) -> list[str]:
     return problems
 
 
-def require_intact(folder: Path, events: list[Event], next_step: str) -> None:
-    """The files that these events rest on, before somebody relies on them.
+def require_intact(folder: Path, files: Mapping[str, str], next_step: str) -> None:
+    """Holds files, by name with their SHA-256, against the disk before somebody relies on them.
 
     Raises:
         UsageError: one is missing or was changed; says which.
     """
-    problems = damaged_files(folder, events)
+    problems = _damaged(folder, files)
     if problems:
         raise UsageError("; ".join(problems), where=str(folder), next_step=next_step)
 
@@ -197,33 +152,25 @@ def require_intact(folder: Path, events: list[Event], next_step: str) -> None:
 def _parse(line: str, where: str) -> Event:
     try:
         line.encode()  # bytes that are no text came as surrogates
-        fields = json.loads(line)
-        known = {name: fields.pop(name) for name in ("event", "time", "number", "config_sha256", "files")}
-        if not (_fits(known) and is_chained(line) == (PREVIOUS in fields) == (SEAL in fields)):
-            raise ValueError
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        return _event(line)
+    except NewerFormatError as newer:
+        raise UsageError(
+            f"a newer version of Étude wrote this line of the journal ({newer})",
+            where=where,
+            next_step="Use that version of Étude, or a later one.",
+        ) from None
+    except (ValueError, TypeError, RecursionError):
         raise UsageError(
             "this line of the journal is not an event",
             where=where,
             next_step="The journal is written by etude alone; put the line back as it was.",
         ) from None
-    if NEWER & fields.keys() and not is_chained(line):
-        raise UsageError(
-            "the hashes of this line of the journal were taken out",
-            where=where,
-            next_step="The journal is written by etude alone; put it back as it was, from a copy.",
-        )
-    if known["event"] not in EVENTS:
-        raise UsageError(f"unknown event {known['event']!r}", where=where, next_step="Use the newer etude.")
-    return Event(**known, facts={name: fields[name] for name in fields if name not in (PREVIOUS, SEAL)})
 
 
-def _fits(known: dict[str, Any]) -> bool:
-    words = [known["event"], known["time"], known["config_sha256"], *known["files"].values()]
-    number = known["number"]
-    return all(isinstance(word, str) for word in words) and (number is None or type(number) is int)
+_event = lru_cache(maxsize=1024)(from_json)
+"""A campaign reads its journal for each step of a command."""
 
 
-def jsonable(values: Iterable[float]) -> list[float | None]:
-    """Finite values as JSON numbers, the others as null: figures as the journal keeps them."""
-    return [float(v) if math.isfinite(v) else None for v in values]
+def jsonable(values: Iterable[float]) -> Figures:
+    """Finite values, the others as None: figures as the journal keeps them."""
+    return tuple(float(v) if math.isfinite(v) else None for v in values)

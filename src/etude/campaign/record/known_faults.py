@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etude.campaign.record.events import Asked, Event, Exported, Promoted, Trained
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.journal import Event
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import EXPORTS, MARK
 
@@ -88,7 +88,7 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
     """Proposals, and what was written of them for receivers; of each folder the newest event counts."""
     folders: dict[str, Event] = {}
     for event in campaign.events():
-        if event.event in ("asked", "exported") and event.number is not None:
+        if isinstance(event.fact, Asked | Exported) and event.number is not None:
             folders |= {
                 name.rpartition("/")[0]: event for name in event.files if name.endswith("certificate.json")
             }
@@ -97,7 +97,8 @@ def _motions(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Itera
         one, certificate = state.rounds.get(number), campaign.path / folder / "certificate.json"
         if one is None or one.abandoned or not certificate.is_file():
             continue
-        what = f"trajectory {number}" + (f" for {event.facts['format']}" if "format" in event.facts else "")
+        receiver = event.fact.format if isinstance(event.fact, Exported) else ""
+        what = f"trajectory {number}" + f" for {receiver}" * bool(receiver)
         if _is_before(event, MOUNTING) and MOUNTING in of_robot:
             again = "" if one.open else " --new"
             yield Affected(MOUNTING, what, folder, f"etude ask {campaign.path}{again}")
@@ -119,14 +120,14 @@ def _models(campaign: Campaign, state: State, of_robot: Sequence[str]) -> Iterat
     if MOUNTING not in of_robot:
         return
     path, events = campaign.path, campaign.events()
-    trained = [e for e in events if e.event == "trained" and state.trained]
+    trained = [e for e in events if isinstance(e.fact, Trained) and state.trained]
     if trained and _is_before(trained[-1], MOUNTING):
         number = trained[-1].number
-        told = (state.rounds[number].told or {}) if number in state.rounds else {}
-        log = told.get("source", "LOG")
+        told = state.rounds[number].told if number in state.rounds else None
+        log = told.source if told is not None else "LOG"
         again = f"etude untell {path} {number}, then etude tell {path} {log}"
         yield Affected(MOUNTING, f"the model of log {number}", f"models/{number:04d}", again)
-    promoted = [e for e in events if e.event == "promoted"]
+    promoted = [e for e in events if isinstance(e.fact, Promoted)]
     if state.promoted and promoted and _is_before(promoted[-1], MOUNTING):
         what = f"the promoted model of log {promoted[-1].number}"
         yield Affected(MOUNTING, what, next(iter(promoted[-1].files), "promoted"), f"etude promote {path}")
@@ -147,9 +148,9 @@ def _exports(campaign: Campaign, of_robot: Sequence[str]) -> Iterator[Affected]:
 
 def _exported(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
     elsewhere = {
-        Path(e.facts["place"])
+        Path(e.fact.place)
         for e in campaign.events()
-        if e.event == "exported" and e.number is None and "place" in e.facts
+        if isinstance(e.fact, Exported) and e.number is None and e.fact.place
     }
     inside = [mark.parent for mark in sorted(campaign.path.glob(f"{EXPORTS}/*/{MARK}"))]
     for place in dict.fromkeys([*inside, *sorted(elsewhere)]):
@@ -162,4 +163,4 @@ def _exported(campaign: Campaign) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 def _is_before(event: Event, code: str) -> bool:
-    return int(event.facts.get("generation", 1)) < FAULTS[code].mended
+    return event.generation < FAULTS[code].mended

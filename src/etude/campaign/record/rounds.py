@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import Campaign, Say
-
-ERROR = "tracking_error_"
-"""Begins the fact that holds the errors of a test run; their unit ends it."""
 
 
 @dataclass(frozen=True)
@@ -35,29 +33,20 @@ class SimulatedRound:
         return {name: summary(values, self.axes) for name, values in self.errors.items()}
 
 
-def summary(values: list[float], axes: int) -> float:
+def summary(values: Sequence[float], axes: int) -> float:
     """The figure that stands for an evaluation: the mean over the axes, or what comes after theirs."""
-    return values[-1] if len(values) > axes else sum(values) / len(values)
+    return float(values[-1] if len(values) > axes else sum(values) / len(values))
 
 
-def measured(facts: dict[str, Any]) -> tuple[list[float], str]:
-    """The errors of an evaluation and their unit."""
-    key = next(key for key in facts if key.startswith(ERROR))
-    return list(facts[key]), key.removeprefix(ERROR)
-
-
-def known_evaluation(
-    campaign: Campaign, test: str, number: int, baseline: str | None
-) -> dict[str, Any] | None:
-    """The facts of that test run if it was made before."""
-    key = {"test": test, "baseline": baseline, "number": number}
-    evaluated = campaign.state().evaluated
-    return next((e for e in evaluated if all(e.get(name) == value for name, value in key.items())), None)
+def known_evaluation(campaign: Campaign, test: str, number: int, baseline: str) -> Evaluated | None:
+    """That test run if it was made before."""
+    wanted = test, number, baseline
+    return next((e for n, e in campaign.state().evaluated if (e.test, n, e.baseline) == wanted), None)
 
 
 def robot_seconds(campaign: Campaign) -> float:
     """Recorded motion of all logs told, s."""
-    return float(sum(r.told["robot_seconds"] for r in campaign.state().told if r.told))
+    return campaign.state().robot_seconds
 
 
 def interrupted_round(campaign: Campaign, say: Say) -> int | None:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from etude.campaign.record.journal import Event
+from etude.campaign.record.events import (
+    Abandoned,
+    Asked,
+    Changed,
+    Confirmed,
+    Created,
+    Evaluated,
+    Event,
+    Ingested,
+    Promoted,
+    RolledBack,
+    Trained,
+    Untold,
+)
 
 CHANGED = "changed robot"
-"""The check whose red finding makes a log wait for an answer; see `campaign.changed`."""
-UNMOVED = "unmoved"
-"""Fact of a training: outputs whose joints stood still in all logs."""
+"""The check whose red finding makes a log wait for an answer; see `ingest.robot_changed`."""
 
 
 @dataclass(frozen=True)
@@ -20,33 +30,35 @@ class Round:
 
     Attributes:
         number: 1, 2, ...
-        asked: facts of its proposal (seed, criterion value, ...), or None for a foreign log.
-        told: facts of its log (sha256, robot seconds, ...), or None while it is awaited.
-        trained: scores before the log was learned, which model was chosen; None until trained. Logs that were
-            told together are learned together: the last of them has the facts.
+        asked: its proposal, or None for a foreign log.
+        told: its log, or None while it is awaited. told_at: when the log was told, ISO 8601.
+        trained: the training that ended with its log; None until trained. Logs that were told together are
+            learned together: the last of them has the training. order: of that training, from 1; 0: none.
         learned_with: number of the round whose training took this log in; None if that is its own, or none.
         abandoned: the log will never come, or must not be used.
         untold: its log was taken back.
         aside: its log is of the robot as it was, or as it was for a while; it is kept and not learned.
         held: its log waits for the answer to whether the robot has changed.
-        runs: of a motion that confirms: facts of its logs, "without" and "with" the feedforward.
+        runs: of a motion that confirms: its logs, "without" and "with" the feedforward.
     """
 
     number: int
-    asked: dict[str, Any] | None = None
-    told: dict[str, Any] | None = None
-    trained: dict[str, Any] | None = None
+    asked: Asked | None = None
+    told: Ingested | None = None
+    told_at: str = ""
+    trained: Trained | None = None
+    order: int = 0
     learned_with: int | None = None
     abandoned: bool = False
     untold: bool = False
     aside: bool = False
     held: bool = False
-    runs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    runs: Mapping[str, Confirmed] = field(default_factory=dict)
 
     @property
     def confirms(self) -> bool:
         """It was asked for to be run without and with the feedforward, and is never learned from."""
-        return bool(self.asked and self.asked.get("confirm"))
+        return self.asked is not None and self.asked.confirm
 
     @property
     def learned(self) -> bool:
@@ -66,15 +78,16 @@ class State:
     Attributes:
         seed: the campaign's seed.
         rounds: by number.
-        evaluated: facts of `evaluated` events, oldest first (simulated campaigns only).
-        promoted: facts of the promotions that were not rolled back, the one in use last.
+        evaluated: simulated test runs, with the number of the round whose model was tested, oldest first.
+        promoted: promotions that were not rolled back, with the number of the model's round; the one in use
+            last.
         events: how many events were replayed.
     """
 
     seed: int = 0
     rounds: dict[int, Round] = field(default_factory=dict)
-    evaluated: tuple[dict[str, Any], ...] = ()
-    promoted: tuple[dict[str, Any], ...] = ()
+    evaluated: tuple[tuple[int, Evaluated], ...] = ()
+    promoted: tuple[tuple[int, Promoted], ...] = ()
     events: int = 0
 
     @property
@@ -90,7 +103,18 @@ class State:
     def trained(self) -> list[Round]:
         """Rounds that a training ended with, in the order of learning."""
         done = [r for r in self.rounds.values() if r.trained is not None]
-        return sorted(done, key=lambda r: r.trained["order"] if r.trained else 0)
+        return sorted(done, key=lambda r: r.order)
+
+    @property
+    def newest(self) -> Trained | None:
+        """The last training."""
+        trained = self.trained
+        return trained[-1].trained if trained else None
+
+    @property
+    def robot_seconds(self) -> float:
+        """Recorded motion of all logs that are used, s."""
+        return float(sum(r.told.robot_seconds for r in self.told if r.told))
 
     @property
     def learned(self) -> list[Round]:
@@ -128,10 +152,10 @@ class State:
     def round_of_log(self, sha256: str) -> Round | None:
         """The round that this log answered already, by the hash of the original file."""
         known = (r for _, r in sorted(self.rounds.items()) if r.told and not r.abandoned)
-        return next((r for r in known if r.told and r.told["sha256"] == sha256), None)
+        return next((r for r in known if r.told and r.told.sha256 == sha256), None)
 
 
-def replay(events: list[Event]) -> State:
+def replay(events: Iterable[Event]) -> State:
     """Folds the events into a state; a pure function, so live and replayed state cannot differ."""
     state = State()
     for event in events:
@@ -140,42 +164,54 @@ def replay(events: list[Event]) -> State:
 
 
 def _apply(state: State, event: Event) -> State:
-    facts = {**event.facts, "time": event.time}
-    if event.event == "created":
-        return replace(state, seed=int(event.facts["seed"]))
-    if event.event == "evaluated":
-        return replace(state, evaluated=(*state.evaluated, {**facts, "number": event.number}))
-    if event.event == "promoted":
-        return replace(state, promoted=(*state.promoted, {**facts, "number": event.number}))
-    if event.event == "rolled_back":
-        return replace(state, promoted=state.promoted[:-1])
-    if event.number is None:
-        return state
-    if event.event in ("abandoned", "untold"):
-        state = _without(state, [event.number])
-    if event.event == "changed":
-        state = _answered(state, [int(n) for n in event.facts.get("aside", ())])
-    if event.event == "trained":
-        state = _taken_in(state, event.number, event.facts.get("together", ()))
-    old = state.rounds.get(event.number, Round(event.number))
-    order = 1 + len(state.trained)
-    fresh = {"told": facts, "trained": None, "learned_with": None, "held": _is_held(facts)}
-    changes: dict[str, dict[str, Any]] = {
-        "asked": {"asked": facts},
-        "told": {**fresh, "abandoned": False, "untold": False, "aside": False},
-        "untold": {"told": None, "untold": True, "aside": False, "held": False},
-        "trained": {"trained": {**facts, "order": order}, "learned_with": None},
-        "abandoned": {"abandoned": True},
-        "exported": {},
-        "changed": {},
-        "confirmed": {"runs": {**old.runs, str(event.facts.get("run")): facts}},
-    }
-    return replace(state, rounds={**state.rounds, event.number: replace(old, **changes[event.event])})
+    number = event.number or 0
+    match event.fact:
+        case Created() as fact:
+            return replace(state, seed=fact.seed)
+        case Evaluated() as fact:
+            return replace(state, evaluated=(*state.evaluated, (number, fact)))
+        case Promoted() as fact:
+            return replace(state, promoted=(*state.promoted, (number, fact)))
+        case RolledBack():
+            return replace(state, promoted=state.promoted[:-1])
+    return state if event.number is None else _in_round(state, event, event.number)
 
 
-def _is_held(told: dict[str, Any]) -> bool:
+def _in_round(state: State, event: Event, number: int) -> State:
+    """Of an event about one trajectory."""
+    match event.fact:
+        case Abandoned() | Untold():
+            state = _without(state, [number])
+        case Changed() as fact:
+            state = _answered(state, fact.aside)
+        case Trained() as fact:
+            state = _taken_in(state, number, fact.together)
+    old = state.rounds.get(number, Round(number))
+    return replace(state, rounds={**state.rounds, number: _next(old, event, 1 + len(state.trained))})
+
+
+def _next(old: Round, event: Event, order: int) -> Round:
+    """The round after an event of its own; order: that a training would have."""
+    match event.fact:
+        case Asked() as fact:
+            return replace(old, asked=fact)
+        case Ingested() as fact:
+            runs, held = old.runs, _is_held(fact)
+            return Round(old.number, old.asked, fact, told_at=event.time, held=held, runs=runs)
+        case Untold():
+            return replace(old, told=None, untold=True, aside=False, held=False)
+        case Trained() as fact:
+            return replace(old, trained=fact, order=order, learned_with=None)
+        case Abandoned():
+            return replace(old, abandoned=True)
+        case Confirmed() as fact:
+            return replace(old, runs={**old.runs, fact.run: fact})
+    return old
+
+
+def _is_held(told: Ingested) -> bool:
     """Whether the log was told with the finding that the robot has changed."""
-    return any(f["check"] == CHANGED and f["light"] == "red" for f in told.get("findings", ()))
+    return any(f.check == CHANGED and f.light == "red" for f in told.findings)
 
 
 def _taken_in(state: State, number: int, together: Iterable[int]) -> State:
@@ -195,14 +231,19 @@ def _answered(state: State, aside: Sequence[int]) -> State:
 
 def _without(state: State, numbers: Sequence[int]) -> State:
     """Forgets the trainings that the logs of `numbers` went into; the other logs have to be learned again."""
-    orders = {r.number: r.trained["order"] for r in state.trained if r.trained}
+    orders = {r.number: r.order for r in state.trained}
     own = [state.rounds[n] for n in numbers if n in state.rounds]
     gone = [orders[last] for r in own if (last := r.learned_with or r.number) in orders]
     if not gone:
         return state
     lost = {n for n, order in orders.items() if order >= min(gone)}
     kept = {
-        n: replace(r, trained=None if n in lost else r.trained, learned_with=_unless(r.learned_with, lost))
+        n: replace(
+            r,
+            trained=None if n in lost else r.trained,
+            order=0 if n in lost else r.order,
+            learned_with=_unless(r.learned_with, lost),
+        )
         for n, r in state.rounds.items()
     }
     return replace(state, rounds=kept)

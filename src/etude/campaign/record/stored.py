@@ -7,9 +7,10 @@ from pathlib import Path
 
 from etude._runtime.trust import folder_id
 from etude.campaign.record.config_file import trusting
+from etude.campaign.record.events import Trained
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import JOURNAL, recorded, require_intact
-from etude.campaign.record.state import Round, State
+from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import name_of, require_runs
 from etude.errors import UsageError
 from etude.logs.readers.log_file import read_log_file
@@ -48,16 +49,14 @@ def newest_model(campaign: Campaign, state: State) -> LearnedModel:
 def check_model(campaign: Campaign, state: State) -> None:
     """Holds the model in use, if any, against the journal: a damaged one may still load.
 
-    One that Étude 0.1 stored is not used any more.
-
     Raises:
         UsageError: its file is missing or was changed.
     """
-    if not state.trained or not is_stored(state.trained[-1]):
+    if not state.trained:
         return
     number = state.trained[-1].number
-    trained = [e for e in campaign.events() if e.event == "trained" and e.number == number]
-    require_intact(campaign.path, trained[-1:], _advice(campaign, number))
+    trained = [e for e in campaign.events() if isinstance(e.fact, Trained) and e.number == number]
+    require_intact(campaign.path, trained[-1].files, _advice(campaign, number))
 
 
 def _advice(campaign: Campaign, number: int) -> str:
@@ -111,11 +110,6 @@ def read_stored(campaign: Campaign, path: Path) -> LearnedModel:
         return read_model(path, kind.inputs(spec, config).restore, kind.physics(spec, config))
 
 
-def is_stored(trained: Round) -> bool:
-    """Whether the model of a training is in the present form; 0.1 named no rungs."""
-    return "rungs" in (trained.trained or {})
-
-
 def only_rung(model: LearnedModel, rung: str) -> LearnedModel | None:
     """The model with that rung for all commands; None if it was not trained for all."""
     try:
@@ -130,5 +124,5 @@ def label(rungs: Sequence[str]) -> str:
 
 
 def is_learned(state: State) -> bool:
-    """Whether every log that waits for no answer is in the model, and that is stored in the present form."""
-    return not state.pending and (not state.trained or is_stored(state.trained[-1]))
+    """Whether every log that waits for no answer is in the model."""
+    return not state.pending

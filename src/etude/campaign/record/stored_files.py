@@ -19,8 +19,19 @@ from datetime import datetime
 from pathlib import Path
 
 from etude.campaign.record.config_file import CONFIG
+from etude.campaign.record.events import (
+    Asked,
+    Changed,
+    Confirmed,
+    Created,
+    Edited,
+    Event,
+    Exported,
+    Ingested,
+    Trained,
+)
 from etude.campaign.record.folder import ROBOT, Campaign
-from etude.campaign.record.journal import ROBOT_SHA256, Event, recorded, require_intact
+from etude.campaign.record.journal import recorded, require_intact
 from etude.deploy.trajectory_files import COEFFICIENTS
 from etude.errors import UsageError
 from etude.protocols import Trajectory
@@ -74,13 +85,13 @@ def require_description(campaign: Campaign) -> None:
     Raises:
         UsageError: one is missing or was changed.
     """
-    created = next(e for e in campaign.events() if e.event == "created")
+    created = next(e for e in campaign.events() if isinstance(e.fact, Created))
     own = {name: digest for name, digest in created.files.items() if name != ROBOT}
     advice = (
         f"{RESTORE} If the robot is another one by now, start a campaign of its own: "
         "etude init FOLDER --robot FILE."
     )
-    require_intact(campaign.path, [Event("created", "", None, "", own)], advice)
+    require_intact(campaign.path, own, advice)
 
 
 def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
@@ -88,21 +99,22 @@ def require_runs(campaign: Campaign, numbers: Sequence[int]) -> None:
     for number in numbers:
         name = name_of(campaign, campaign.run_file(number))
         digest = recorded(campaign.events()).get(name)
-        own = Event("told", "", number, "", {} if digest is None else {name: digest})
-        require_intact(campaign.path, [own], run_advice(campaign, number))
+        own = {} if digest is None else {name: digest}
+        require_intact(campaign.path, own, run_advice(campaign, number))
 
 
 def run_advice(campaign: Campaign, number: int) -> str:
     """What to do where the stored log of that number is not the one that was told."""
-    told = campaign.state().rounds[number].told or {}
+    told = campaign.state().rounds[number].told
+    log = told.source if told is not None else "LOG"
     return (
         f"Do not learn from it. {RESTORE[:-1]}, or take the log back and tell the original again: "
-        f"etude untell {campaign.path} {number}, then etude tell {campaign.path} {told.get('source', 'LOG')}."
+        f"etude untell {campaign.path} {number}, then etude tell {campaign.path} {log}."
     )
 
 
 def settle(
-    campaign: Campaign, number: int, contents: Mapping[Path, bytes], next_step: str = "", **facts: object
+    campaign: Campaign, number: int, contents: Mapping[Path, bytes], fact: Exported, next_step: str = ""
 ) -> tuple[str, ...]:
     """Has these files hold these bytes when it returns; a sentence if that took writing them anew.
 
@@ -112,9 +124,9 @@ def settle(
 
     Args:
         campaign: the folder. number: of the proposal.
-        contents: path -> bytes, the certificate last.
+        contents: path -> bytes, the certificate last. fact: what is committed with them.
         next_step: where a file was changed; "": to delete all of them and repeat the command, which then
-            writes them anew. facts: of the `exported` event.
+            writes them anew.
 
     Raises:
         UsageError: a file is missing or was changed; nothing is written.
@@ -126,14 +138,14 @@ def settle(
     wrong = [path for path, data in contents.items() if not _holds(path, data)]
     # one that holds what is to be written needs no other witness: a writer may have been killed on its way
     held = {names[path]: known[names[path]] for path in committed if path in wrong}
-    require_intact(campaign.path, [Event("exported", "", number, "", held)], next_step or _anew(there))
+    require_intact(campaign.path, held, next_step or _anew(there))
     if not wrong and {names[path]: _digest(data) for path, data in contents.items()}.items() <= known.items():
         if _is_older(events, names):  # proved again, by this generation
-            campaign.commit("exported", number, list(contents), **facts)
+            campaign.commit(fact, number, list(contents))
         return ()
     for path in wrong:
         write_atomic(path, contents[path])
-    campaign.commit("exported", number, list(contents), **facts)
+    campaign.commit(fact, number, list(contents))
     if not committed:
         return ()
     anew = wrong or committed
@@ -160,7 +172,7 @@ def changed_since(campaign: Campaign, events: Sequence[Event], names: Sequence[s
     """
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names]
     found = [e for e in last if e is not None]
-    robot = any(e.facts.get(ROBOT_SHA256, campaign.robot_sha256) != campaign.robot_sha256 for e in found)
+    robot = any(e.robot_sha256 not in ("", campaign.robot_sha256) for e in found)
     config = any(e.config_sha256 != campaign.config_sha256 for e in found)
     words = [name for name, changed in ((ROBOT, robot), ("campaign.toml", config)) if changed]
     return f"{' and '.join(words)} changed" if words else ""
@@ -172,7 +184,10 @@ def proved_otherwise(campaign: Campaign, numbers: Sequence[int]) -> list[str]:
     """
     events, found = campaign.events(), []
     names = {
-        name for e in events if e.event in ("asked", "exported") and e.number in numbers for name in e.files
+        name
+        for e in events
+        if isinstance(e.fact, Asked | Exported) and e.number in numbers
+        for name in e.files
     }
     folders: dict[str, list[str]] = {}
     for name in sorted(names):
@@ -200,14 +215,14 @@ def _holds(path: Path, data: bytes) -> bool:
 def _is_older(events: Sequence[Event], names: Mapping[Path, str]) -> bool:
     """Whether an earlier generation wrote one of these files last."""
     last = [next((e for e in reversed(events) if name in e.files), None) for name in names.values()]
-    return any(e is not None and e.facts.get("generation", 1) < GENERATION for e in last)
+    return any(e is not None and e.generation < GENERATION for e in last)
 
 
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-TAKE_UP = ("created", "edited", "asked", "told", "trained", "changed", "confirmed")
+TAKE_UP = (Created, Edited, Asked, Ingested, Trained, Changed, Confirmed)
 """Events of `init`, `ask` and `tell`, beside `exported` of a proposal; other commands leave edits to them."""
 
 
@@ -229,7 +244,7 @@ def take_up(campaign: Campaign) -> None:
     """
     now = _now(campaign)
     if any(then != now[name] for name, (then, _) in _taken_up(campaign.events()).items()):
-        campaign.commit("edited", None, [])
+        campaign.commit(Edited())
 
 
 def _now(campaign: Campaign) -> Mapping[str, str]:
@@ -240,8 +255,9 @@ def _taken_up(events: Sequence[Event]) -> Mapping[str, tuple[str, str]]:
     """Hash and time of both when they were taken up; the hash is "" where no event tells it."""
     robot = config = ("", "")
     for event in events:
-        if event.event in TAKE_UP or (event.event == "exported" and event.number is not None):
-            own = event.facts.get(ROBOT_SHA256, event.files.get(ROBOT))
+        of_proposal = isinstance(event.fact, Exported) and event.number is not None
+        if isinstance(event.fact, TAKE_UP) or of_proposal:
+            own = event.robot_sha256 or event.files.get(ROBOT)
             robot = robot if own is None else (own, event.time)
             config = event.config_sha256, event.time
     return {ROBOT: robot, CONFIG: config}

@@ -15,13 +15,12 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.ingest.untell import abandon
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
+from etude.campaign.record.events import Evaluated
 from etude.campaign.record.folder import ROBOT, Campaign, Say
 from etude.campaign.record.rounds import (
-    ERROR,
     SimulatedRound,
     interrupted_round,
     known_evaluation,
-    measured,
     robot_seconds,
 )
 from etude.campaign.record.stored import newest_model, only_rung
@@ -168,7 +167,7 @@ class Loop:
         return SimulatedRound(number, robot_seconds(campaign), errors, unit, len(campaign.axes))
 
     def evaluate(
-        self, number: int, made: Callable[[], Controller | None], baseline: str | None = None
+        self, number: int, made: Callable[[], Controller | None], baseline: str = ""
     ) -> tuple[dict[str, list[float]], str]:
         """Runs each test once, unless it was run before; commits and returns the errors and their unit.
 
@@ -176,11 +175,11 @@ class Loop:
         """
         errors, unit = {}, ""
         for index, (name, motion) in enumerate(self.tests.items()):
-            facts = known_evaluation(self.campaign, name, number, baseline)
-            if facts is None:
+            found = known_evaluation(self.campaign, name, number, baseline)
+            if found is None:
                 rng = np.random.default_rng([self.campaign.state().seed, index, TEST_STREAM, TEST_STREAM])
-                facts = self._commit(number, baseline, name, self.tried(motion, made(), rng))
-            errors[name], unit = measured(facts)
+                found = self._commit(number, baseline, name, self.tried(motion, made(), rng))
+            errors[name], unit = list(found.errors), found.unit
         return errors, unit
 
     def tried(self, motion: Trajectory, controller: Controller | None, rng: np.random.Generator) -> Log:
@@ -189,18 +188,22 @@ class Loop:
         log: Log = run(motion, controller, rng)
         return log
 
-    def _commit(self, number: int, baseline: str | None, test: str, log: Log) -> dict[str, object]:
+    def _commit(self, number: int, baseline: str, test: str, log: Log) -> Evaluated:
         error, units = self.robot.error(log)
-        facts = {"test": test, "robot_seconds": robot_seconds(self.campaign)}
-        facts |= {} if baseline is None else {"baseline": baseline}
-        facts[ERROR + (units[0] if len(set(units)) == 1 else "mixed")] = error.tolist()
+        found = Evaluated(
+            test=test,
+            baseline=baseline,
+            robot_seconds=robot_seconds(self.campaign),
+            errors=tuple(error.tolist()),
+            unit=units[0] if len(set(units)) == 1 else "mixed",
+        )
         with self.campaign.writing():
-            self.campaign.commit("evaluated", number, self._kept(number, baseline, test, log), **facts)
-        return facts
+            self.campaign.commit(found, number, self._kept(number, baseline, test, log))
+        return found
 
-    def _kept(self, number: int, baseline: str | None, test: str, log: Log) -> list[Path]:
+    def _kept(self, number: int, baseline: str, test: str, log: Log) -> list[Path]:
         """Stores the runs that the report draws: the learned controller's, and the feedback's alone."""
-        if baseline not in (None, next(iter(self.baselines), None)):
+        if baseline not in ("", next(iter(self.baselines), "")):
             return []
         path = self.campaign.path / "tests" / f"{number:04d}.{baseline or 'learned'}.{test}.parquet"
         write_log(path, log)

@@ -1,7 +1,4 @@
-"""Logs as Parquet files that read back exactly: `t`, then `q_elbow`, `command_elbow`, ... by channel.
-
-Files of version 0.1, of arms and of flights, are read under today's names of channels.
-"""
+"""Logs as Parquet files that read back exactly: `t`, then `q_elbow`, `command_elbow`, ... by channel."""
 
 from __future__ import annotations
 
@@ -19,38 +16,12 @@ from etude.errors import DataError
 from etude.logs.columns.headers import column_names as column_names
 from etude.logs.readers.frames import parquet_frame, parquet_metadata
 from etude.storage import sha256_of, write_atomic
-from etude.types import Array, Channel, Log, Role
+from etude.types import Array, Channel, Log
 
 if TYPE_CHECKING:
     import polars as pl
 
 METADATA_KEY = "etude.log"
-FLIGHT_KEY = "etude.flight"  # of 0.1, whose arms' logs have METADATA_KEY, but no channels in it
-AXES = ("x", "y", "z")
-# of 0.1: label in the file -> channel, units per radian or metre, role
-OLD_ARM: Mapping[str, tuple[str, str, Role]] = {
-    "q": ("q", "rad", "state"),
-    "qd": ("qd", "rad/s", "state"),
-    "qdd": ("qdd", "rad/s^2", "state"),
-    "tau": ("command", "", "command"),
-    "q_des": ("q_des", "rad", "plan"),
-    "qd_des": ("qd_des", "rad/s", "plan"),
-    "qdd_des": ("qdd_des", "rad/s^2", "plan"),
-    "tau_ff": ("command_ff", "", "aside"),
-    "tau_fb": ("command_fb", "", "aside"),
-    "q_true": ("q_true", "rad", "truth"),
-}
-OLD_FLIGHT: Mapping[str, tuple[str, str, Role]] = {
-    "altitude": ("altitude", "m", "state"),
-    "specific_force": ("specific_force", "m/s^2", "state"),
-    "rates": ("rates", "rad/s", "state"),
-    "angular_acceleration": ("angular_acceleration", "rad/s^2", "state"),
-    "velocity": ("body_velocity", "m/s", "state"),
-    "acceleration": ("body_acceleration", "m/s^2", "state"),
-    "command": ("command", "", "command"),
-    "position": ("position", "m", "aside"),
-    "position_des": ("position_des", "m", "plan"),
-}
 
 
 def log_bytes(log: Log) -> bytes:
@@ -87,27 +58,26 @@ def write_log(path: Path, log: Log) -> None:
 
 
 def is_log_file(path: Path) -> bool:
-    """Whether the file is a Parquet file written by `write_log`, or by 0.1; False for anything else."""
+    """Whether the file is a Parquet file written by `write_log`; False for anything else."""
     try:
-        return _key(parquet_metadata(Path(path))) is not None
+        return METADATA_KEY in parquet_metadata(Path(path))
     except DataError:
         return False
 
 
 def read_log_file(path: Path) -> Log:
-    """The log that `write_log`, or 0.1, stored.
+    """The log that `write_log` stored.
 
     Raises:
         DataError: the file is missing, truncated, no Parquet file, or not written by Étude.
     """
     path = Path(path)
     facts = parquet_metadata(path)
-    key = _key(facts)
-    if key is None:
+    if METADATA_KEY not in facts:
         raise DataError("this Parquet file is not a cleaned log", where=str(path), next_step="Tell it first.")
     frame = parquet_frame(path)
     try:
-        return _log(frame, json.loads(facts[key]), key)
+        return _log(frame, json.loads(facts[METADATA_KEY]))
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         raise DataError(
             f"the columns of this cleaned log are not those that its metadata name ({problem})",
@@ -116,15 +86,8 @@ def read_log_file(path: Path) -> Log:
         ) from None
 
 
-def _key(metadata: Mapping[str, str]) -> str | None:
-    return next((key for key in (METADATA_KEY, FLIGHT_KEY) if key in metadata), None)
-
-
-def _log(frame: pl.DataFrame, facts: Mapping[str, Any], key: str) -> Log:
-    if "channels" in facts:
-        named = [(channel := _channel(row), column_names(channel)) for row in facts["channels"]]
-    else:
-        named = _old_channels(set(frame.columns), facts, key)
+def _log(frame: pl.DataFrame, facts: Mapping[str, Any]) -> Log:
+    named = [(channel := _channel(row), column_names(channel)) for row in facts["channels"]]
     return Log(
         t=_column(frame, "t"),
         channels={channel.name: channel for channel, _ in named},
@@ -157,24 +120,6 @@ def _channel(facts: Mapping[str, Any]) -> Channel:
     known = {f.name for f in fields(Channel)}
     values: Any = {n: tuple(v) if isinstance(v, list) else v for n, v in facts.items() if n in known}
     return Channel(**values)
-
-
-def _old_channels(columns: set[str], facts: Mapping[str, Any], key: str) -> list[tuple[Channel, list[str]]]:
-    """Channels of a file of 0.1 and their columns; those it lacks are left out, all but the commands."""
-    names = tuple(facts["names"] if key == METADATA_KEY else facts["command_names"])
-    needed: tuple[str, ...]
-    if key == METADATA_KEY:
-        rows, needed, parts = OLD_ARM, ("q", "tau"), dict.fromkeys(OLD_ARM, names)
-    else:
-        rows, needed = OLD_FLIGHT, ("specific_force", "rates", "command")
-        parts = {**dict.fromkeys(OLD_FLIGHT, AXES), "command": names, "altitude": ("z",)}
-    found = []
-    for label, (name, unit, role) in rows.items():
-        own = ["altitude"] if label == "altitude" else [f"{label}_{part}" for part in parts[label]]
-        if own[0] in columns or label in needed:
-            units = (unit or str(facts["command_unit"]),) * len(own)
-            found.append((Channel(name, parts[label], units, role, required=label in needed), own))
-    return found
 
 
 RECORDED = (".yaml", ".db3", ".mcap", ".zstd")

@@ -121,14 +121,15 @@ def _blocks(record: Record) -> list[Html]:
     if not scored:
         return []
     scores = held_out(scored[-1].trained)
-    facts = (scored[-1].trained or {})["held_out"]
+    blocks = scored[-1].trained.held_out if scored[-1].trained else None
+    assert blocks is not None
     text = paragraph(
-        f"Log {scored[-1].number} was cut into {facts.get('of', 'several')} blocks; models that "
+        f"Log {scored[-1].number} was cut into {blocks.of} blocks; models that "
         "learned the others were scored on the blocks held out. nMSE is the mean squared error over "
         "the command's variance: 0 is perfect, 1 is no better than the mean."
     )
     rows = [[rung_name(rung), float(np.nanmean(v)), *map(float, v)] for rung, v in scores.items()]
-    chosen = list(scores).index(facts["chosen"]) if facts.get("chosen") in scores else None
+    chosen = list(scores).index(blocks.chosen) if blocks.chosen in scores else None
     return [text, table(["model", "mean", *record.outputs], rows, highlight=chosen)]
 
 

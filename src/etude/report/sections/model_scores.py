@@ -6,10 +6,11 @@ import itertools
 
 import numpy as np
 
+from etude.campaign.record.events import Trained
 from etude.campaign.record.state import Round
-from etude.report.curves import chosen_rung, rung_name, score, scored_rungs
+from etude.report.curves import Quantity, chosen_rung, rung_name, score, scored_rungs
 from etude.report.markup import Html, element, grid, missing, paragraph, section, table
-from etude.report.record import Facts, Record
+from etude.report.record import Record
 from etude.report.scales import Axis
 from etude.report.sections.learning import joint_style
 from etude.report.svg import Band, Level, Line, Mark, Points, panel
@@ -22,7 +23,7 @@ Series = dict[str, dict[int, Array | None]]
 def ladder(record: Record) -> Html:
     """Scores of every rung of the model ladder on the newest held-out data, the chosen one in bold."""
     title = "Model ladder"
-    scored = [r for r in record.state.trained if r.trained and r.trained.get("models")]
+    scored = [r for r in record.state.trained if r.trained and r.trained.models]
     if not scored:
         return section("ladder", title, missing("No model has been scored yet."))
     return section("ladder", title, *_newest(record, scored[-1]), *_by_round(record))
@@ -73,13 +74,16 @@ def calibration(record: Record) -> Html:
 
 def _uncalibrated(record: Record) -> list[Html]:
     """A model that says itself that too few logs were held out."""
-    if (record.state.trained[-1].trained or {}).get("calibrated", True):
+    if record.state.newest is None or record.state.newest.calibrated:
         return []
     return [paragraph(element("b", "Uncalibrated:"), f" {UNCALIBRATED}", class_="missing")]
 
 
+QUANTITIES: tuple[Quantity, ...] = ("z2", "coverage")
+
+
 def _panels(record: Record) -> list[Html]:
-    z2, cover = (_lines(record, quantity) for quantity in ("z2", "coverage"))
+    z2, cover = (_lines(record, quantity) for quantity in QUANTITIES)
     highest = 1.5 * np.nanmax([10.0 / 1.5, *(value for line in z2 for value in line.y)])
     lowest = np.nanmin([0.5, *(value for line in cover for value in line.y)])
     rounds = Axis("round", limits=(0.5, len(record.state.trained) + 0.5), whole=True)
@@ -97,22 +101,21 @@ def _panels(record: Record) -> list[Html]:
 def _early(record: Record) -> list[Html]:
     """Which of the scores are those of models that did not claim to be calibrated."""
     pairs = itertools.pairwise(record.state.trained)
-    early = [now.number for before, now in pairs if not (before.trained or {}).get("calibrated", True)]
+    early = [now.number for before, now in pairs if before.trained and not before.trained.calibrated]
     if not early:
         return []
     logs = f"log {early[0]}" if len(early) == 1 else f"logs {', '.join(map(str, early))}"
     return [paragraph(f"The models that predicted {logs} were not calibrated yet.", class_="soft")]
 
 
-def in_use(trained: Facts | None, quantity: str) -> Array | None:
+def in_use(trained: Trained | None, quantity: Quantity) -> Array | None:
     """The score of the model in use when the log came, or of the nearest rung that has one."""
-    facts = trained or {}
-    rungs = [*(facts.get("models") or {}), facts.get("chosen"), facts.get("predicted_by")]
+    rungs = [*trained.models, trained.chosen, trained.predicted_by] if trained else []
     scores = (score(trained, rung, quantity) for rung in reversed(rungs) if rung)
     return next((found for found in scores if found is not None), None)
 
 
-def _lines(record: Record, quantity: str) -> list[Line]:
+def _lines(record: Record, quantity: Quantity) -> list[Line]:
     scored = [
         (index, values)
         for index, r in enumerate(record.state.trained, start=1)
@@ -169,9 +172,9 @@ def _by_round(record: Record) -> list[Html]:
     return [text, grid(panels)]
 
 
-def left_out(trained: Facts | None) -> dict[str, Array]:
+def left_out(trained: Trained | None) -> dict[str, Array]:
     """(1,) mean absolute error of each rung on logs left out, command units."""
-    errors = (trained or {}).get("held_out_mae") or {}
+    errors = trained.held_out_mae if trained else {}
     return {rung: np.array([float(e)]) for rung, e in errors.items() if e is not None and np.isfinite(e)}
 
 
@@ -192,8 +195,8 @@ def _means(scores: dict[int, Array | None]) -> tuple[Array, Array]:
     return np.array(list(found), dtype=float), np.array(list(found.values()))
 
 
-def _rung(trained: Facts | None, rung: str) -> list[object]:
-    def mean(quantity: str) -> float:
+def _rung(trained: Trained | None, rung: str) -> list[object]:
+    def mean(quantity: Quantity) -> float:
         values = score(trained, rung, quantity)
         return float("nan") if values is None else float(np.nanmean(values))
 

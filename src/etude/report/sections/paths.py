@@ -130,7 +130,7 @@ def _tested(record: Record) -> list[Gone]:
     """The newest run of the first test with what was learned, in the colours of the model in use then."""
     assert record.path is not None
     for test in tests(record)[:1]:
-        run = record.test_run(None, test.name)
+        run = record.test_run("", test.name)
         places = run[1].get(record.path.name) if run else None
         if run is None or places is None:
             continue

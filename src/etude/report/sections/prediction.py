@@ -82,7 +82,7 @@ def newest_forecast(record: Record) -> tuple[str, Forecast] | None:
 
 def _tested(record: Record) -> tuple[str, Forecast] | None:
     for test in tests(record)[:1]:
-        run = record.test_run(None, test.name)
+        run = record.test_run("", test.name)
         model = record.model(run[0].number or 0) if run else None
         if run is not None and model is not None:
             sentence = (

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
+from etude.campaign.record.events import Created
 from etude.campaign.record.state import Round
 from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
 from etude.report.labels import FEEDBACK
@@ -75,10 +76,9 @@ def _in_order(record: Record) -> list[Round]:
 
 def _seconds(entry: Round, spent: float) -> float:
     """Robot time of one round: as told, else from the running total."""
-    told, trained = entry.told or {}, entry.trained or {}
-    if "robot_seconds" in told:
-        return float(told["robot_seconds"])
-    return max(0.0, float(trained.get("robot_seconds", spent)) - spent)
+    if entry.told:
+        return entry.told.robot_seconds
+    return max(0.0, entry.trained.robot_seconds - spent) if entry.trained else 0.0
 
 
 def _gains(before: Evaluation | None, after: Evaluation | None, cost: float) -> list[str]:
@@ -154,18 +154,10 @@ def repairs(record: Record) -> Html:
     told = record.state.told
     if not told:
         return section("repairs", title, missing("No log has come back yet."))
-    rows = [[f"{r.number}", sentence] for r in told for sentence in _sentences(record, r)]
+    rows = [[f"{r.number}", sentence] for r in told if r.told for sentence in r.told.repairs]
     if not rows:
         return section("repairs", title, paragraph(f"None: {len(told)} logs were used as they came."))
     return section("repairs", title, table(["log", "repair"], rows))
-
-
-def _sentences(record: Record, entry: Round) -> tuple[str, ...]:
-    stated = (entry.told or {}).get("repairs")
-    if stated is None:
-        log = record.log(entry.number)
-        stated = log.repairs if log else ()
-    return tuple(str(sentence) for sentence in stated)
 
 
 def provenance(record: Record) -> Html:
@@ -178,14 +170,12 @@ def provenance(record: Record) -> Html:
 
 
 def _facts(record: Record) -> list[list[object]]:
-    created = next((e for e in record.events if e.event == "created"), None)
+    created = next(((e, e.fact) for e in record.events if isinstance(e.fact, Created)), None)
     last = record.events[-1] if record.events else None
     rows: list[list[object]] = [["robot", record.robot if record.campaign else "unknown"]]
     if created:
-        rows += [["created", created.time], ["seed", _code(created.facts.get("seed", "–"))]]
-        rows += [
-            [key, _code(value)] for key, value in created.facts.items() if key == "preset" or "version" in key
-        ]
+        event, fact = created
+        rows += [["created", event.time], ["seed", _code(fact.seed)], ["preset", _code(fact.preset)]]
     if last:
         rows += [
             ["last event", f"{last.event}, {last.time}"],

@@ -22,7 +22,7 @@ TESTED = (
 
 def tracking(record: Record) -> Html:
     """Panels per coordinate and command: of the last test run of what was learned, else of the newest log."""
-    tested = record.test_run(None)
+    tested = record.test_run("")
     if tested is not None:
         words, log = TESTED.format(number=tested[0].number), tested[1]
         runs = (record.test_run(name) for name in FEEDBACK)

@@ -81,7 +81,8 @@ def _since(record: Record, n: int) -> list[Html]:
 
 
 def _how(record: Record, n: int) -> list[Html]:
-    status = (record.state.rounds[n].asked or {}).get("status")
+    asked = record.state.rounds[n].asked
+    status = asked.status if asked else ""
     return [paragraph(f"How it was chosen: {status}.".replace("..", "."), class_="soft")] if status else []
 
 
