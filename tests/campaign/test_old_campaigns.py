@@ -14,7 +14,7 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.stored import load_model, newest_model
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.simulation import simulate
 from etude.errors import DataError
 
 FIXTURES = Path(__file__).parent / "fixtures"

@@ -153,8 +153,7 @@ def test_only_segments_that_the_model_in_use_has_not_learned_are_compared(
     assert used.decision == "not decided"
     assert "the model in use, of log 5" in found.refused[0]
     # of the same log: the ratio is that of two predictions that have not seen it, computed here anew
-    from etude.campaign.ingest.log_groups import told_samples
-    from etude.campaign.record.stored import LEFT_OUT
+    from etude.campaign.record.stored import LEFT_OUT, told_samples
     from etude.models.data.fit import in_order
     from etude.models.selection.model_selection import read_residuals
 

@@ -37,9 +37,9 @@ from etude.protocols import Limit, Trajectory
 from etude.storage import write_atomic
 
 if TYPE_CHECKING:
-    from etude.campaign.learn.training import Learner
     from etude.campaign.propose.approach import Approached
     from etude.campaign.propose.export import Exported
+    from etude.campaign.training import Learner
     from etude.limits.certificate import Certificate
 
 Beside = Callable[[TrajectoryFiles], Mapping[Path, bytes]]
@@ -158,7 +158,7 @@ def _require(formats: Sequence[str]) -> None:
 
 def _learn(campaign: Campaign, learner: Learner | None, say: Say) -> None:
     if not is_learned(campaign.state()):
-        from etude.campaign.learn.training import learn_pending
+        from etude.campaign.training import learn_pending
 
         learn_pending(campaign, learner, say)
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.campaign.ingest.log_groups import known_groups, told_samples
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
@@ -22,9 +21,11 @@ from etude.campaign.record.stored import (
     MODEL,
     check_model,
     is_stored,
+    known_groups,
     label,
     stored_log,
     stored_model,
+    told_samples,
 )
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states
