@@ -23,7 +23,7 @@ _PLACES = {
     "simulate": "etude.campaign.simulation",
     "read_log": "etude.campaign.ingest.inspection",
     "load_robot": "etude.campaign.create",
-    "load_model": "etude.campaign.record.stored",
+    "load_model": "etude.campaign.record.stored_models",
     "predict": "etude.campaign.deployment.predict",
     "export": "etude.campaign.deployment.model_export",
     "certify": "etude.limits.certificate",

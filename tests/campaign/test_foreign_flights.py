@@ -10,7 +10,7 @@ import pytest
 
 from etude.campaign.ingest.ingest_result import read
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import load_model, told_samples
+from etude.campaign.record.stored_models import load_model, told_samples
 from etude.cli import main
 from etude.logs.readers.log_file import write_log
 

@@ -16,8 +16,8 @@ from etude.campaign.evaluate.stopping import calibration_factor, seen_by_the_rul
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored import MIXED, label, newest_model, told_samples
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import MIXED, label, newest_model, told_samples
 from etude.errors import DataError, StopRuleReached
 
 CONFIG = """\

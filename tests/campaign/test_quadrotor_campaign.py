@@ -13,8 +13,8 @@ from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import asked_under
 from etude.campaign.record.folder import open_campaign
-from etude.campaign.record.stored import load_model, told_samples
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import load_model, told_samples
 from etude.campaign.simulation import simulate
 from etude.errors import DataError, UsageError
 from etude.limits.certificate import certify

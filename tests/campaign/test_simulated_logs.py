@@ -12,7 +12,7 @@ from etude.campaign import training as learning
 from etude.campaign.create import create_campaign
 from etude.campaign.ingest.tell import tell
 from etude.campaign.record.folder import Campaign
-from etude.campaign.record.stored import SIMULATED
+from etude.campaign.record.stored_models import SIMULATED
 from etude.campaign.simulation import simulate
 from etude.campaign.training import TrainingOutcome
 from etude.errors import UsageError

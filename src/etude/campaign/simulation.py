@@ -22,8 +22,8 @@ from etude.campaign.record.rounds import (
     measured,
     robot_seconds,
 )
-from etude.campaign.record.stored import SIMULATED, newest_model, only_rung, real_logs
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import SIMULATED, newest_model, only_rung, real_logs
 from etude.errors import DataError, UsageError
 from etude.logs.readers.log_file import write_log
 from etude.progress import counted, part

@@ -14,7 +14,7 @@ from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import UNMOVED, Round, State
-from etude.campaign.record.stored import (
+from etude.campaign.record.stored_models import (
     LEFT_OUT,
     LINEAR,
     MIXED,

@@ -23,7 +23,6 @@ from etude.campaign.record.alerts import as_facts, kept_findings
 from etude.campaign.record.controls import required
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import Round, State
-from etude.campaign.record.stored import mixed, stored_log
 from etude.campaign.record.stored_files import (
     FULL,
     is_committed,
@@ -32,6 +31,7 @@ from etude.campaign.record.stored_files import (
     stored_trajectory,
     take_up,
 )
+from etude.campaign.record.stored_models import mixed, stored_log
 from etude.campaign.training import Learner, learn_pending
 from etude.deploy.trajectory_files import COEFFICIENTS, PLANNED, SPEEDS
 from etude.errors import DataError, EtudeError, UsageError

@@ -17,7 +17,6 @@ from etude.campaign.record.controls import require_learned, require_same, requir
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import Event, recorded, require_intact
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import is_learned, newest_model
 from etude.campaign.record.stored_files import (
     FULL,
     changed_since,
@@ -30,6 +29,7 @@ from etude.campaign.record.stored_files import (
     stored_trajectory,
     take_up,
 )
+from etude.campaign.record.stored_models import is_learned, newest_model
 from etude.deploy.trajectory_files import COEFFICIENTS, TrajectoryFiles, at_speed, render
 from etude.errors import StopRuleReached, UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible
