@@ -15,7 +15,7 @@ from small_arm import URDF, campaign_of_small_arm  # noqa: E402
 from etude.campaign.deployment.predict import predict  # noqa: E402
 from etude.campaign.ingest.tell import tell  # noqa: E402
 from etude.campaign.record.folder import Campaign  # noqa: E402
-from etude.campaign.record.stored_models import stored_log, told_samples
+from etude.campaign.record.stored_models import stored_log, told_samples  # noqa: E402
 
 CREEP = 0.03
 """Part of the top speed below which friction turns over."""
