@@ -11,7 +11,7 @@ from etude.models.c99 import mean_function
 from etude.models.gp.c99 import real
 from etude.types import Code
 from etude_arm.memory import MEMORY_RATE
-from etude_arm.spec import PATH, PLAN, WAYS
+from etude_arm.spec import PATH, PLAN
 
 FUNCTION = 40
 """Operations of one tanh or exp of the C library."""
@@ -104,10 +104,7 @@ def rigid_body_code(name: str, mean: Any, friction_scales: Sequence[float]) -> C
         "extra": model.extra,
         "speed": model.friction_velocity,
         "resting": np.array(
-            [
-                drive.resting(j, float(model.friction_velocity[j])) * (model.way[j] == WAYS[0])
-                for j, drive in enumerate(drives)
-            ]
+            [drive.resting(j, float(model.friction_velocity[j])) for j, drive in enumerate(drives)]
         ),
         "side": np.array([drive.side(j) * (model.way[j] > 0.0) for j, drive in enumerate(drives)]),
         "gear": np.array([drive.gear for drive in drives]),

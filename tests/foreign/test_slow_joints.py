@@ -54,21 +54,43 @@ def motion(arm: plant.Arm, seconds: float, phase: float) -> plant.Reference:
     return plant.Reference(t, q, qd, np.gradient(qd, t, axis=0))
 
 
-def test_slow_joint_is_predicted_as_well_as_a_moving_one(lab: Lab) -> None:
-    run = plant.run(lab.arm, motion(lab.arm, 16.0, 1.3), seed=3)
-    names, step = lab.campaign.axes, 4
-    states = [run.q, run.qd, np.gradient(run.qd, 1.0 / plant.RATE, axis=0)]
-    header = ["time", *(f"{word}_{name}" for word in ("q", "qd", "qdd") for name in names)]
+def commanded(lab: Lab, t: np.ndarray, *states: np.ndarray) -> np.ndarray:
+    """(T, J) what `predict` says of q, qd, qdd (T, J) each, from a file of every fourth row."""
+    header = ["time", *(f"{word}_{name}" for word in ("q", "qd", "qdd") for name in lab.campaign.axes)]
     place = lab.folder / "states.csv"
-    rows = np.column_stack([run.reference.t, *states])[::step]
+    rows = np.column_stack([t, *states])[::4]
     np.savetxt(place, rows, delimiter=",", header=",".join(header), comments="", fmt="%.12g")
     said = predict(lab.campaign, place)
-    rows_of = [np.interp(run.reference.t[::step], said.t, column) for column in said["command"].T]
-    error = (np.stack(rows_of, axis=1) - run.command[::step]) / lab.arm.torque
+    return np.stack([np.interp(t, said.t, column) for column in said["command"].T], axis=1)
+
+
+def test_slow_joint_is_predicted_as_well_as_a_moving_one(lab: Lab) -> None:
+    run = plant.run(lab.arm, motion(lab.arm, 16.0, 1.3), seed=3)
+    states = [run.q, run.qd, np.gradient(run.qd, 1.0 / plant.RATE, axis=0)]
+    step = 4
+    said = commanded(lab, run.reference.t, *states)
+    error = (said[::step] - run.command[::step]) / lab.arm.torque
     slow = np.abs(run.qd[::step]) < CREEP * lab.arm.speed
     inner = slice(500, -500)
     size = [float(np.sqrt(np.mean(error[inner][use[inner]] ** 2))) for use in (slow, ~slow)]
     assert size[0] < ALIKE * size[1], size
+
+
+HELD, MOST_PUSH = 10.0, 0.25
+"""Seconds that a pose is held after a motion. Part of the Coulomb friction that the command may push there
+beside gravity and cogging; friction that is remembered pushes by all of it."""
+
+
+def test_a_pose_is_held_without_a_push(lab: Lab) -> None:
+    wanted = plant.held(motion(lab.arm, 16.0, 0.4), before=0.0, after=HELD)
+    cut = slice(0, round(11.3 * plant.RATE))  # in the midst of the motion, where gravity and friction act
+    still = np.zeros((round(HELD * plant.RATE), 3))
+    q = np.concatenate([wanted.q[cut], np.broadcast_to(wanted.q[cut][-1], still.shape)])
+    states = [q, np.concatenate([wanted.qd[cut], still]), np.concatenate([wanted.qdd[cut], still])]
+    said = commanded(lab, np.arange(len(q)) / plant.RATE, *states)[-1]
+    data = lab.arm.true.createData()
+    holds = plant.pin.computeGeneralizedGravity(lab.arm.true, data, q[-1]) + lab.arm.drives.ripple(q[-1])
+    assert np.all(np.abs(said - holds) < MOST_PUSH * lab.arm.drives.coulomb), said - holds
 
 
 def test_slow_samples_teach_and_where_gears_stick_they_do_not(

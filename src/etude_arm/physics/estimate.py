@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from etude.errors import DataError, UsageError
 from etude.types import Mask, Samples
+from etude_arm.inputs import FRICTION_SCALES
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
 from etude_arm.physics.kinematics import KinematicTree
 from etude_arm.physics.regressor import nominal_parameters
@@ -24,7 +25,7 @@ from etude_arm.physics.rigid_body import (
     turned,
 )
 from etude_arm.physics.transmission import Drive
-from etude_arm.spec import WAYS
+from etude_arm.spec import FRICTION, WAYS
 
 if TYPE_CHECKING:
     from etude_arm.spec import ArmSpec
@@ -61,6 +62,7 @@ def fitted(
         DataError: an axis never moved.
     """
     weight = information_per_sample(samples)
+    by_speed = 1.0 / CLEARLY if FRICTION in samples.log else CLEARLY
     fits = []
     for j, (name, prior) in enumerate(zip(names, priors, strict=True)):
         moving = samples.moving[:, j] & samples.usable[:, j]
@@ -71,7 +73,7 @@ def fitted(
                 next_step="Tell a log that moves it, with which this one is learned, or leave the axis out.",
             )
         columns = _columns(regressors, moving, prior, body, j)
-        fits.append(_fit_output(columns, samples.command[moving, j], prior, weight))
+        fits.append(_fit_output(columns, samples.command[moving, j], prior, weight, by_speed))
     inertial, extras, deviation, rank, spreads, way = (np.array(part) for part in zip(*fits, strict=True))
     return RigidBodyModel(*body, inertial, extras, rank, deviation, spreads, way)
 
@@ -146,12 +148,13 @@ def _columns(
 
 
 def _fit_output(
-    columns: Array, y: Array, prior: IdentificationPrior, weight: float
+    columns: Array, y: Array, prior: IdentificationPrior, weight: float, by_speed: float
 ) -> tuple[Array, Array, float, int, Array, float]:
     """phi (P,), extra (E,), residual deviation, rank, deviations (E,) of extra and way of one output.
 
     First the nominal model with a free gain; then every base parameter, as far from the nominal one as
-    `prior` allows. All of it once by speed and once by each way; the least noise wins.
+    `prior` allows. All of it once by speed and once by each way; the least noise wins, that beside friction
+    by speed times `by_speed`.
     """
     moments, last = Moments.of(columns, y, weight), 1 + len(prior.extra)
     rank = prior.directions.shape[1]
@@ -160,7 +163,7 @@ def _fit_output(
     for number, way in enumerate(WAYS[: columns.shape[1] - last - rank]):
         own[1 + NARROW] = last + rank + number
         fits.append((way, *_fit_turning(moments.at(own), prior)))
-    way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else BY_SPEED))
+    way, fine, spread, noise = min(fits, key=lambda fit: fit[3] * (1.0 if fit[0] else by_speed))
     phi = fine[0] * prior.nominal + prior.directions @ fine[last:]
     return phi, fine[1:last], noise, rank, spread[1:last], way
 
@@ -170,13 +173,24 @@ def _fit_turning(moments: Moments, prior: IdentificationPrior) -> tuple[Array, A
     deviations = np.concatenate([[prior.gain], prior.extra])
     coarse, spread, _ = moments.at(np.arange(len(deviations))).estimate(deviations, prior.command)
     gain = float(np.hypot(coarse[0], spread[0]))
+    level = abs(float(np.sum(coarse[FRICTIONS])))
+    deviations[CHANGES] = np.minimum(deviations[CHANGES], LEVEL_CHANGE * level)
     every = np.concatenate([deviations, np.full(prior.directions.shape[1], gain)])
     return moments.estimate(every, prior.command)
 
 
-BY_SPEED = 1.05
-"""Factor by which the noise beside friction that turns over with speed counts more. Slow samples are masked,
-so that data may hardly tell; joints do slide before they slip, and only models turn over with speed."""
+FRICTIONS = slice(1 + NARROW, 1 + NARROW + len(FRICTION_SCALES))
+"""Columns of the friction terms, after the nominal one."""
+CHANGES = slice(FRICTIONS.start + 1, FRICTIONS.stop)
+"""Those of the wider terms: what the level of friction changes from one scale of speed to the next."""
+LEVEL_CHANGE = 0.25
+"""Prior deviation of such a change, as a part of the level. Where few samples are slow, terms of opposite
+sign fit them as well as one level does, and are wrong by the whole level at rest. Stiction exceeds Coulomb
+friction by some ten per cent (Armstrong-Helouvry et al., Automatica 30, 1994)."""
+CLEARLY = 1.05
+"""Ratio of noise above which one law of friction is clearly the worse. Below it friction follows the way
+where slow samples are masked, since gears slide before they slip. It follows the speed where slow samples
+teach, since they were found to do so."""
 
 
 @dataclass(frozen=True)

@@ -305,9 +305,9 @@ static void @MEAN_commands(
         command[j] = extra[0] * accelerations[j] + extra[1] * speeds[j] + extra[@EXTRAS - 1];
         for (s = 0; s < @EXTRAS - 3; ++s) {
             const int remembered = s == 0 && turned && @MEAN_side[j] != R(0.0);
-            real friction = remembered ? @MEAN_side[j] * turned[j] : TANH(speeds[j] / (scales[s] * threshold[j]));
-            if (remembered && @MEAN_resting[j] > R(0.0))
-                friction *= R(1.0) - EXP(-FABS(speeds[j]) / @MEAN_resting[j]);
+            const real friction = remembered
+                ? @MEAN_side[j] * turned[j] * (R(1.0) - EXP(-FABS(speeds[j]) / @MEAN_resting[j]))
+                : TANH(speeds[j] / (scales[s] * threshold[j]));
             command[j] += extra[2 + s] * friction;
         }
         for (i = 0; i < @JOINTS; ++i)

@@ -102,17 +102,17 @@ class RigidBodyModel:
 
 
 def turned(turning: Array, speed: Array, drive: Drive, joint: int, v0: float) -> Array:
-    """(n, W) friction of a drive that is that joint's alone, by each way; by the shortest it lets go at rest.
+    """(n, W) friction of a drive that is that joint's alone, by each way; none at rest.
 
-    What turns round at once has no bristles that a joint at rest would hold bent: its friction answers what
-    force is left, and a command that stands at its level is at the edge of slipping.
+    The friction of a joint at rest answers what force is left, up to its level. A command that stays at that
+    level is at the edge of slipping: a joint whose friction is less than was learned creeps for as long as it
+    is held.
 
     Args:
         turning: (n, W) what friction remembers of the joint. speed: (n,) of the drive.
     """
-    found = drive.side(joint) * turning
-    found[:, 0] *= 1.0 - np.exp(-np.abs(speed) / drive.resting(joint, v0))
-    return found
+    slides = 1.0 - np.exp(-np.abs(speed) / drive.resting(joint, v0))
+    return np.asarray(drive.side(joint) * turning * slides[:, None])
 
 
 def nominal_model(tree: KinematicTree, drives: tuple[Drive, ...], friction_velocity: Array) -> RigidBodyModel:

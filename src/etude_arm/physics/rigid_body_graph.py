@@ -18,7 +18,7 @@ from etude_arm.onnx import followed
 from etude_arm.physics.drive_graph import drives_of
 from etude_arm.physics.kinematics import BodyMotion, body_motion
 from etude_arm.physics.rigid_body import RigidBodyModel
-from etude_arm.spec import PATH, PLAN, WAYS
+from etude_arm.spec import PATH, PLAN
 
 SKEW = np.zeros((3, 9))
 """v @ SKEW, as (3, 3), times w is v x w."""
@@ -69,9 +69,8 @@ def _turning(model: RigidBodyModel, friction: Value, speed: Value, turned: Value
     pairs = list(enumerate(model.drives))
     side = np.array([drive.side(j) * (model.way[j] > 0.0) for j, drive in pairs])
     resting = np.array([drive.resting(j, float(model.friction_velocity[j])) for j, drive in pairs])
-    at_once = (model.way == WAYS[0]) & (resting > 0.0)
-    slow = (-(abs(speed) / np.where(at_once, resting, 1.0))).of("Exp")
-    by_way: Value = turned * side * (1.0 - slow * at_once.astype(float))
+    slow = (-(abs(speed) / np.where(side != 0.0, resting, 1.0))).of("Exp")
+    by_way: Value = turned * side * (1.0 - slow)
     by_speed: Value = friction * (side == 0.0).astype(float)
     return by_speed + by_way
 

@@ -69,28 +69,23 @@ def test_the_way_that_made_the_samples_is_found(learned) -> None:
     np.testing.assert_allclose(np.abs(found), FRICTION, rtol=0.1)
 
 
-def test_friction_that_turns_round_at_once_is_found_and_lets_go_at_rest() -> None:
+def test_friction_that_turns_round_at_once_is_found() -> None:
     log = run(6)
     mean = ArmPhysics(SPEC)(told(np.sign(log["qd"]), log))
     hinges = np.array([axis.unit == "rad" for axis in SPEC.axes])  # slides pass both .01 and .05 mm in a step
     np.testing.assert_array_equal(mean.model.way[hinges], WAYS[0])
-    stopped = 0.2 * np.sin(np.minimum(np.arange(300) / 100.0, np.pi / 2))[:, None] * np.ones(SPEC.dof)
-    middle = 0.5 * (SPEC.upper + SPEC.lower)
-    speed = np.gradient(stopped, 0.01, axis=0)
-    ended = INPUTS.states(Motion(np.arange(300) / 100.0, np.stack([middle + stopped, speed, 0.0 * speed])))
-    left = (mean.predict(ended) - mean.static(ended))[-1]
-    np.testing.assert_allclose(left[hinges], 0.0, atol=1e-9 * SPEC.command.max())
 
 
-def test_friction_with_bristles_holds_them_at_rest(learned) -> None:
+def test_friction_lets_go_at_rest(learned) -> None:
+    """A joint whose friction vanishes at rest would creep while its command holds what it remembers."""
     mean, _ = learned
-    there = np.linspace(0.0, 0.2, 200)[:, None] * np.ones(SPEC.dof)
-    path = np.concatenate([there, np.tile(there[-1], (50, 1))]) + 0.5 * (SPEC.upper + SPEC.lower)
-    still = Motion(np.arange(250) / 100.0, np.stack([path, 0.0 * path, 0.0 * path]))
-    held = (mean.predict(INPUTS.states(still)) - mean.static(INPUTS.states(still)))[-1]
-    np.testing.assert_allclose(
-        held, mean.model.extra[:, NARROW] * [d.side(j) for j, d in enumerate(mean.model.drives)]
-    )
+    there = 0.2 * np.sin(np.minimum(np.arange(300) / 100.0, np.pi / 2))[:, None] * np.ones(SPEC.dof)
+    speed = np.gradient(there, 0.01, axis=0)
+    path = 0.5 * (SPEC.upper + SPEC.lower) + there
+    ended = INPUTS.states(Motion(np.arange(300) / 100.0, np.stack([path, speed, 0.0 * speed])))
+    pushed = mean.predict(ended) - mean.static(ended)
+    assert np.all(np.abs(pushed[100]) > 0.9 * FRICTION)
+    np.testing.assert_allclose(pushed[-1], 0.0, atol=1e-9 * SPEC.command.max())
 
 
 def test_friction_that_turns_over_with_speed_is_left_there() -> None:
