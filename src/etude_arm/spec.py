@@ -12,7 +12,7 @@ import numpy as np
 
 from etude.types import Array, Channel
 from etude_arm.clearance.surroundings import Surroundings
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 
