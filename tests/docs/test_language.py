@@ -136,7 +136,7 @@ OTHERS = {"ControlAllocator", "MulticopterPositionControl", "WorkQueueManager", 
 
 
 def test_classes_that_are_named_exist() -> None:
-    """`Kind`, `Inputs.plan`, `etude.testing.LimitSuite`: the class is defined under src, packages or examples."""
+    """`Kind`, `Inputs.plan`, `etude.testing.LimitSuite`: the class is defined in this repository."""
     files = [path for folder in ("src", "packages", "examples") for path in (ROOT / folder).rglob("*.py")]
     code = "\n".join(path.read_text(encoding="utf-8") for path in files)
     known = {
