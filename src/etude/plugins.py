@@ -50,7 +50,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "etude.kernels": {
         "structured": "etude.models.gp.kernels:structured",
         "ard_se": "etude.models.gp.kernels:ard_se",
-        "standing": "etude.models.gp.stiction:standing",
+        "standing": "etude.models.gp.kernels:standing",
         "gip_lin": "etude_lagrangian.kernel:gip_lin",
     },
     # how posteriors and kernels are stored in a model's file

@@ -389,8 +389,8 @@ class Kind(Protocol):
     the kind's frozen dataclass, with `name` and `rate` (Hz of its logs); config: the campaign's tables,
     of which `trajectory` (with `duration`, s) and `data` are the kind's own dataclasses and the others
     shared. path: the channel that is compared with the trajectory; home (k,): a pose inside every
-    limit; limit (J,): how far each command reaches. samples: the one recipe that truly differs, of
-    `logs/steps.py`, given all logs at once, since some facts (the lag of motors) are common to them;
+    limit; limit (J,): how far each command reaches. samples: the one preprocessing that truly differs, by
+    `logs/cleaning/filters.py`, given all logs at once: some facts (the lag of motors) are common to them;
     ways: approach and return, take-off and landing. Who has `states_in_words` says what axes and signs
     its states have, for headers in C.
     """

@@ -27,7 +27,7 @@ from etude_arm.spec import FORCES, ArmSpec
 
 if TYPE_CHECKING:
     from etude_arm.clearance.surroundings import Floor
-    from etude_arm.loading.loaded import Loaded
+    from etude_arm.loading.loaded_model import Loaded
 
 ROBOT_FILE = "robot.toml"
 MODEL_NAME = "robot_model"
@@ -264,7 +264,7 @@ def describe(
     files: dict[str, bytes] = {}
     if spec.model_file is not None:
         from etude_arm.clearance.defaults import disabled
-        from etude_arm.clearance.of_robot import completed
+        from etude_arm.clearance.robot_clearance import completed
         from etude_arm.loading.implausible import check_lengths, made_up
         from etude_arm.loading.load import load_arm
         from etude_arm.loading.overlapping_links import crowded_links, crowds, hemmed_in

@@ -9,9 +9,9 @@ import numpy as np
 
 from etude.types import CUBE, CUBE_FACES, FAR, Array, Figure, Thing
 from etude_arm.clearance.surroundings import Box, Column, Surroundings, Wall
-from etude_arm.loading.attached import Mounting
+from etude_arm.loading.attachments import Mounting
 from etude_arm.loading.load import load_arm
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.rotations import turn_of
 from etude_arm.physics.geometry import read_geometry
 from etude_arm.physics.kinematics import body_motion

@@ -13,7 +13,7 @@ from etude.trajectories.extremes import ROOM
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
 from etude.trajectories.moves import PointToPoint, random_moves
 from etude.types import Array, Margins
-from etude_arm.clearance.of_robot import clearance_of, ranges_of, search_of
+from etude_arm.clearance.robot_clearance import clearance_of, ranges_of, search_of
 from etude_arm.command_limits import commands_of
 from etude_arm.space.limit import space_of
 from etude_arm.spec import ArmSpec

@@ -57,7 +57,7 @@ from etude_arm.clearance.surroundings import (
     Surroundings,
     Wall,
 )
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 from etude_arm.spec import ArmSpec, Axis, Gains

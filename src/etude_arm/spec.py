@@ -13,7 +13,7 @@ import numpy as np
 from etude.limits.limit_tables import LimitTable
 from etude.types import Array, Channel
 from etude_arm.clearance.surroundings import Surroundings
-from etude_arm.loading.attached import Attached, Mounting
+from etude_arm.loading.attachments import Attached, Mounting
 from etude_arm.rehearsal.overlay import MotorTable, Simulate
 from etude_arm.space.table import Cartesian
 

@@ -13,8 +13,8 @@ from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.tell import tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
-from etude.campaign.record.stored import load_model, newest_model
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.record.stored_models import load_model, newest_model
+from etude.campaign.simulation import simulate
 from etude.errors import DataError
 
 FIXTURES = Path(__file__).parent / "fixtures"

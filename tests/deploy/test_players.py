@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Callable
@@ -208,6 +209,47 @@ def test_a_vehicle_that_is_no_more_on_its_way_is_told_to_stay(
         assert [*sent[-1].position] == [{**THERE, **place}[name] for name in "xyz"]
         assert [*sent[-1].velocity, *sent[-1].acceleration] == [0.0] * 6
     ros.sent.clear()
+
+
+CERTIFICATE = {
+    "rows": [
+        {"axis": "x", "quantity": "position", "lower": 1.0, "upper": 9.0, "tracking_margin": 0.4},
+        {"axis": "y", "quantity": "position", "lower": -9.0, "upper": 1.3, "tracking_margin": 0.4},
+        {"axis": "z", "quantity": "position", "lower": 1.0, "upper": 9.0, "tracking_margin": 0.2},
+        {"axis": "z", "quantity": "position", "lower": 0.0, "upper": 9.0, "tracking_margin": 0.0},
+        {"axis": "vehicle", "quantity": "speed", "lower": -5.0, "upper": 5.0, "tracking_margin": 0.1},
+    ]
+}
+"""Set-points are at x 2 (east), y 1 to 1.2 (north) and z 3."""
+
+
+@pytest.mark.parametrize(
+    ("place", "named"),
+    [
+        ({"y": 2.79}, ""),
+        ({"y": 2.81}, "0.81 m from its set-point along x, more than 0.80 m"),
+        ({"x": 1.55}, ""),
+        ({"x": 1.75}, "along y, more than"),
+        ({"x": 0.35}, ""),
+        ({"x": 0.1}, "along y, more than 0.80 m"),
+        ({"z": -3.41}, "0.41 m from its set-point along z, more than 0.40 m"),
+        ({"z": -3.39}, ""),
+    ],
+)
+def test_how_far_it_may_get_is_what_the_certificate_keeps(
+    ros: Ros, setpoints: Any, tmp_path: Path, place: Any, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Twice the margin of its own axis, and no farther than the room reaches: y ends at 1.7."""
+    (tmp_path / "certificate.json").write_text(json.dumps(CERTIFICATE))
+    ros.script = told((WAITS, {}), (FLIES, {}), (FLIES, place))
+    assert setpoints.main([]) == (1 if named else 0)
+    assert named in capsys.readouterr().err
+
+
+def test_what_is_said_counts_before_the_certificate(ros: Ros, setpoints: Any, tmp_path: Path) -> None:
+    (tmp_path / "certificate.json").write_text(json.dumps(CERTIFICATE))
+    ros.script = told((WAITS, {}), (FLIES, {}), (FLIES, {"y": 4.0}))
+    assert setpoints.main(["--away", "5"]) == 0
 
 
 def test_how_far_it_may_get_can_be_said(ros: Ros, setpoints: Any) -> None:

@@ -110,7 +110,7 @@ class Record:
 
     def model(self, number: int) -> Model | None:
         """The model in use after round `number`."""
-        from etude.campaign.record.stored import stored_model
+        from etude.campaign.record.stored_models import stored_model
 
         campaign = self.campaign
         if campaign is None:

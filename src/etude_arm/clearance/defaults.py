@@ -20,7 +20,7 @@ from etude_arm.clearance.distances import TOLERANCE, Gap, Gaps
 from etude_arm.clearance.hull_reduction import stand_ins
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.surroundings import Search, Surroundings
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 DIGITS = 4
 """Of home and box, since people read them."""

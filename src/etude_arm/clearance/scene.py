@@ -15,7 +15,7 @@ from etude_arm.clearance.distances import Gaps
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.skeleton import STANDING, Skeleton
 from etude_arm.clearance.surroundings import ADD_FLOOR, MARGIN, Box, Floor, Surroundings, Wall
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 if TYPE_CHECKING:
     import mujoco

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 from etude.errors import UsageError
 from etude.limits.certificate import memoized
-from etude_arm.loading.attached import Additions
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.attachments import Additions
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.loading.parsing import parsed
 from etude_arm.spec import ArmSpec
 

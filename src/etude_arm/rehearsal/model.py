@@ -23,7 +23,7 @@ from etude_arm.spec import ArmSpec
 if TYPE_CHECKING:
     import mujoco
 
-    from etude_arm.loading.loaded import Loaded
+    from etude_arm.loading.loaded_model import Loaded
 
 LEAST = 1e-9
 """Motor constant of a drive that stands for friction alone: it has no back-EMF."""

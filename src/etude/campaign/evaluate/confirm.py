@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from etude.campaign.evaluate.expected_tracking_error import LEFT_OVER, TRAINED, left_over, trained_speeds
-from etude.campaign.learn.training import learn_pending
 from etude.campaign.propose.ask import Proposal, present
 from etude.campaign.propose.constraints import Constraints, kept_now, kept_then
 from etude.campaign.propose.export import export, require_formats
@@ -24,6 +23,7 @@ from etude.campaign.record.deployed_model import model_in_use, model_of_sha256
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.state import State
 from etude.campaign.record.stored_files import FULL, require_description, stored_trajectory, take_up
+from etude.campaign.training import learn_pending
 from etude.deploy.trajectory_files import TrajectoryFiles, column_names, read_table, render
 from etude.errors import UnsafeTrajectoryError, UsageError
 from etude.limits.commands import require_possible

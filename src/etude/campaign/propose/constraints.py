@@ -23,8 +23,8 @@ from etude.campaign.record.controls import (
 )
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import require_stored, stored_model
 from etude.campaign.record.stored_files import FULL, stored_trajectory
+from etude.campaign.record.stored_models import require_stored, stored_model
 from etude.errors import DataError, UsageError
 from etude.limits.commands import after_run
 from etude.limits.tracking import ASSUMED, LAST, Ranges, margins_of, within_room

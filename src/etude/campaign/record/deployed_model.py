@@ -10,8 +10,8 @@ from typing import Any
 from etude.campaign.record.folder import Campaign
 from etude.campaign.record.journal import ROBOT_SHA256
 from etude.campaign.record.state import State
-from etude.campaign.record.stored import MODEL, newest_model, read_stored
 from etude.campaign.record.stored_files import require_description
+from etude.campaign.record.stored_models import MODEL, newest_model, read_stored
 from etude.errors import UsageError
 from etude.models.model import LearnedModel
 from etude.storage import sha256_of, write_atomic

@@ -22,7 +22,7 @@ import numpy as np
 from etude.errors import DataError
 from etude.logs.columns.named_arrays import named_columns
 from etude.logs.readers.cells import numbers_of
-from etude.logs.readers.unpacking import BESIDE, MemoryBudget
+from etude.logs.readers.memory_budget import BESIDE, MemoryBudget
 from etude.types import Array, Channel, Log
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from etude._runtime.blas import dpotrf, dpotri, dpotrs, dsyrk, loaded
+from etude._runtime.scipy_parts import dpotrf, dpotri, dpotrs, dsyrk, loaded
 from etude.models.gp.cholesky import copied, diagonal_of, with_jitter
 from etude.models.gp.kernel_algebra import Pull
 from etude.types import Array

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from etude._runtime.compilation import compiled
 from etude.errors import UsageError
 from etude.models.gp.kernel_algebra import Kernel, Product, Sum
-from etude.models.gp.kernels import Linear, SquaredExponential
-from etude.models.gp.stiction import RestNoise
+from etude.models.gp.kernels import Linear, RestNoise, SquaredExponential
 from etude.types import Array
 
 

@@ -15,8 +15,20 @@ from etude.report.curves import (
     score,
     tests,
 )
-from etude.report.labels import Baseline, baseline, in_telling_order, test_name
-from etude.report.markup import Html, duration, element, join, missing, number, paragraph, times
+from etude.report.markup import (
+    Baseline,
+    Html,
+    baseline,
+    duration,
+    element,
+    in_telling_order,
+    join,
+    missing,
+    number,
+    paragraph,
+    test_name,
+    times,
+)
 from etude.report.record import Record
 from etude.types import Array, Finding
 

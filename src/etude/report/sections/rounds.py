@@ -9,8 +9,8 @@ from typing import Any
 
 from etude.campaign.record.state import Round
 from etude.report.curves import Evaluation, Test, chosen_rung, rung_name, tests
-from etude.report.labels import FEEDBACK
 from etude.report.markup import (
+    FEEDBACK,
     Html,
     duration,
     element,

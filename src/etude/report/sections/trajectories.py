@@ -9,7 +9,6 @@ import numpy as np
 
 from etude.campaign.record.stored_files import changed_since
 from etude.protocols import Limit, Trajectory
-from etude.report.labels import unit_sign
 from etude.report.markup import (
     Html,
     duration,
@@ -21,6 +20,7 @@ from etude.report.markup import (
     paragraph,
     section,
     table,
+    unit_sign,
 )
 from etude.report.record import Facts, Record
 from etude.report.scales import Axis

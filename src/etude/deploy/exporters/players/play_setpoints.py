@@ -1,17 +1,19 @@
 """Sends setpoints.csv to PX4 in offboard mode, if the vehicle is where the motion begins and at rest.
 
-    python3 play.py [--tolerance 0.3] [--heading 15] [--speed 0.2] [--away 1.0] [--wait 5]
+    python3 play.py [--tolerance 0.3] [--heading 15] [--speed 0.2] [--away M] [--wait 5]
 
 Bring the vehicle to the first row of setpoints.csv (north, east, down of the local frame): it hovers there,
 or stands there if the motion begins with a take-off. Its nose points as the row's yaw says. Run this, arm,
-and switch to offboard mode while it says so; switch back at any time. If the vehicle gets farther than --away
-from its set-point, or loses its position, the motion ends where the vehicle is. It needs ROS 2 with rclpy,
-px4_msgs of the firmware's version (1.14 or newer) and PX4's uXRCE-DDS bridge; no package of Etude. The last
-row, which is at rest, is held until you take over.
+and switch to offboard mode while it says so; switch back at any time. If the vehicle gets too far from its
+set-point, or loses its position, the motion ends where the vehicle is. Too far is twice the margin for
+tracking in certificate.json, and the margin itself where the room ends; or --away, in m. It needs ROS 2 with
+rclpy, px4_msgs of the firmware's version (1.14 or newer) and PX4's uXRCE-DDS bridge; no package of Etude. The
+last row, which is at rest, is held until you take over.
 """
 
 import argparse
 import csv
+import json
 import math
 import pathlib
 import sys
@@ -25,7 +27,8 @@ RATE = 50.0  # Hz; offboard mode ends below 2
 PLACE, STATUS = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_status"
 VERSIONS = 9  # of messages, that names are tried for where px4_msgs does not say its own
 SILENT = 2.0  # s without a word, after which the vehicle is not known; its state comes twice a second
-AWAY = 1.0  # m: twice the margin that robots keep of their walls by default; within it tracking is no fault
+AWAY = 1.0  # m, where no certificate says a margin: twice the one that robots keep of their walls by default
+TWICE = 2.0  # margins from a set-point: what tracking may take, and as much again
 ARMED = 2  # VehicleStatus.ARMING_STATE_ARMED
 QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
@@ -42,6 +45,28 @@ def read(path):
     return [[float(cell) for cell in row] for row in rows]
 
 
+def kept(path):
+    """Low and high end of the room and margin for tracking, m, by axis, as the certificate says them."""
+    try:
+        rows = json.loads(path.read_text())["rows"]
+    except (OSError, ValueError, KeyError):
+        rows = []
+    found = {}
+    for row in rows:
+        margin = row["tracking_margin"]
+        if row["quantity"] in ("position", "radius") and margin > 0.0:
+            low, high, most = found.get(row["axis"], (math.inf, -math.inf, 0.0))
+            ends = min(low, row["lower"] - margin), max(high, row["upper"] + margin)
+            found[row["axis"]] = (*ends, max(most, margin))
+    return found
+
+
+def along(place):
+    """A place (north, east, down) by the certificate's axes: x east, y north, z up, the vehicle's level."""
+    north, east, down = place
+    return {"x": east, "y": north, "z": -down, "vehicle": math.hypot(north, east)}
+
+
 def names(base, kind):
     """Topics of a message. Since 1.16 PX4 adds its version, but for version 0; px4_msgs then says its own,
     and another one would be read wrongly. Older ones do not say it, and have no version in their names.
@@ -55,9 +80,9 @@ def names(base, kind):
 class Player(Node):
     """Holds the first set-point until offboard mode is on, then plays, then holds the last."""
 
-    def __init__(self, rows, given):
+    def __init__(self, rows, given, room):
         super().__init__("etude_player")
-        self.rows, self.given = rows, given
+        self.rows, self.given, self.room = rows, given, room
         self.place, self.velocity, self.heading, self.good = None, None, None, True
         self.offboard, self.armed, self.free = False, False, False
         self.heard = {"position": None, "status": None}
@@ -130,14 +155,30 @@ class Player(Node):
         """
         if self.place is None or not all(map(math.isfinite, self.place)):
             return "the vehicle does not know its position any more: nothing more is sent, take over"
-        away = math.dist(self.place, row[1:4])
-        if away <= self.given.away:
+        far = self.far(row)
+        if not far:
             return ""
         self.send([row[0], *self.place, *[0.0] * 6, row[10]], int(self.now() * 1e6))
-        return (
-            f"the vehicle is {away:.2f} m from its set-point, more than --away {self.given.away:g}: "
-            "it is told to stay where it is, nothing more is sent, take over"
-        )
+        return f"the vehicle is {far}: it is told to stay where it is, nothing more is sent, take over"
+
+    def far(self, row):
+        """How far the vehicle is from its set-point, in words, or nothing if it may be."""
+        if self.given.away is not None or not self.room:
+            most = AWAY if self.given.away is None else self.given.away
+            away = math.dist(self.place, row[1:4])
+            return "" if away <= most else f"{away:.2f} m from its set-point, more than --away {most:g}"
+        at, asked = along(self.place), along(row[1:4])
+        for axis, (low, high, margin) in self.room.items():
+            off = at[axis] - asked[axis]
+            reach = high - asked[axis] if off > 0.0 else asked[axis] - low
+            most = max(margin, min(TWICE * margin, reach))
+            if not abs(off) <= most:
+                where = "from the axis" if axis == "vehicle" else f"along {axis}"
+                return (
+                    f"{abs(off):.2f} m from its set-point {where}, more than {most:.2f} m "
+                    f"(certificate.json keeps {margin:.2g} m for tracking; or say --away)"
+                )
+        return ""
 
     def silent(self, now):
         """A sentence if PX4 does not answer, or does not any more."""
@@ -218,12 +259,14 @@ def main(arguments=None):
     parser.add_argument("--heading", type=float, default=15.0, help="deg at the start")
     parser.add_argument("--speed", type=float, default=0.2, help="m/s at the start")
     parser.add_argument(
-        "--away", type=float, default=AWAY, help="m from the set-point, at which the motion ends"
+        "--away", type=float, help="m from the set-point, at which the motion ends; else by certificate.json"
     )
     parser.add_argument("--wait", type=float, default=5.0, help="s for PX4's first answer")
     given = parser.parse_args(arguments)
     rclpy.init()
-    node = Player(read(pathlib.Path(__file__).with_name("setpoints.csv")), given)
+    beside = pathlib.Path(__file__)
+    room = kept(beside.with_name("certificate.json"))
+    node = Player(read(beside.with_name("setpoints.csv")), given, room)
     try:
         while rclpy.ok() and not node.problem:
             rclpy.spin_once(node, timeout_sec=0.1)

@@ -17,11 +17,11 @@ from etude.trajectories.fourier import FourierTrajectory
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
 from etude_arm.clearance.hull_reduction import MANY, ROOM, Fewer, fewer, stand_ins, to_triangles
 from etude_arm.clearance.limit import Clearance
-from etude_arm.clearance.of_robot import clearance_of
 from etude_arm.clearance.pairs import gaps_of
+from etude_arm.clearance.robot_clearance import clearance_of
 from etude_arm.clearance.surroundings import Collision, Column, Floor, Search, Surroundings
 from etude_arm.loading.hulls import hull, obj_text
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec, Axis
 
 NAMES = ("j1", "j2", "j3")

@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 
 from etude import plugins
-from etude.campaign.ingest.log_groups import known_groups, told_samples
 from etude.campaign.propose.motions import typical_motions
 from etude.campaign.record.folder import Campaign, Say
 from etude.campaign.record.journal import jsonable
 from etude.campaign.record.state import UNMOVED, Round, State
-from etude.campaign.record.stored import (
+from etude.campaign.record.stored_models import (
     LEFT_OUT,
     LINEAR,
     MIXED,
     MODEL,
     check_model,
     is_stored,
+    known_groups,
     label,
     stored_log,
     stored_model,
+    told_samples,
 )
 from etude.design.latents import latents_of
 from etude.design.objective import MOTIONS, reference_states

@@ -1,9 +1,11 @@
-"""The models that trainings left, read while their files are what the journal says."""
+"""The logs and models of trainings, read while their files are what the journal says, and log groups."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from etude._runtime.trust import folder_id
 from etude.campaign.record.config_file import trusting
@@ -17,7 +19,7 @@ from etude.models.model import LearnedModel
 from etude.models.store import load_model as read_model
 from etude.plugins import named_in
 from etude.storage import sha256_of
-from etude.types import Log
+from etude.types import Log, Samples
 
 MODEL, LEFT_OUT = "model.npz", "left_out.npz"
 LINEAR, MIXED = "linear", "mixed"
@@ -132,3 +134,72 @@ def label(rungs: Sequence[str]) -> str:
 def is_learned(state: State) -> bool:
     """Whether every log that waits for no answer is in the model, and that is stored in the present form."""
     return not state.pending and (not state.trained or is_stored(state.trained[-1]))
+
+
+def told_samples(campaign: Campaign, numbers: Sequence[int]) -> Samples:
+    """The samples of stored logs; each segment is a group, in the order of `numbers` and of time.
+
+    A log that repeats another of them is in that one's groups: it is no new evidence of how well a new motion
+    is predicted.
+    """
+    logs = [stored_log(campaign, number) for number in numbers]
+    groups = []
+    for log, own in zip(logs, groups_of(campaign, numbers).values(), strict=True):
+        place = np.searchsorted([start for start, _ in own], log.t, side="right") - 1
+        groups.append(np.array([group for _, group in own], dtype=np.int64)[np.maximum(place, 0)])
+    return campaign.kind.samples(campaign.spec, campaign.config, logs, groups)
+
+
+def groups_of(campaign: Campaign, numbers: Sequence[int]) -> dict[int, list[tuple[float, int]]]:
+    """Of each of those logs, when its segments start, s, and their groups; a repeated one has its own."""
+    rounds, count = campaign.state().rounds, 0
+    found: dict[int, list[tuple[float, int]]] = {}
+    for number in numbers:
+        told = rounds[number].told or {}
+        starts = told.get("segments", [0.0])
+        repeats = found.get(told.get("repeats", number))
+        last = 0 if repeats is None else len(repeats) - 1
+        found[number] = [
+            (start, count + i if repeats is None else repeats[min(i, last)][1])
+            for i, start in enumerate(starts)
+        ]
+        count += len(starts) if repeats is None else 0
+    return found
+
+
+def known_groups(campaign: Campaign, numbers: Sequence[int]) -> int:
+    """How many groups those logs make."""
+    return len({group for own in groups_of(campaign, numbers).values() for _, group in own})
+
+
+SIMULATED = "simulated"
+"""The folder of a campaign with the logs that its simulated robot left."""
+
+
+def simulated_logs(campaign: Campaign, state: State) -> list[Round]:
+    """Rounds in use whose log came out of `etude simulate`, by number."""
+    return [r for r in state.told if _left(campaign, r)]
+
+
+def real_logs(campaign: Campaign, state: State) -> list[Round]:
+    """Rounds in use whose log came from elsewhere, by number."""
+    return [r for r in state.told if not _left(campaign, r)]
+
+
+def mixed(campaign: Campaign, state: State) -> tuple[str, ...]:
+    """A sentence where a model learns from a robot and from what was made of its model file.
+
+    A built-in robot has a plant of its own: nothing else is real of it.
+    """
+    simulated, real = simulated_logs(campaign, state), real_logs(campaign, state)
+    if not simulated or not real or getattr(campaign.spec, "plant", None) is not None:
+        return ()
+    numbers = ", ".join(str(r.number) for r in simulated)
+    return (
+        f"log {numbers} was simulated, log {real[0].number} is of the robot itself: the model learns from two"
+        f" robots. Take the simulated ones back: etude untell {campaign.path} {simulated[-1].number}",
+    )
+
+
+def _left(campaign: Campaign, one: Round) -> bool:
+    return (campaign.path / SIMULATED / f"{one.number:04d}.parquet").is_file()

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from etude.campaign import training as learning
 from etude.campaign.create import create_campaign
-from etude.campaign.ingest.log_groups import SIMULATED
 from etude.campaign.ingest.tell import tell
-from etude.campaign.learn import training as learning
-from etude.campaign.learn.training import TrainingOutcome
 from etude.campaign.record.folder import Campaign
-from etude.campaign.simulate.simulation import simulate
+from etude.campaign.record.stored_models import SIMULATED
+from etude.campaign.simulation import simulate
+from etude.campaign.training import TrainingOutcome
 from etude.errors import UsageError
 
 LINK = (

@@ -11,8 +11,8 @@ import numpy as np
 
 from etude.errors import UsageError
 from etude.types import Array
-from etude_arm.loading.choice import Moving
 from etude_arm.loading.inertia import ENTRIES, possible
+from etude_arm.loading.joint_choice import Moving
 from etude_arm.loading.rotations import turn_of
 
 Three = tuple[float, float, float]

@@ -20,7 +20,7 @@ from etude_arm.clearance.scene import from_file, with_floor
 from etude_arm.clearance.skeleton import Skeleton
 from etude_arm.clearance.surroundings import ADD_FLOOR, Surroundings
 from etude_arm.loading.load import load_arm, of_file
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 from etude_arm.spec import ArmSpec
 
 PLANE = f"A plane of the model file is left out{ADD_FLOOR}"

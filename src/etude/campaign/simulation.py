@@ -10,9 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from etude.campaign.ingest.ingest_result import How
-from etude.campaign.ingest.log_groups import SIMULATED, real_logs
-from etude.campaign.ingest.tell import tell
-from etude.campaign.ingest.untell import abandon
+from etude.campaign.ingest.tell import abandon, tell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.controls import FEEDBACK, LEARNED, asked_under
 from etude.campaign.record.folder import ROBOT, Campaign, Say
@@ -24,8 +22,8 @@ from etude.campaign.record.rounds import (
     measured,
     robot_seconds,
 )
-from etude.campaign.record.stored import newest_model, only_rung
 from etude.campaign.record.stored_files import stored_trajectory
+from etude.campaign.record.stored_models import SIMULATED, newest_model, only_rung, real_logs
 from etude.errors import DataError, UsageError
 from etude.logs.readers.log_file import write_log
 from etude.progress import counted, part

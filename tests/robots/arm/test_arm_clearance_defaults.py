@@ -11,7 +11,7 @@ from clearance_examples import NAMES, PLANAR, REACH, planar
 from etude.errors import UsageError
 from etude_arm.clearance.defaults import Settled, disabled, settled
 from etude_arm.clearance.surroundings import Box, Collision, Floor, Room, Search, Surroundings
-from etude_arm.loading.loaded import Loaded
+from etude_arm.loading.loaded_model import Loaded
 
 LIMIT = np.full(3, REACH)
 FLOOR = Surroundings(floor=Floor(0.0))

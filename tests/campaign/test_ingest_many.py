@@ -14,7 +14,7 @@ from small_robot import make_campaign, random_motion, stub_learner, write_log
 from etude.campaign.evaluate.status import status
 from etude.campaign.ingest.ingest_many import ToldMany, tell
 from etude.campaign.ingest.ingest_result import Told
-from etude.campaign.ingest.untell import abandon, untell
+from etude.campaign.ingest.tell import abandon, untell
 from etude.campaign.propose.ask import ask
 from etude.campaign.record.folder import Campaign, open_campaign
 from etude.campaign.record.journal import damaged_files
@@ -207,7 +207,7 @@ class TestUntell:
 def test_the_command_says_what_became_of_each(
     campaign: Campaign, mixed: list[Path], capsys: Any, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr("etude.campaign.learn.training.learn_log", stub_learner)
+    monkeypatch.setattr("etude.campaign.training.learn_log", stub_learner)
     assert main(["tell", str(campaign.path), *map(str, mixed), "--json"]) == 3
     data = json.loads(capsys.readouterr().out)
     assert [file["outcome"].split(":")[0] for file in data["files"]][:3] == [
