@@ -9,9 +9,8 @@ import numpy as np
 
 from etude.design.objective import Objective
 from etude.errors import UnsafeTrajectoryError
-from etude.limits.blocks import Block
 from etude.limits.certificate import spare
-from etude.limits.feasible import FeasibleSet
+from etude.limits.feasible import Block, FeasibleSet
 from etude.protocols import Family, Limit, Trajectory
 from etude.trajectories.extremes import ROOM
 from etude.types import Array
