@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from etude.errors import UnsafeTrajectoryError
 from etude.protocols import Family, Limit
-from etude.trajectories.extremes import ROOM
+from etude.trajectories.extremes import USABLE_PART
 from etude.types import Array, Cone, Index
 
 REFINED = 3
@@ -332,13 +332,15 @@ class FeasibleSet:
         for block in self.blocks:
             own = p[block.members]
             if not block.contains(own):
-                out[block.members] = block.centre + (own - block.centre) * (ROOM / max(block.gauge(own), 1.0))
+                out[block.members] = block.centre + (own - block.centre) * (
+                    USABLE_PART / max(block.gauge(own), 1.0)
+                )
         return out
 
     def enlarge(self, p: Array) -> Array:
         """The point with each block on the edge, on its way from the centre; blocks in the centre stay."""
         use = self.gauge(p)
-        factor = np.divide(ROOM, use, out=np.ones_like(use), where=use > 0.0)
+        factor = np.divide(USABLE_PART, use, out=np.ones_like(use), where=use > 0.0)
         return np.asarray(self.centre + (p - self.centre) * factor[self.block_of])
 
     def widths(self) -> Array:
