@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from etude.limits.library import AxisLimit
+from etude.limits.limit_tables import made_limits
 from etude.protocols import Limit, Model, Trajectory
 from etude.trajectories.extremes import USABLE_PART
 from etude.trajectories.family import FourierConfig, FourierFamily, suited_to
@@ -39,7 +40,7 @@ def family(spec: ArmSpec, config: FourierConfig) -> FourierFamily:
 
 def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple[Limit, ...]:
     """Position, velocity and acceleration of every joint, rest at both ends; jerk, commands, clearance
-    and limits in space if any.
+    and limits in space if any; those of its owner's own last.
     """
     clearance = clearance_of(spec, margins)
     space = space_of(spec)
@@ -54,6 +55,7 @@ def limits(spec: ArmSpec, margins: Margins, model: Model | None = None) -> tuple
         *(() if commands is None else (commands,)),
         *(() if space is None else (space,)),
         *(() if clearance is None else (clearance,)),
+        *made_limits(spec.limits, spec, model, margins),
     )
 
 

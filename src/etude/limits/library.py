@@ -247,9 +247,12 @@ class AxisLimit(Convex):
 
     def strayed(self, places: Array, off: Array) -> Sequence[Proof]:
         """One row for each axis of a motion's places (T, k) and how far off they may be, (T, k): within the
-        limit itself, of which a margin is a part. Where the plan is, as on the ground, it may be.
+        limit itself, of which a margin is a part. Where the plan itself keeps none, straight up from the
+        ground or down to it, the ground is no wall.
         """
-        at, by = places[:, self.places], off[:, self.places]
+        at = places[:, self.places]
+        low, high = np.asarray(self.lower) + self.margin, np.asarray(self.upper) - self.margin
+        by = np.where((at >= low - SMALLEST) & (at <= high + SMALLEST), off[:, self.places], 0.0)
         ends = np.minimum(self.lower, at.min(axis=0)), np.maximum(self.upper, at.max(axis=0))
         table = np.stack([*ends, (at - by).min(axis=0), (at + by).max(axis=0)], axis=1).tolist()
         quantity = f"{self.quantity}, {STRAYS}"

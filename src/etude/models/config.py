@@ -30,7 +30,7 @@ SPECTRAL = ("ssgp_fixed", "ssgp_learned")
 OFFERED = ("default", "standing", "gip_lin", "all_lin")
 """Names of `candidates`."""
 USUAL_COMMANDS = 4
-"""Of the robots on which `fit_points` was settled; what more of them gain says docs/real_logs.md."""
+"""Of the robots on which `fit_points` was set; more commands gain by docs/decisions/0050-short-logs.md."""
 LEAST_VALUES = {
     "points": 2,
     "fit_points": 2,

@@ -187,7 +187,7 @@ HALF_NORMAL = math.sqrt(2.0 / math.pi)
 SPREAD = 3.0
 """How far the error may lie from its forecast, in times: a feedback's errors are in proportion to slow
 commands alone, and friction at a reversal is wrong for longer the slower it is. How often that is enough is
-in docs/promote_watch.md."""
+in docs/results/monitoring.md."""
 
 
 def instants(trajectory: Trajectory) -> Array:
