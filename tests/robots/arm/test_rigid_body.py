@@ -15,7 +15,7 @@ from etude._runtime.operators import cross
 from etude.errors import DataError, UsageError
 from etude.types import Samples, joined_samples
 from etude_arm.physics.base_parameters import base_directions, parameter_scale, spread_states
-from etude_arm.physics.estimate import fitted, output_priors, require_axes
+from etude_arm.physics.estimate import fitted, output_priors, require_axes, shared_directions
 from etude_arm.physics.regressor import nominal_parameters, regressor
 from etude_arm.physics.rigid_body import Regressors, RigidBody, RigidBodyModel, command_regressors
 from etude_arm.physics.rigid_tree import drives_from_mujoco, tree_from_mujoco
@@ -28,11 +28,12 @@ def with_command(samples: Samples, command: np.ndarray) -> Samples:
     return replace(samples, log=samples.log.put(samples.log.channels["command"], command))
 
 
-def identify(samples, motion, spec, tree, drives, v0) -> RigidBodyModel:
+def identify(samples, motion, spec, tree, drives, v0, forces: bool = False) -> RigidBodyModel:
     body = RigidBody(tree, drives, v0)
     require_axes(samples, spec, tree, drives)
     regressors = Regressors(*command_regressors(*body, *motion))
-    return fitted(samples, regressors, output_priors(spec, *body), spec.names, body)
+    shared = shared_directions(spec, *body) if forces else None
+    return fitted(samples, regressors, output_priors(spec, *body), spec.names, body, shared)
 
 
 NOISE = 0.1
@@ -152,3 +153,30 @@ def test_cross_products_are_numpys_to_the_bit() -> None:
     assert np.array_equal(cross(a, b), np.cross(a, b))
     assert np.array_equal(cross(a[0], b), np.cross(a[0], b))
     assert np.array_equal(cross(a, b[0]), np.cross(a, b[0]))
+
+
+FEW, MOVES_LITTLE = 90, 0.1
+"""Samples, and the part of its range within which each joint moves in them."""
+
+
+def test_forces_share_one_rigid_body_and_tell_more_of_new_motion(robot, truth) -> None:
+    one = replace(truth, inertial=np.tile(truth.inertial[3], (5, 1)))  # that of gain 1
+    rng = np.random.default_rng(8)
+    q, qd, qdd = spread_states(awkward_spec(), FEW)
+    middle = 0.5 * (awkward_spec().lower + awkward_spec().upper)
+    narrow = (middle + MOVES_LITTLE * (q - middle), 0.2 * qd, 0.2 * qdd)
+    few = samples_at(one, narrow, NOISE, rng)
+    new = [rng.uniform(-1.0, 1.0, q.shape) * size for size in (0.4, 0.5, 1.0)]
+    new[0] += middle
+    error = {}
+    for forces in (False, True):
+        found = identify(few, narrow, awkward_spec(), *robot, V0, forces)
+        error[forces] = np.sqrt(np.mean((found.predict(*new) - one.predict(*new)) ** 2, axis=0))
+    assert np.linalg.norm(error[True]) < 0.8 * np.linalg.norm(error[False]), error
+
+
+def test_a_command_of_another_scale_keeps_parameters_of_its_own(robot, truth, data) -> None:
+    samples, motion = data  # five gains
+    found = identify(samples, motion, awkward_spec(), *robot, V0, forces=True)
+    alone = identify(samples, motion, awkward_spec(), *robot, V0)
+    np.testing.assert_array_equal(found.inertial[0], alone.inertial[0])
