@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from etude.campaign.evaluate.expected_tracking_error import (
+from etude.campaign.evaluate.confirm import (
     HALF_NORMAL,
     SPREAD,
     errors,

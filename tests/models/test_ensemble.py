@@ -16,7 +16,7 @@ from etude.models.selection import ensemble
 from etude.models.selection.ensemble import (
     EXPONENT,
     INVERTED,
-    LEAST,
+    LEAST_WEIGHT,
     REST_S,
     mixed,
     resting,
@@ -60,7 +60,7 @@ def test_the_model_predicts_the_average_and_every_weight_is_worth_keeping(averag
     assert {c.name for c in use} == {"default", "gip_lin"}
     for j in range(2):
         assert sum(c.weights[0] for c in use if c.commands == (j,)) == pytest.approx(1.0)
-    assert all(c.weights.max() >= LEAST for c in use if c.name != "default")
+    assert all(c.weights.max() >= LEAST_WEIGHT for c in use if c.name != "default")
     mean, variance = model.predict(new.log)
     X, parts = model.inputs.of_log(new.log), []
     for c in (c for c in use if c.commands == (1,)):

@@ -140,12 +140,12 @@ BEYOND = 1.02
 
 BINS = 20
 """Of the range between a coordinate's extreme clear poses."""
-LEAST = 0.005
+LEAST_VISIT = 0.005
 """Part of the time that a bin needs to count as visited: a motion that only turns round there shows little.
 """
 INSTANTS = 512
 """At which a segment is looked at, for the report."""
-FEW = 96
+CANDIDATE_INSTANTS = 96
 """The same of a candidate."""
 
 
@@ -197,7 +197,7 @@ class Visited:
     def bins(self, total: float | None = None) -> Mask:
         """(k, BINS) which were visited, of a total time in s (None: of what there was)."""
         whole = self.total if total is None else total
-        return np.asarray((self.seconds > 0.0) & (self.seconds >= LEAST * whole))
+        return np.asarray((self.seconds > 0.0) & (self.seconds >= LEAST_VISIT * whole))
 
     def share(self, total: float | None = None) -> Array:
         """(k,) part of each coordinate's bins that was visited."""
@@ -397,7 +397,7 @@ class Roamed:
         of what it had before anything stood in its way.
         """
         visited, duration = self.roam.visited, family.trajectory(p).duration
-        t = duration * (np.arange(FEW) + 0.5) / FEW
+        t = duration * (np.arange(CANDIDATE_INSTANTS) + 0.5) / CANDIDATE_INSTANTS
         share = visited.adding_poses(family.motion(p, t, 1).orders[0], duration).share(self.roam.total)
         speed = self._speed(family, p) / max(free, 1e-12)
         cover = float(np.log((share + BALANCE) / (visited.share(self.roam.total) + BALANCE)).sum())
@@ -405,7 +405,7 @@ class Roamed:
 
     def _speed(self, family: Family, p: Array) -> float:
         """Mean size of the rates, each in parts of its range."""
-        t = family.trajectory(p).duration * (np.arange(FEW) + 0.5) / FEW
+        t = family.trajectory(p).duration * (np.arange(CANDIDATE_INSTANTS) + 0.5) / CANDIDATE_INSTANTS
         return float(np.mean(np.abs(family.motion(p, t, 2).orders[1])))
 
     def _region(self, curve: Curve) -> Region | None:
@@ -417,7 +417,11 @@ class Roamed:
         try:
             p = kept.drawn_home(family, start, curve.p, FEW_HALVINGS, quickly=True)
             p = kept.widened(self.ordered(family), family, p, self.stand(family), AGAIN)
-            t = family.trajectory(p).duration * (np.arange(4 * FEW) + 0.5) / (4 * FEW)
+            t = (
+                family.trajectory(p).duration
+                * (np.arange(4 * CANDIDATE_INSTANTS) + 0.5)
+                / (4 * CANDIDATE_INSTANTS)
+            )
             way = family.motion(p, t, 1).orders[0]
             middle, half = 0.5 * (way.max(axis=0) + way.min(axis=0)), 0.5 * BEYOND * np.ptp(way, axis=0)
             box = tuple(_about(limit, middle - half, middle + half) for limit in self.limits)

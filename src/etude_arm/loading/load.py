@@ -77,7 +77,7 @@ def load_arm(
 
 
 T = TypeVar("T")
-MOST = 8
+ROBOTS_KEPT = 8
 """Robots."""
 
 
@@ -85,4 +85,4 @@ def of_file(store: dict[str, T], spec: ArmSpec, make: Callable[[], T]) -> T:
     """The value for a robot that has a model file, made anew when the robot or the file is another."""
     assert spec.model_file is not None
     stamp = spec.model_file.stat()
-    return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, MOST)
+    return memoized(store, repr((spec, stamp.st_mtime_ns, stamp.st_size)), make, ROBOTS_KEPT)

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from etude.trajectories.fourier import FourierTrajectory
 from etude_arm.clearance.distances import CUTOFF, TOLERANCE, Gaps
-from etude_arm.clearance.hull_reduction import MANY, ROOM, Fewer, fewer, stand_ins, to_triangles
+from etude_arm.clearance.hull_reduction import MANY, ROOM_FACTOR, Fewer, fewer, stand_ins, to_triangles
 from etude_arm.clearance.limit import Clearance
 from etude_arm.clearance.pairs import gaps_of
 from etude_arm.clearance.robot_clearance import clearance_of
@@ -172,7 +172,7 @@ def test_shapes_that_are_close_at_home_stay_as_they_are() -> None:
     poses = exact.skeleton.random_poses(np.random.default_rng(3), 20_000)
     distances = exact.of_poses(poses)
     others = np.delete(distances, near, axis=1).min(axis=1) > 0.05
-    close = others & (distances[:, near] > 0.0) & (distances[:, near] < 0.9 * ROOM * taken)
+    close = others & (distances[:, near] > 0.0) & (distances[:, near] < 0.9 * ROOM_FACTOR * taken)
     assert set(stand_ins(exact, poses[np.flatnonzero(close)[0]])) == {"fore#0"}
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from etude.campaign.evaluate.confirm import FEEDFORWARD
-from etude.campaign.evaluate.expected_tracking_error import (
+from etude.campaign.evaluate.confirm import (
+    FEEDFORWARD,
     LEFT_OVER,
     TRAINED,
     Without,

@@ -132,7 +132,7 @@ def free_number(state: State, number: int | None) -> int:
 
 
 CHECK = "repeats"
-NEAR = 0.05
+ALREADY_VISITED = 0.05
 """Part of the range of a planned position, velocity or acceleration within which a state is there already:
 the shortest length that a process of such inputs starts from is five times as long."""
 SHARE = 0.8
@@ -184,7 +184,7 @@ def planned_states(campaign: Campaign, log: Log) -> Array | None:
     while name in log:
         values = log[name]
         lower, upper = limits.get(name.removesuffix(PLANNED), (values.min(axis=0), values.max(axis=0)))
-        columns.append(values / np.maximum(NEAR * (upper - lower), np.finfo(float).tiny))
+        columns.append(values / np.maximum(ALREADY_VISITED * (upper - lower), np.finfo(float).tiny))
         name = next((c.name for c in log.channels.values() if c.derivative_of == name), "")
     if not columns:
         return None

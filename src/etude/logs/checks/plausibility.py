@@ -25,7 +25,7 @@ from etude.logs.columns.units import Limits
 from etude.protocols import Mean
 from etude.types import Array, Channel, Finding, Log, Mask
 
-SHORT = (
+TOO_SHORT = (
     f"Less than {command_sign.LEAST_S:g} s of motion: "
     "too little to tell whose a command is, its sign or unit."
 )
@@ -95,7 +95,7 @@ def judge_commands(
     if motion is None or motion.command is None:
         return ()
     if len(motion.t) * motion.step < command_sign.LEAST_S:
-        return (Finding("commands", "cannot tell", SHORT),)
+        return (Finding("commands", "cannot tell", TOO_SHORT),)
     path = joints(log)
     assert path is not None
     states = None if body is None else _states(motion, path)
@@ -190,10 +190,10 @@ REPAIRS: Mapping[str, Callable[[Log, Mendable], Log]] = {
 
 
 JUMP = "jump"
-LEAST = 0.2  # m: below, a correction
+LEAST_JUMP = 0.2  # m: below, a correction
 WILD = 5.0  # times the second difference that 99 % of the rows stay below: noise and acceleration make less
 RARE = 0.01  # of the steps may be further than the limits allow: with more, the limits are another vehicle's
-FEW = 4  # rows that a jump may touch, however short the log is
+MOST_JUMP_ROWS = 4  # rows that a jump may touch, however short the log is
 BESIDE_S, BESIDE_ROWS = 0.5, 3  # of the motion to either side, at least
 SPARE_S = 0.1  # left out to either side, or as much as makes a pause
 NAMED = 5
@@ -214,7 +214,7 @@ def jump_finding(log: Log, path: str, top: Array) -> Finding:
     t, q = log.t[new], q[new]
     excess = _excess(t, q, top)
     marked = np.asarray((excess != 0.0).any(axis=1))
-    if not marked.any() or marked.sum() > max(RARE * len(marked), FEW):
+    if not marked.any() or marked.sum() > max(RARE * len(marked), MOST_JUMP_ROWS):
         return Finding(JUMP, "green", "No position jumps.")
     spare = max(SPARE_S, 0.6 * GAP_FACTOR * float(np.median(np.diff(log.t))))
     spans = _jump_spans(t, marked, spare)
@@ -238,13 +238,13 @@ def _excess(t: Array, q: Array, top: Array) -> Array:
     if len(q) < 2 * BESIDE_ROWS + 2:
         return found
     # in a short log one jump is more than one row in a hundred
-    share = min(0.99, 1.0 - FEW / len(q))
+    share = min(0.99, 1.0 - MOST_JUMP_ROWS / len(q))
     usual = np.quantile(np.abs(np.diff(q, 2, axis=0)), share, axis=0)
     most = np.maximum(top * dt, WILD * usual)
     for k, j in np.argwhere(np.abs(step) > most).tolist():
         rate = _beside(t, step[:, j] / dt[:, 0], np.abs(step[:, j]) > most[:, j], k)
         far = float(step[k, j] - rate * dt[k, 0])
-        found[k, j] = far if abs(far) > most[k, j] and _whole(step[:, j], t, k) > LEAST else 0.0
+        found[k, j] = far if abs(far) > most[k, j] and _whole(step[:, j], t, k) > LEAST_JUMP else 0.0
     return found
 
 

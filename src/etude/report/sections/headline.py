@@ -5,16 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from etude.campaign.record.alerts import bad_news
-from etude.report.curves import (
-    Evaluation,
-    Test,
-    chosen_rung,
-    held_out,
-    robot_seconds,
-    rung_name,
-    score,
-    tests,
-)
 from etude.report.markup import (
     Baseline,
     Html,
@@ -29,7 +19,17 @@ from etude.report.markup import (
     test_name,
     times,
 )
-from etude.report.record import Record
+from etude.report.record import (
+    Evaluation,
+    Record,
+    Test,
+    chosen_rung,
+    held_out,
+    robot_seconds,
+    rung_name,
+    score,
+    tests,
+)
 from etude.types import Array, Finding
 
 SAME = 0.02

@@ -4,16 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from etude.report.curves import (
-    Evaluation,
-    Test,
-    chosen_rung,
-    held_out,
-    rung_name,
-    score,
-    scored_rungs,
-    tests,
-)
 from etude.report.markup import (
     Html,
     baseline,
@@ -27,7 +17,17 @@ from etude.report.markup import (
     test_title,
     unit_sign,
 )
-from etude.report.record import Record
+from etude.report.record import (
+    Evaluation,
+    Record,
+    Test,
+    chosen_rung,
+    held_out,
+    rung_name,
+    score,
+    scored_rungs,
+    tests,
+)
 from etude.report.scales import Axis
 from etude.report.svg import Level, Line, Mark, panel
 
